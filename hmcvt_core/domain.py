@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The region of working points that a model was identified from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bench import BenchSamples
+from .errors import InputError
+from .power_balance import OperatingPoints
+
+AXES = ("displacement_ratio", "engine_speed", "load_torque")
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A box around the identification data; each entry is (lowest, highest), SI units.
+
+    Raises:
+        InputError: an interval is reversed or not finite.
+    """
+
+    displacement_ratio: tuple[float, float]
+    engine_speed: tuple[float, float]
+    load_torque: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        for axis in AXES:
+            low, high = getattr(self, axis)
+            if not (np.isfinite([low, high]).all() and low <= high):
+                raise InputError(f"domain.{axis} = [{low}, {high}]: needs two rising numbers")
+
+    @classmethod
+    def of(cls, samples: BenchSamples) -> Domain:
+        """Return the smallest box that holds the samples."""
+        return cls(*((float(getattr(samples, axis).min()), float(getattr(samples, axis).max()))
+                     for axis in AXES))
+
+    def contains(self, points: OperatingPoints) -> NDArray[np.bool_]:
+        """Tell which points lie inside; a rounding error outside counts as inside."""
+        inside = np.ones(np.shape(points.engine_speed), dtype=bool)
+        for axis in AXES:
+            low, high = getattr(self, axis)
+            slack = 1e-9 * max(abs(low), abs(high), 1.0)
+            value = getattr(points, axis)
+            inside &= (value >= low - slack) & (value <= high + slack)
+        return inside
+
+    def to_mapping(self) -> dict[str, list[float]]:
+        """Return axis -> [low, high]."""
+        return {axis: list(getattr(self, axis)) for axis in AXES}
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, object]) -> Domain:
+        """Read what `to_mapping` gives.
+
+        Raises:
+            InputError: an axis is missing or is not a pair of numbers.
+        """
+        pairs = []
+        for axis in AXES:
+            value = data.get(axis)
+            if not (isinstance(value, list) and len(value) == 2
+                    and all(isinstance(end, (int, float)) for end in value)):
+                raise InputError(f"domain.{axis} = {value!r} is not [low, high]")
+            pairs.append((float(value[0]), float(value[1])))
+        return cls(*pairs)

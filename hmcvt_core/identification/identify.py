@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identification: bench samples in, model out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import annealing
+from ..annealing import AnnealingState, Schedule
+from ..bench import BenchSamples
+from ..domain import Domain
+from ..effects.base import Effect
+from ..errors import IdentificationError
+from ..model import EfficiencyModel
+from ..parameter_file import load_stage
+from ..parameters import PAPER_PARAMETERS, HydraulicParameters
+from ..resources import data_path
+from ..stage import Stage
+from ..version import __version__
+from .precision import Precision, findings, precision
+from .problem import BOUNDS, Problem, relative_error, to_parameters
+from .two_part import HydraulicRoots, hydraulic_roots, starting_points
+
+Array = NDArray[np.float64]
+Progress = Callable[[AnnealingState], None]
+
+SCHEDULE = Schedule(chains=16, moves=20)
+"""The improved annealing of section 4.1, sixteen chains side by side."""
+
+OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
+_POLISHED = 4  # chain ends that a local search finishes
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Outcome of an identification.
+
+    Attributes:
+        model: the identified model; carries errors, domain and provenance.
+        samples: those it was fitted to.
+        residuals: predicted - measured efficiency at them, shape (n,) [-].
+        fit_error: mean |predicted - measured| / measured over them [-].
+        prediction_error: the same over samples held back, or None.
+        objective: value reached; `objective_name` says of what.
+        history: best objective after each temperature step, then after the local search.
+        evaluations: candidates evaluated by the annealing.
+        stop_reason: of the annealing.
+        seed: of the random numbers.
+        warnings: plain sentences on what the samples leave open.
+        roots: hydraulic efficiencies of part 1 by sample (`published` only).
+    """
+
+    model: EfficiencyModel
+    samples: BenchSamples
+    residuals: Array
+    fit_error: float
+    prediction_error: float | None
+    objective: float
+    objective_name: str
+    history: tuple[float, ...]
+    evaluations: int
+    stop_reason: str
+    seed: int | None
+    warnings: tuple[str, ...]
+    roots: tuple[HydraulicRoots, ...] = ()
+
+    @property
+    def parameters(self) -> HydraulicParameters:
+        """The identified parameters."""
+        return self.model.parameters
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard error of each parameter, in its unit."""
+        return dict(self.model.standard_errors)
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation of the parameters, shape (3, 3)."""
+        return np.asarray(self.model.correlation)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the parameter file, whole or not at all."""
+        self.model.save(path)
+
+    def report(self) -> str:
+        """Return the outcome as text for a person."""
+        from .report import report
+
+        return report(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the outcome as plain data."""
+        from .report import to_dict
+
+        return to_dict(self)
+
+
+def identify(
+    samples: BenchSamples,
+    *,
+    stage: Stage | None = None,
+    formulation: str = "power_balance",
+    gear_efficiency: float | None = None,
+    effects: Sequence[Effect] = (),
+    validation: BenchSamples | None = None,
+    schedule: Schedule = SCHEDULE,
+    seed: int | None = 0,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identify the three hydraulic parameters from bench samples by improved annealing.
+
+    `power_balance` minimises weighted squares (weights from `efficiency_std`, else the paper's
+    1.12 %); `published` maximises RSQ, eq. (21), in the paper's two parts. The annealing looks for
+    the valley, a local search finishes it.
+
+    Args:
+        samples: at least one bench sample.
+        stage: gear train; None for stage HM4 of the paper.
+        formulation: `power_balance` or `published`.
+        gear_efficiency: of every pair [-]; None keeps those of the stage.
+        effects: effects with fixed parameters that act besides.
+        validation: samples held back, to predict.
+        schedule: of the annealing.
+        seed: of the random numbers.
+        progress: called after each temperature step; may raise to cancel.
+
+    Raises:
+        InputError: an argument is out of range.
+        IdentificationError: no parameters give an answer at every sample.
+    """
+    model = EfficiencyModel(_stage(stage, gear_efficiency), PAPER_PARAMETERS[0.98], formulation,
+                            tuple(effects))
+    problem = Problem.of(model, samples)
+    roots: list[HydraulicRoots] = []
+    if formulation == "published":
+        roots = hydraulic_roots(model.stage, samples)
+        objective, starts = problem.determination_loss, starting_points(problem, roots)
+    else:
+        objective, starts = problem.weighted_squares, None
+    annealed = annealing.minimise(
+        objective, BOUNDS, schedule=schedule, seed=seed, progress=progress,
+        start=_starts(starts, schedule.chains, seed))
+    scaled, value = _polished(problem, objective, annealed.ends[:_POLISHED])
+    if not np.isfinite(value):
+        raise IdentificationError(
+            f"{samples.source}: no parameters within the bounds give an efficiency at every "
+            "sample: check stage, units and load torque")
+    found = precision(problem, scaled)
+    fitted = _fitted(problem, scaled, found, seed, value, validation)
+    return Identification(
+        fitted, samples, problem.predict(scaled) - samples.efficiency,
+        relative_error(problem, scaled), fitted.provenance.get("prediction_error"),
+        value, OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
+        annealed.stop_reason, seed, findings(problem, scaled, found), tuple(roots),
+    )
+
+
+def identify_gear_efficiency(
+    samples: BenchSamples, efficiencies: Sequence[float], **options: Any
+) -> list[Identification]:
+    """Identify once for each gear efficiency (the paper's enumeration, Table 3)."""
+    return [identify(samples, gear_efficiency=value, **options) for value in efficiencies]
+
+
+def _stage(stage: Stage | None, gear_efficiency: float | None) -> Stage:
+    if stage is None:
+        stage = load_stage(data_path("params/transmission.yaml"))
+    return stage if gear_efficiency is None else stage.with_gear_efficiency(gear_efficiency)
+
+
+def _starts(starts: Array | None, chains: int, seed: int | None) -> Array | None:
+    """One row per chain: the starts given, then random points."""
+    if starts is None:
+        return None
+    rng = np.random.default_rng(seed)
+    fill = BOUNDS[:, 0] + (BOUNDS[:, 1] - BOUNDS[:, 0]) * rng.random((chains, len(BOUNDS)))
+    return np.concatenate([starts[: max(1, chains // 2)], fill])[:chains]
+
+
+def _polished(
+    problem: Problem, objective: annealing.Objective, ends: Array
+) -> tuple[Array, float]:
+    """Finish the best chain ends by a simplex that keeps within the bounds."""
+    from scipy.optimize import minimize
+
+    def value(scaled: Array) -> float:
+        found = float(objective(scaled[None, :])[0])
+        return found if np.isfinite(found) else 1e9
+
+    best, lowest = ends[0], np.inf
+    for start in ends:
+        # A simplex also serves (21), whose answers may end at the edge of consistency; two runs,
+        # because one may collapse early.
+        point = start
+        for _ in range(2):
+            point = minimize(value, point, method="Nelder-Mead", bounds=BOUNDS,
+                             options={"xatol": 1e-9, "fatol": 1e-12, "maxfev": 2000}).x
+        if value(point) < lowest:
+            best, lowest = point, value(point)
+    return best, lowest if lowest < 1e9 else np.inf
+
+
+def _fitted(
+    problem: Problem,
+    scaled: Array,
+    found: Precision,
+    seed: int | None,
+    value: float,
+    validation: BenchSamples | None,
+) -> EfficiencyModel:
+    samples, formulation = problem.samples, problem.model.formulation
+    provenance: dict[str, Any] = {
+        "source": f"hmcvt identify, version {__version__}",
+        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "data": Path(samples.source).name,
+        "data_sha256": samples.sha256,
+        "samples": len(samples),
+        "seed": seed,
+        "objective": OBJECTIVES[formulation],
+        "objective_value": float(f"{value:.9g}"),
+        "fit_error": float(f"{relative_error(problem, scaled):.6g}"),
+    }
+    if validation is not None:
+        held = Problem.of(problem.model, validation)
+        provenance["prediction_error"] = float(f"{relative_error(held, scaled):.6g}")
+        provenance["validation_samples"] = len(validation)
+    return replace(
+        problem.model, parameters=to_parameters(scaled), standard_errors=found.standard_errors,
+        correlation=found.correlation, domain=Domain.of(samples), provenance=provenance)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well the samples determine the parameters, in numbers and in plain sentences."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
+from .problem import BOUND_TEXT, BOUNDS, Problem
+
+Array = NDArray[np.float64]
+_LOOSE = 0.5  # a standard error above this part of the value leaves the parameter undetermined
+_TIED = 0.95  # a correlation above this leaves only a combination
+
+
+class Precision(NamedTuple):
+    """Linearised precision of the parameters.
+
+    Attributes:
+        standard_errors: by name, in the unit of the parameter.
+        correlation: shape (3, 3).
+        noise_factor: scatter of the residuals / stated deviation (1 when it cannot be estimated).
+    """
+
+    standard_errors: dict[str, float]
+    correlation: Array
+    noise_factor: float
+
+
+def precision(problem: Problem, scaled: Array) -> Precision:
+    """Covariance at the best point, from the Jacobian of the weighted residuals.
+
+    The width of the bounds enters as prior knowledge, so that a direction the samples do not see
+    gets the error of that width rather than infinity.
+    """
+    jacobian = _jacobian(problem, scaled)
+    residuals = problem.residuals(scaled)
+    free = len(residuals) - len(scaled)
+    factor = 1.0
+    if free > 0:
+        scatter = float(np.sqrt(np.sum(residuals**2) / free))
+        # Stated deviations are believed unless the residuals are larger.
+        factor = max(scatter, 1.0) if problem.deviation_known else scatter
+    factor = max(factor, 1e-3)
+    prior = 12.0 / (BOUNDS[:, 1] - BOUNDS[:, 0]) ** 2
+    covariance = np.linalg.inv(jacobian.T @ jacobian / factor**2 + np.diag(prior))
+    spread = np.sqrt(np.diag(covariance))
+    natural = spread * np.array([np.log(10.0) * 10.0 ** scaled[0], 1.0, 1.0])
+    return Precision(dict(zip(PARAMETER_NAMES, natural.tolist(), strict=True)),
+                     covariance / np.outer(spread, spread), factor)
+
+
+def _jacobian(problem: Problem, scaled: Array) -> Array:
+    width = BOUNDS[:, 1] - BOUNDS[:, 0]
+    columns = []
+    for i, step in enumerate(1e-6 * width):
+        ends = np.stack([scaled, scaled])
+        ends[0, i] = max(scaled[i] - step, BOUNDS[i, 0])
+        ends[1, i] = min(scaled[i] + step, BOUNDS[i, 1])
+        low, high = problem.residuals(ends)
+        columns.append((high - low) / (ends[1, i] - ends[0, i]))
+    return np.nan_to_num(np.stack(columns, axis=-1))
+
+
+def findings(problem: Problem, scaled: Array, found: Precision) -> tuple[str, ...]:
+    """Say in plain sentences what the samples leave open."""
+    samples, sentences = problem.samples, []
+    if len(samples) < len(PARAMETER_NAMES):
+        sentences.append(f"{len(samples)} samples cannot determine {len(PARAMETER_NAMES)} "
+                         "parameters: the values are one choice among many")
+    for sign, word in ((1.0, "positive"), (-1.0, "negative")):
+        if not (samples.displacement_ratio * sign > 0.0).any():
+            sentences.append(f"no sample has a {word} displacement ratio: the model is "
+                             "unchecked there")
+    values = [10.0 ** scaled[0], scaled[1], scaled[2]]
+    for i, name in enumerate(PARAMETER_NAMES):
+        sentence = _looseness(name, i, scaled, values[i], found.standard_errors[name])
+        if sentence:
+            sentences.append(sentence)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        tie = found.correlation[i, j]
+        if abs(tie) > _TIED:
+            sentences.append(f"{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]} are tied "
+                             f"(correlation {tie:.2f}): only a combination is determined")
+    return tuple(sentences)
+
+
+def _looseness(name: str, i: int, scaled: Array, value: float, error: float) -> str:
+    width = BOUNDS[i, 1] - BOUNDS[i, 0]
+    for end, side in ((0, "lower"), (1, "upper")):
+        if abs(scaled[i] - BOUNDS[i, end]) < 1e-4 * width:
+            return (f"{name} is not determined by these samples: its best value lies at the "
+                    f"{side} bound {BOUND_TEXT[name][end]} {PARAMETER_UNITS[name]}")
+    if error > _LOOSE * value:
+        return (f"{name} is not determined by these samples: {value:.3g} with a standard error "
+                f"of {error:.2g} {PARAMETER_UNITS[name]}")
+    return ""

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files: a model as YAML that a person can read, with units and provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .atomic import write_atomically
+from .domain import Domain
+from .effects import effect_from_mapping, effect_to_mapping
+from .errors import InputError
+from .model import EfficiencyModel
+from .parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
+from .stage import Stage
+
+SCHEMA = "hmcvt-model/1"
+TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
+_MAX_BYTES = 4 * 1024 * 1024
+
+
+def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
+    """Read a parameter file.
+
+    Raises:
+        InputError: the file is missing, damaged, of another schema or version, or a field is
+            missing or out of range; file and field are named.
+    """
+    data = _read(path, SCHEMA)
+    stated = data.pop("checksum", None)
+    if stated is not None and stated != _checksum(data):
+        raise InputError(f"{path}: checksum does not match: the file is damaged or was edited; "
+                         "if edited on purpose, remove the line 'checksum'")
+    try:
+        return _from_mapping(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
+    """Write a parameter file, whole or not at all.
+
+    Raises:
+        OSError: the folder cannot be written; an existing file is untouched.
+    """
+    import yaml
+
+    data = to_mapping(model)
+    data["checksum"] = _checksum(data)
+    text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=96)
+    write_atomically(Path(path), text)
+
+
+def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
+    """Read one stage of a transmission file (see `params/transmission.yaml`).
+
+    Raises:
+        InputError: the file or a field is wrong; both are named.
+    """
+    data = _read(path, TRANSMISSION_SCHEMA)
+    try:
+        return Stage.from_mapping(data, name)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def to_mapping(model: EfficiencyModel) -> dict[str, Any]:
+    """Return a model as plain data: strings, numbers, lists, mappings."""
+    parameters = {}
+    for name in PARAMETER_NAMES:
+        entry: dict[str, Any] = {"value": getattr(model.parameters, name),
+                                 "unit": PARAMETER_UNITS[name]}
+        if name in model.standard_errors:
+            entry["standard_error"] = float(model.standard_errors[name])
+        parameters[name] = entry
+    data: dict[str, Any] = {"schema": SCHEMA, "formulation": model.formulation,
+                            "parameters": parameters}
+    if model.correlation is not None:
+        data["correlation"] = np.asarray(model.correlation).round(6).tolist()
+    if model.effects:
+        data["effects"] = [effect_to_mapping(effect) for effect in model.effects]
+    if model.domain is not None:
+        data["domain"] = model.domain.to_mapping()
+    data["provenance"] = dict(model.provenance)
+    data["transmission"] = model.stage.to_mapping()
+    return data
+
+
+def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
+    parameters = _section(data, "parameters")
+    values, errors = [], {}
+    for name in PARAMETER_NAMES:
+        entry = _section(parameters, name, "parameters.")
+        values.append(_number(entry, "value", f"parameters.{name}."))
+        unit = entry.get("unit", PARAMETER_UNITS[name])
+        if unit != PARAMETER_UNITS[name]:
+            raise InputError(f"parameters.{name}.unit = {unit!r}; needs {PARAMETER_UNITS[name]!r}")
+        if "standard_error" in entry:
+            errors[name] = _number(entry, "standard_error", f"parameters.{name}.", low=0.0)
+    effects = data.get("effects", [])
+    if not isinstance(effects, list):
+        raise InputError(f"effects = {effects!r} is not a list")
+    return EfficiencyModel(
+        stage=Stage.from_mapping(_section(data, "transmission")),
+        parameters=HydraulicParameters(*values),
+        formulation=str(_get(data, "formulation")),
+        effects=tuple(effect_from_mapping(item, f"effects[{i}]")
+                      for i, item in enumerate(effects)),
+        standard_errors=errors if len(errors) == len(PARAMETER_NAMES) else {},
+        correlation=_correlation(data["correlation"]) if "correlation" in data else None,
+        domain=Domain.from_mapping(_section(data, "domain")) if "domain" in data else None,
+        provenance=_section(data, "provenance") if "provenance" in data else {},
+    )
+
+
+def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
+    import yaml
+
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text at byte {error.start}") from None
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f" at line {mark.line + 1}" if mark else ""
+        raise InputError(f"{path}: not YAML{place}: {getattr(error, 'problem', error)}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: holds no mapping; is it empty or cut off?")
+    if data.get("schema") != schema:
+        raise InputError(f"{path}: schema = {data.get('schema')!r}; this version reads {schema!r}")
+    return data
+
+
+def _checksum(data: Mapping[str, Any]) -> str:
+    text = json.dumps(data, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _get(data: Mapping[str, Any], key: str, where: str = "") -> Any:
+    if key not in data:
+        raise InputError(f"{where}{key} is missing")
+    return data[key]
+
+
+def _section(data: Mapping[str, Any], key: str, where: str = "") -> Mapping[str, Any]:
+    value = _get(data, key, where)
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where}{key} = {value!r} is not a mapping")
+    return value
+
+
+def _number(data: Mapping[str, Any], key: str, where: str, low: float = -math.inf) -> float:
+    value = _get(data, key, where)
+    # YAML 1.1 reads 3e-11 without a dot as text; a person may well write it so.
+    if isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            pass
+    if isinstance(value, bool) or not isinstance(value, (int, float)) \
+            or not math.isfinite(value) or value < low:
+        raise InputError(f"{where}{key} = {value!r} is not a finite number"
+                         + (f" of at least {low:g}" if math.isfinite(low) else ""))
+    return float(value)
+
+
+def _correlation(value: Any) -> Any:
+    try:
+        matrix = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    n = len(PARAMETER_NAMES)
+    if matrix.shape != (n, n) or not (np.abs(matrix) <= 1.0 + 1e-9).all():
+        raise InputError(f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1")
+    return matrix
