@@ -323,8 +323,11 @@ class _Balance:
     def flow_at(self, speed: Array, direction: Array) -> PowerFlow:
         """Return the whole power flow at a motor speed found."""
         found = self.torques(speed, direction)
-        if self.effects:
-            found = self.torques(speed, direction, found.pressure)
+        for _ in range(_ITERATIONS if self.effects else 0):
+            # Friction that an effect ties to the pressure settles in a few passes.
+            before, found = found.pressure, self.torques(speed, direction, found.pressure)
+            if not (np.abs(found.pressure - before) > _TOLERANCE * np.abs(before)).any():
+                break
         state, units, g = found.state, self.stage.pump_motor, self.geometry
         ideal = found.pump_pressure * g.pump_displacement * self.stroke
         # Eq. (15) in the steady state, with friction that takes torque.

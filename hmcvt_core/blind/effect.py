@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an effect of the twin may act on, and the conditions under which it acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where an effect lies: closed intervals of the operating range (rad/s, N m)."""
+
+    displacement_ratio: tuple[float, float] = (-1.0, 1.0)
+    engine_speed: tuple[float, float] = (78.5, 230.0)
+    load_torque: tuple[float, float] = (40.0, 600.0)
+
+    def contains(
+        self, displacement_ratio: FloatArray, engine_speed: FloatArray, load_torque: FloatArray
+    ) -> npt.NDArray[np.bool_]:
+        """True for each operating point inside; shape (n,)."""
+        pairs = (
+            (displacement_ratio, self.displacement_ratio),
+            (engine_speed, self.engine_speed),
+            (load_torque, self.load_torque),
+        )
+        inside = np.ones(np.shape(displacement_ratio), dtype=np.bool_)
+        for value, (low, high) in pairs:
+            inside &= (value >= low) & (value <= high)
+        return inside
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """State of the stage that an effect sees; arrays of one shape (..., n), SI units.
+
+    `pressure` is the high minus the low side of the loop at the motor; `motor_speed` is positive
+    for a positive stroke; viscosities are relative to those at the nominal oil temperature.
+    """
+
+    command: FloatArray
+    stroke: FloatArray
+    engine_speed: FloatArray
+    pump_speed: FloatArray
+    motor_speed: FloatArray
+    carrier_speed: FloatArray
+    output_speed: FloatArray
+    pressure: FloatArray
+    load_torque: FloatArray
+    gap_viscosity: FloatArray
+    film_viscosity: FloatArray
+    pump_displacement: float
+    motor_displacement: float
+    leakage: float
+
+
+@dataclass(frozen=True)
+class MeterReadings:
+    """What the two torque meters show (N m); shape (n,)."""
+
+    engine_torque: FloatArray
+    output_torque: FloatArray
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A loss or fault that the base plant lacks; every hook does nothing unless overridden.
+
+    `size` scales the effect and 0 switches it off; `limit` is the largest size that is still
+    physical. `parts` are the components (names of the diagnosis contract) that may rightly be
+    blamed; empty when the contract has no word for the place.
+    """
+
+    name: ClassVar[str] = ""
+    parts: ClassVar[tuple[str, ...]] = ()
+    limit: ClassVar[float] = 10.0
+    known: ClassVar[bool] = True
+    variants: ClassVar[tuple[str, ...]] = ()
+
+    size: float = 1.0
+    variant: str = ""
+
+    @property
+    def box(self) -> Box | None:
+        """The region it is confined to, None when it acts everywhere."""
+        return None
+
+    def true_stroke(self, command: FloatArray, pressure: FloatArray) -> FloatArray:
+        """Displacement ratio that the swash plate really takes."""
+        return command
+
+    def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
+        """Relative loss of speed in the mechanical path."""
+        return np.zeros_like(load_torque)
+
+    def gap_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
+        """Relative viscosity in leakage gaps."""
+        return np.ones_like(oil_temperature)
+
+    def film_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
+        """Relative viscosity in bearing and sliding films."""
+        return np.ones_like(oil_temperature)
+
+    def lost_flow(self, at: Conditions) -> FloatArray:
+        """Flow lost from the high-pressure side, m3/s."""
+        return np.zeros_like(at.pressure)
+
+    def pressure_drop(self, at: Conditions) -> FloatArray:
+        """Pressure at the pump less that at the motor, Pa; has the sign of the flow."""
+        return np.zeros_like(at.pressure)
+
+    def pump_drag(self, at: Conditions) -> FloatArray:
+        """Torque that brakes the pump shaft, N m, not negative."""
+        return np.zeros_like(at.pressure)
+
+    def motor_drag(self, at: Conditions) -> FloatArray:
+        """Magnitude of the torque that opposes the motor's rotation, N m."""
+        return np.zeros_like(at.pressure)
+
+    def engine_drag_power(self, at: Conditions) -> FloatArray:
+        """Power lost at the engine shaft, W."""
+        return np.zeros_like(at.pressure)
+
+    def output_drag_power(self, at: Conditions) -> FloatArray:
+        """Power lost at the output shaft, W."""
+        return np.zeros_like(at.pressure)
+
+    def mesh_loss(self, pair: int, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Share of power that a gear pair loses beyond its nominal efficiency."""
+        return np.zeros_like(torque)
+
+    def planetary_loss(self, at: Conditions, ring_torque: FloatArray) -> FloatArray:
+        """Share of the rolling power lost between sun and ring."""
+        return np.zeros_like(ring_torque)
+
+    def read(self, readings: MeterReadings) -> MeterReadings:
+        """What the meters show instead of the truth."""
+        return readings

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The competitors for a gap, as linear models near their refits, and their evidence.
+
+Three kinds compete: every form of every known effect (with an allowance for a form that is a
+little off), a loss that nobody listed (a smooth field, or a step inside a region), and nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..effects import library
+from ..effects.base import Effect
+from ..model import EfficiencyModel
+from .basis import smooth_functions
+from .evidence import Evidence, evidence, gram, log_mean, one_sided
+from .hypothesis import (
+    BASE_MEAN,
+    BASE_SIZE,
+    BASE_SPREAD,
+    NUISANCES,
+    Fit,
+    Hypothesis,
+    forms_of,
+    nuisance_columns,
+    predict,
+    refit,
+)
+from .observations import Observations
+from .regions import Regions
+
+Array = NDArray[np.float64]
+
+SIZE_SPREADS = (0.5, 1.5, 5.0)
+"""Prior standard deviations of a size, in typical sizes; equally likely."""
+
+FORM_ALLOWANCE = 0.10
+"""How far a form may bend, smoothly over the working space, as a part of its own signature."""
+
+_ALLOWED_DEGREE = 2
+_FIELD_DEGREE = 3
+_FIELD_SPREADS = (0.003, 0.01, 0.03)  # of the efficiency
+_SPEED_SPREADS = (0.001, 0.004, 0.016)  # of the output speed, relative
+_STEP_SPREADS = (0.01, 0.03)
+_UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
+_SCREENED_SIZE = 0.1  # in typical sizes
+_SHARED = BASE_SIZE + len(NUISANCES)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """One hypothesis as a linear model.
+
+    Attributes:
+        columns: of the prediction / deviation, shape (channels, n, p); base, nuisances, then its
+            own.
+        target: what the coefficients should reproduce, shape (channels, n).
+        spread: prior standard deviations, shape (p,).
+        positive: index of a coefficient that cannot be negative, or None.
+        log: log evidence.
+        found: posterior of the coefficients.
+    """
+
+    columns: Array
+    target: Array
+    spread: Array
+    positive: int | None
+    log: float
+    found: Evidence
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One form of one effect (or of several), refitted.
+
+    Attributes:
+        effects: with fitted sizes.
+        fit: the refit.
+        linear: the linear model at the refit, at its most likely prior scale.
+        log: log evidence over the prior scales.
+    """
+
+    effects: tuple[Effect, ...]
+    fit: Fit
+    linear: Linear
+    log: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effect names."""
+        return tuple(effect.name for effect in self.effects)
+
+
+class Bench:
+    """Everything about one campaign that the competitors share."""
+
+    def __init__(self, model: EfficiencyModel, observed: Observations) -> None:
+        self.model, self.observed = model, observed
+        start = Hypothesis(model)
+        self.base = refit(start, observed, BASE_MEAN)
+        self.nuisance = nuisance_columns(
+            start.model_at(self.base.base, np.empty(0)), observed)
+        self.count = len(observed.samples)
+        self.channels = len(observed.channels)
+        self.bends, _ = smooth_functions(observed.samples, _ALLOWED_DEGREE)
+
+    # --- shared pieces ------------------------------------------------------------------------
+
+    def target(self, fit: Fit) -> Array:
+        """Linear target at a refit: residual plus what its own coefficients explain."""
+        own = np.concatenate([fit.base - BASE_MEAN, fit.nuisance])
+        return np.asarray(fit.whitened + fit.jacobian[..., :_SHARED] @ own)
+
+    def shared(self, fit: Fit) -> tuple[Array, Array]:
+        """Columns and prior of base parameters and nuisances."""
+        spread = np.concatenate([BASE_SPREAD, np.ones(len(NUISANCES))])
+        return fit.jacobian[..., :_SHARED], spread
+
+    def weigh(
+        self, columns: Array, target: Array, spreads: Array, positive: int | None
+    ) -> list[Linear]:
+        """Weigh the same columns under several priors, spreads of shape (m, p)."""
+        grams = np.broadcast_to(gram(columns, target),
+                                (len(spreads), self.channels, *2 * (columns.shape[-1] + 1,)))
+        found = evidence(grams, self.count, spreads, self.observed.trusts)
+        log = found.log
+        if positive is not None:
+            log = log + one_sided(found, positive)
+        return [Linear(columns, target, spread, positive, float(log[i]),
+                       Evidence(*(part[i:i + 1] for part in found)))
+                for i, spread in enumerate(spreads)]
+
+    def nothing(self) -> Linear:
+        """The base model alone."""
+        columns, spread = self.shared(self.base)
+        return self.weigh(columns, self.target(self.base), spread[None, :], None)[0]
+
+    # --- known effects ------------------------------------------------------------------------
+
+    def signature(self, fit: Fit, effects: tuple[Effect, ...], added: Effect) -> Array | None:
+        """Change of prediction / deviation by one typical size of an effect, (channels, n)."""
+        model = Hypothesis(self.model, effects).model_at(fit.base, fit.sizes)
+        here = predict(model, self.observed.points, self.channels)
+        # The refit leaves little of an effect: the slope that counts is that of a small one.
+        small = _SCREENED_SIZE * np.array([item.typical for item in added.sizes()])
+        there = predict(Hypothesis(model, (added,)).model_at(fit.base, small),
+                        self.observed.points, self.channels)
+        change = (there - here) / self.observed.scale / _SCREENED_SIZE
+        # Where the typical size cannot be carried it says nothing.
+        return None if not np.isfinite(change).any() else np.nan_to_num(change)
+
+    def screen(
+        self, kinds: Sequence[type[Effect]], fit: Fit, effects: tuple[Effect, ...] = ()
+    ) -> list[tuple[float, Effect, Linear]]:
+        """Evidence of every form added to a refitted hypothesis, in linear approximation."""
+        shared, spread = fit.jacobian, self.shared(fit)[1]
+        own = np.concatenate([fit.base - BASE_MEAN, fit.nuisance,
+                              fit.sizes / Hypothesis(self.model, effects).size_scales])
+        target = fit.whitened + shared @ own
+        spread = np.concatenate([spread, np.full(len(fit.sizes), 1.5)])
+        results = []
+        for kind in kinds:
+            for form in forms_of(kind):
+                change = self.signature(fit, effects, form)
+                if change is None or np.abs(change).max() < _UNSEEN:
+                    continue
+                columns = np.concatenate([shared, change[..., None]], axis=-1)
+                spreads = np.stack([np.append(spread, scale) for scale in SIZE_SPREADS])
+                positive = columns.shape[-1] - 1 if form.sizes()[0].low >= 0.0 else None
+                tried = self.weigh(columns, target, spreads, positive)
+                best = max(tried, key=lambda item: item.log)
+                results.append((log_mean(np.array([item.log for item in tried])), form, best))
+        return sorted(results, key=lambda item: -item[0])
+
+    def candidate(self, effects: tuple[Effect, ...]) -> Candidate:
+        """Refit an hypothesis exactly and weigh it, with an allowance for its form."""
+        hypothesis = Hypothesis(self.model, effects)
+        fit = refit(hypothesis, self.observed, self.base.base, nuisance=self.nuisance)
+        shared, spread = self.shared(fit)
+        scaled = fit.sizes / hypothesis.size_scales
+        own = fit.jacobian[..., _SHARED:]
+        target = self.target(fit) + own @ scaled
+        bends = [own[..., [i]] * scaled[i] * self.bends[:, 1:] for i in range(len(scaled))]
+        columns = np.concatenate([shared, own, *bends], axis=-1)
+        functions = self.bends.shape[1] - 1
+        allowance = np.full(functions * len(scaled), FORM_ALLOWANCE / np.sqrt(functions / 3.0))
+        spreads = np.stack([np.concatenate([spread, np.full(len(scaled), scale), allowance])
+                            for scale in SIZE_SPREADS])
+        last = effects[-1].sizes()[0]
+        positive = _SHARED + len(scaled) - 1 if last.low >= 0.0 else None
+        tried = self.weigh(columns, target, spreads, positive)
+        best = max(tried, key=lambda item: item.log)
+        return Candidate(hypothesis.with_sizes(fit.sizes), fit, best,
+                         log_mean(np.array([item.log for item in tried])))
+
+    @property
+    def kinds(self) -> list[type[Effect]]:
+        """Effects that these data could show."""
+        present = {(type(effect).name, type(effect).form) for effect in self.model.effects}
+        return [kind for kind in library() if (kind.name, kind.form) not in present]
+
+    # --- what nobody listed ---------------------------------------------------------------------
+
+    def fields(self, fit: Fit, effects: tuple[Effect, ...] = ()) -> list[Linear]:
+        """A smooth loss over the working space, or a smooth slip, beside an hypothesis."""
+        shared, spread, target = self._beside(fit, effects)
+        functions, degree = smooth_functions(self.observed.samples, _FIELD_DEGREE)
+        decay = 2.0 ** -(degree - 1.0).clip(0.0)
+        models = []
+        for channel, scales in enumerate((_FIELD_SPREADS, _SPEED_SPREADS)[: self.channels]):
+            own = np.zeros((*target.shape, functions.shape[1]))
+            unit = self.observed.scale[channel]
+            if channel == 1:
+                unit = unit / self.observed.channels[1].measured
+            own[channel] = functions / unit[:, None]
+            columns = np.concatenate([shared, own], axis=-1)
+            spreads = np.stack([np.concatenate([spread, scale * decay / 2.0])
+                                for scale in scales])
+            models += self.weigh(columns, target, spreads, None)
+        return models
+
+    def steps(self, boxes: Regions, fit: Fit, effects: tuple[Effect, ...] = ()) -> Array:
+        """Log evidence of a loss inside each box beside an hypothesis, shape (boxes,)."""
+        shared, spread, target = self._beside(fit, effects)
+        inner = gram(shared, target)
+        column = boxes.columns / self.observed.scale[0]
+        p = shared.shape[-1]
+        grams = np.zeros((len(boxes), self.channels, p + 2, p + 2))
+        keep = np.append(np.arange(p), p + 1)
+        grams[np.ix_(range(len(boxes)), range(self.channels), keep, keep)] = inner
+        grams[:, 0, p, p] = np.sum(column**2, axis=1)
+        cross = column @ np.concatenate([shared[0], target[0][:, None]], axis=1)
+        grams[:, 0, p, keep] = cross
+        grams[:, 0, keep, p] = cross
+        logs = [evidence(grams, self.count,
+                         np.broadcast_to(np.append(spread, scale), (len(boxes), p + 1)),
+                         self.observed.trusts).log for scale in _STEP_SPREADS]
+        return np.logaddexp(*logs) - np.log(2.0)
+
+    def _beside(self, fit: Fit, effects: tuple[Effect, ...]) -> tuple[Array, Array, Array]:
+        scaled = fit.sizes / Hypothesis(self.model, effects).size_scales
+        own = np.concatenate([fit.base - BASE_MEAN, fit.nuisance, scaled])
+        spread = np.concatenate([self.shared(fit)[1], np.full(len(scaled), 1.5)])
+        return fit.jacobian, spread, fit.whitened + fit.jacobian @ own

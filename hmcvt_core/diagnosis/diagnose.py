@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Diagnosis of the gap between model and bench: where, which effect, how far it shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bench import BenchSamples
+from ..domain import AXES, Domain
+from ..errors import InputError
+from ..model import EfficiencyModel
+from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
+from .candidates import Bench, Candidate
+from .hypothesis import BASE_SIZE, Hypothesis
+from .next_tests import next_tests
+from .observations import Observations, replicate_groups
+from .ranking import Ranking, rank, single_candidates
+from .regions import Regions, regions
+from .result import Cause, Diagnosis, Gap, Region, ShrinkageSummary
+from .shrinkage import Shrinkage, cross_validated_errors, folds, shrinkage
+from .significance import Significance, basis, significance
+
+Array = NDArray[np.float64]
+
+LEAST_SAMPLES = 5
+SIGNIFICANCE = 0.02
+"""A gap counts when chance alone would show as much in one campaign of fifty."""
+
+REGION_SIGNIFICANCE = 0.05
+FOUND = 0.80
+"""Probability from which one cause is called found."""
+
+SET_PROBABILITY = 0.97
+"""The set that cannot be told apart holds the cause with this probability."""
+
+ADEQUATE = 0.5
+"""Part of the gap that a named cause must remove; else the gap is unexplained."""
+
+_MOST_REGIONS = 5
+_OVERLAP = 0.2
+_RIVALS = 12
+
+
+def diagnose(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    holdout: BenchSamples | None = None,
+    *,
+    noise: float | None = None,
+    seed: int = 0,
+) -> Diagnosis:
+    """Diagnose the gap between a model and a bench.
+
+    The base parameters of `model` are refitted first: a gap that a refit closes is no gap.
+
+    Args:
+        model: formulation `power_balance`; effects it already has stay.
+        samples: at least five bench samples; output speed and oil temperature are used if there.
+        holdout: samples to measure the shrinkage on; None for cross-validation.
+        noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`,
+            repeated points, or the paper's 1.12 %, in this order.
+        seed: of every random number.
+
+    Raises:
+        InputError: samples cannot carry a diagnosis, or the formulation is another.
+    """
+    _check(model, samples)
+    observed = Observations.of(samples, noise)
+    bench = Bench(model, observed)
+    boxes = regions(samples)
+    found = _significance(bench, boxes, seed)
+    significant = found.p_value <= SIGNIFICANCE
+    singles = single_candidates(bench)
+    ranking = rank(bench, boxes, singles, paired=False)
+    if significant and ranking.unlisted > 0.01:
+        ranking = rank(bench, boxes, singles, paired=True)
+    return _Assembly(bench, boxes, found, significant, ranking, holdout, seed).diagnosis()
+
+
+def _check(model: EfficiencyModel, samples: BenchSamples) -> None:
+    if model.formulation != "power_balance":
+        raise InputError(f"diagnosis needs formulation power_balance, not {model.formulation!r}")
+    if len(samples) < LEAST_SAMPLES:
+        raise InputError(f"{samples.source}: {len(samples)} samples cannot tell a gap from the "
+                         f"{BASE_SIZE} parameters that are refitted; at least {LEAST_SAMPLES} "
+                         "are needed")
+    points = len(np.unique(replicate_groups(samples)))
+    if points <= BASE_SIZE:
+        raise InputError(f"{samples.source}: {points} distinct operating points cannot tell a gap "
+                         f"from the {BASE_SIZE} parameters that are refitted")
+
+
+def _significance(bench: Bench, boxes: Regions, seed: int) -> Significance:
+    columns, spread = bench.shared(bench.base)
+    screened = bench.screen(bench.kinds, bench.base)
+    signatures = np.stack([linear.columns[..., -1] for _, _, linear in screened])
+    noise = bench.base.noise
+    return significance(basis(columns, spread, noise), bench.target(bench.base), noise,
+                        bench.observed, boxes, signatures, seed)
+
+
+class _Assembly:
+    """Turns what was found into a `Diagnosis`."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        boxes: Regions,
+        found: Significance,
+        significant: bool,
+        ranking: Ranking,
+        holdout: BenchSamples | None,
+        seed: int,
+    ) -> None:
+        self.bench, self.boxes, self.found = bench, boxes, found
+        self.significant, self.ranking, self.seed = significant, ranking, seed
+        self.holdout = holdout
+        self.observed = bench.observed
+        self.parts = folds(self.observed, seed)
+        self.noise = self._noise()
+        self.before = cross_validated_errors([ranking.nothing], self.observed, self.parts)
+
+    def _noise(self) -> Array:
+        """Standard deviation of the efficiency, shape (n,), from the best competitor of all."""
+        ranking = self.ranking
+        rivals = [ranking.nothing, ranking.field, ranking.leading.linear]
+        best = max(rivals, key=lambda item: item.log) if self.significant else ranking.nothing
+        return np.asarray(self.observed.scale[0] * np.sqrt(best.found.noise[0, 0]))
+
+    def diagnosis(self) -> Diagnosis:
+        """Put everything together."""
+        shrunk = self._shrinkage(self._rivals())
+        verdict = self._verdict(shrunk)
+        causes = self._causes(verdict) if self.significant else ()
+        noise = float(np.sqrt(np.mean(self.noise**2)))
+        gap = Gap(len(self.observed.samples), float(np.sqrt(np.mean(self.before**2))), noise,
+                  float(np.sqrt(np.mean(self.observed.scale[0] ** 2))),
+                  self.observed.noise_source, self.found.p_value, self.significant)
+        named = verdict in ("cause_found", "ambiguous")
+        tests = next_tests(self.bench, self.ranking, self.seed) if self.significant else ()
+        return Diagnosis(
+            gap, self._where(), causes[0].component if named else None, verdict, causes,
+            ShrinkageSummary(shrunk.before, shrunk.after, shrunk.fraction, shrunk.interval,
+                             shrunk.on),
+            tests, self.ranking.unlisted if self.significant else 0.0, self._notes(verdict),
+            self._model(np.empty(0), (), self.bench.base.base), self.observed.samples,
+            shrunk.errors_before, shrunk.errors_after,
+        )
+
+    # --- verdict --------------------------------------------------------------------------------
+
+    def _verdict(self, shrunk: Shrinkage) -> str:
+        if not self.significant:
+            return "no_gap"
+        ranking = self.ranking
+        known = next(iter(ranking.probability.values()))
+        removed = shrunk.fraction if shrunk.fraction is not None else 0.0
+        if ranking.unlisted > 0.5 or (removed < ADEQUATE and ranking.unlisted > 0.05):
+            return "unexplained"
+        if ranking.leading.names and len(ranking.leading.names) > 1:
+            known = min(ranking.probability[name] for name in ranking.leading.names)
+        return "cause_found" if known >= FOUND else "ambiguous"
+
+    # --- shrinkage ------------------------------------------------------------------------------
+
+    def _rivals(self) -> Sequence[Candidate]:
+        if not self.significant:
+            return ()
+        everyone = [*self.ranking.pairs, *self.ranking.singles]
+        everyone.sort(key=lambda item: -item.log)
+        return everyone[:_RIVALS]
+
+    def _shrinkage(self, rivals: Sequence[Candidate]) -> Shrinkage:
+        if self.holdout is not None:
+            return self._on_holdout(rivals)
+        after = self.before
+        if rivals:
+            linear = [self.ranking.nothing, *(item.linear for item in rivals)]
+            after = cross_validated_errors(linear, self.observed, self.parts)
+        return shrinkage(self.before, after, self.noise, "cross-validation", self.seed,
+                         self.significant)
+
+    def _on_holdout(self, rivals: Sequence[Candidate]) -> Shrinkage:
+        assert self.holdout is not None
+        base = self._model(np.empty(0), (), self.bench.base.base)
+        leading = self.ranking.leading
+        after = (self._model(leading.fit.sizes, leading.effects, leading.fit.base)
+                 if rivals else base)
+        errors = [self.holdout.efficiency - model.efficiency(
+            self.holdout.displacement_ratio, self.holdout.engine_speed, self.holdout.load_torque,
+            self.holdout.oil_temperature) for model in (base, after)]
+        usable = np.isfinite(errors[0]) & np.isfinite(errors[1])
+        noise = float(np.sqrt(np.mean(self.noise**2)))
+        return shrinkage(errors[0][usable], errors[1][usable], np.array(noise), "holdout",
+                         self.seed, self.significant)
+
+    # --- causes ---------------------------------------------------------------------------------
+
+    def _causes(self, verdict: str) -> tuple[Cause, ...]:
+        ranking = self.ranking
+        names = [name for name, p in ranking.probability.items() if p >= 0.01]
+        names = names or list(ranking.probability)[:1]
+        if verdict == "unexplained":
+            names = names[:3]
+        return tuple(self._cause(name) for name in names[:6])
+
+    def _cause(self, name: str) -> Cause:
+        ranking = self.ranking
+        item = ranking.best[name]
+        index = item.names.index(name)
+        effect = item.effects[index]
+        after = cross_validated_errors([item.linear], self.observed, self.parts)
+        shrunk = shrinkage(self.before, after, self.noise, "cross-validation", self.seed)
+        others = [other for other in item.names if other != name]
+        return Cause(
+            name, effect.form, effect.component, ranking.probability[name],
+            self._twins(name), self._parameters(item, index), others[0] if others else None,
+            shrunk.after, shrunk.fraction, self._drift(item), effect.summary, effect.source,
+            effect.remedy, self._model(item.fit.sizes, item.effects, item.fit.base),
+        )
+
+    def _twins(self, name: str) -> tuple[str, ...]:
+        """Effects that these data cannot tell from one: the rest of the credible set."""
+        probability = self.ranking.probability
+        with_it = {other for item in self.ranking.pairs if name in item.names
+                   for other in item.names if item is self.ranking.leading}
+        total, chosen = 0.0, []
+        for other, p in probability.items():
+            if other in with_it and other != name:
+                continue
+            if total >= SET_PROBABILITY and other != name:
+                break
+            total += p
+            chosen.append(other)
+        return tuple(other for other in chosen if other != name)[:2] if name in chosen else ()
+
+    def _parameters(self, item: Candidate, index: int) -> dict[str, dict[str, Any]]:
+        effect = item.effects[index]
+        position = sum(len(other.sizes()) for other in item.effects[:index])
+        values: dict[str, dict[str, Any]] = {}
+        for parameter in effect.parameters():
+            value = effect.values()[parameter.name]
+            entry: dict[str, Any] = {"value": value, "unit": parameter.unit,
+                                     "meaning": parameter.meaning}
+            if parameter.is_size:
+                column = item.fit.jacobian.shape[-1] - len(item.fit.sizes) + position
+                error = float(np.sqrt(item.linear.found.covariance[0, column, column]))
+                spread = 1.96 * error * parameter.typical
+                entry["interval"] = [max(value - spread, parameter.low),
+                                     min(value + spread, parameter.high)]
+                entry["plausible"] = bool(
+                    parameter.low < value < parameter.high
+                    and abs(value) <= 5.0 * abs(parameter.typical))
+                position += 1
+            values[parameter.name] = entry
+        return values
+
+    def _drift(self, item: Candidate) -> dict[str, dict[str, float]]:
+        before, after = self.bench.base.base, item.fit.base
+        error = np.sqrt(np.diagonal(item.linear.found.covariance[0]))[:BASE_SIZE]
+        drift = {}
+        for i, name in enumerate(PARAMETER_NAMES):
+            old, new = (float(10.0 ** value[0]) if i == 0 else float(value[i])
+                        for value in (before, after))
+            drift[name] = {"without_effect": old, "with_effect": new,
+                           "standard_errors": float((before[i] - after[i]) / error[i])}
+        return drift
+
+    # --- the rest -------------------------------------------------------------------------------
+
+    def _where(self) -> tuple[Region, ...]:
+        if not self.significant or not len(self.boxes):
+            return ()
+        boxes, z = self.boxes, np.abs(self.found.region_z)
+        chosen: list[int] = []
+        for i in np.argsort(-z):
+            if chosen and self.found.region_p[i] > REGION_SIGNIFICANCE:
+                break
+            shared = [np.sum(boxes.members[i] & boxes.members[j])
+                      / min(boxes.members[i].sum(), boxes.members[j].sum()) for j in chosen]
+            if all(part <= _OVERLAP for part in shared):
+                chosen.append(int(i))
+            if len(chosen) == _MOST_REGIONS:
+                break
+        residual = self.bench.base.whitened[0] * self.observed.scale[0]
+        return tuple(Region(
+            *((float(boxes.low[i, axis]), float(boxes.high[i, axis]))
+              for axis in range(len(AXES))),
+            float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
+            float(self.found.region_p[i])) for i in chosen)
+
+    def _model(self, sizes: Array, effects: Sequence[Any], base: Array) -> EfficiencyModel:
+        hypothesis = Hypothesis(self.bench.model, tuple(effects))
+        samples = self.observed.samples
+        return replace(
+            hypothesis.model_at(base, sizes), standard_errors={}, correlation=None,
+            domain=Domain.of(samples),
+            provenance={"source": "hmcvt diagnose", "data": samples.source.rsplit("/", 1)[-1],
+                        "data_sha256": samples.sha256, "samples": len(samples)})
+
+    def _notes(self, verdict: str) -> tuple[str, ...]:
+        notes = []
+        ratio = float(np.sqrt(np.mean(self.noise**2) / np.mean(self.observed.scale[0] ** 2)))
+        if not 0.75 < ratio < 1.33:
+            notes.append(f"the noise looks {ratio:.2f} times the one stated "
+                         f"({self.observed.noise_source}): check the statement")
+        samples = self.observed.samples
+        if samples.output_speed is None:
+            notes.append("without column output_speed, losses of flow and of torque look alike")
+        if samples.oil_temperature is None:
+            notes.append("without column oil_temperature, viscosity cannot be judged")
+        for name, unit in PARAMETER_UNITS.items():
+            del unit
+            if name == "leakage":
+                continue
+            if getattr(self._model(np.empty(0), (), self.bench.base.base).parameters,
+                       name) <= 1e-9:
+                notes.append(f"the refit puts {name} at zero: something else takes its place")
+        if verdict == "unexplained":
+            notes.append("no listed effect removes most of the gap: look at the regions")
+        return tuple(notes)

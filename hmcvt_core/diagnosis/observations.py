@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the bench measured, channel by channel, with what is known of its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bench import BenchSamples
+from ..errors import InputError
+from ..power_balance import OperatingPoints
+from ..ranges import EFFICIENCY_STD
+from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+
+Array = NDArray[np.float64]
+
+OUTPUT_SPEED_UNCERTAINTY = 0.001
+"""Relative noise taken for the output speed until the data tell better [-]."""
+
+_TRUST_STATED, _TRUST_ASSUMED = 8.0, 1.0
+_LEAST_DEVIATION = 1e-5
+_REPLICATES_NEEDED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One measured quantity.
+
+    Attributes:
+        name: `efficiency` or `output_speed`.
+        measured: shape (n,), in its unit.
+        deviation: standard deviation stated or assumed, shape (n,), same unit.
+        trust: how many samples the statement of `deviation` is worth; the data tell the rest.
+    """
+
+    name: str
+    measured: Array
+    deviation: Array
+    trust: float
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Channels at the operating points of n samples.
+
+    Attributes:
+        samples: the bench samples.
+        channels: efficiency first.
+        noise_source: where the noise of the efficiency comes from, in words.
+    """
+
+    samples: BenchSamples
+    channels: tuple[Channel, ...]
+    noise_source: str
+
+    @classmethod
+    def of(cls, samples: BenchSamples, noise: float | None = None) -> Observations:
+        """Set up the channels that the samples hold.
+
+        Args:
+            samples: bench samples.
+            noise: standard deviation of the efficiency [-]; None takes `efficiency_std`, else
+                repeated points, else the paper's 1.12 %.
+
+        Raises:
+            InputError: `noise` is out of range.
+        """
+        deviation, trust, source = _efficiency_noise(samples, noise)
+        channels = [Channel("efficiency", samples.efficiency, deviation, trust)]
+        if samples.output_speed is not None:
+            channels.append(Channel("output_speed", samples.output_speed,
+                                    OUTPUT_SPEED_UNCERTAINTY * samples.output_speed,
+                                    _TRUST_ASSUMED))
+        return cls(samples, tuple(channels), source)
+
+    @property
+    def points(self) -> OperatingPoints:
+        """Operating points."""
+        s = self.samples
+        return OperatingPoints(s.displacement_ratio, s.engine_speed, s.load_torque,
+                               s.oil_temperature)
+
+    def whiten(self, predicted: Array) -> Array:
+        """(Measured - predicted) / deviation; shapes (channels, n)."""
+        return np.stack([(channel.measured - row) / channel.deviation
+                         for channel, row in zip(self.channels, predicted, strict=True)])
+
+    @property
+    def scale(self) -> Array:
+        """Deviations, shape (channels, n)."""
+        return np.stack([channel.deviation for channel in self.channels])
+
+    @property
+    def trusts(self) -> Array:
+        """Worth of the stated noise, shape (channels,)."""
+        return np.array([channel.trust for channel in self.channels])
+
+    def select(self, index: NDArray[np.intp]) -> Observations:
+        """Return a subset of the samples, with the same noise."""
+        channels = tuple(replace(channel, measured=channel.measured[index],
+                                 deviation=channel.deviation[index]) for channel in self.channels)
+        return Observations(self.samples.select(index), channels, self.noise_source)
+
+
+def replicate_groups(samples: BenchSamples) -> NDArray[np.intp]:
+    """Number the distinct operating points, shape (n,); repeated points share a number."""
+    axes = [samples.displacement_ratio, samples.engine_speed, samples.load_torque]
+    if samples.oil_temperature is not None:
+        axes.append(samples.oil_temperature)
+    key = np.stack([np.round(axis / max(float(np.ptp(axis)), 1e-9), 4) for axis in axes], axis=1)
+    _, group = np.unique(key, axis=0, return_inverse=True)
+    return np.asarray(group).reshape(-1)
+
+
+def _efficiency_noise(
+    samples: BenchSamples, noise: float | None
+) -> tuple[Array, float, str]:
+    if noise is not None:
+        if noise == 0.0:
+            raise InputError("noise = 0: no bench is exact; give the standard deviation of the "
+                             f"efficiency, {EFFICIENCY_STD}")
+        value = float(EFFICIENCY_STD.check(noise, "noise"))
+        return np.full(len(samples), value), _TRUST_STATED, "given"
+    if samples.efficiency_std is not None:
+        return (np.maximum(samples.efficiency_std, _LEAST_DEVIATION), _TRUST_STATED,
+                "column efficiency_std")
+    pure = _pure_error(samples)
+    if pure is not None:
+        deviation, free = pure
+        return np.full(len(samples), max(deviation, _LEAST_DEVIATION)), free, "repeated points"
+    return (PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency, _TRUST_ASSUMED,
+            "assumed, 1.12 % (paper, eq. (3))")
+
+
+def _pure_error(samples: BenchSamples) -> tuple[float, float] | None:
+    group = replicate_groups(samples)
+    count = np.bincount(group)
+    free = float(np.sum(count - 1))
+    if free < _REPLICATES_NEEDED:
+        return None
+    mean = np.bincount(group, samples.efficiency) / count
+    squares = float(np.sum((samples.efficiency - mean[group]) ** 2))
+    return float(np.sqrt(squares / free)), free

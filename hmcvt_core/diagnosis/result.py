@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The outcome of a diagnosis as values; nothing is computed here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bench import BenchSamples
+from ..model import EfficiencyModel
+
+Array = NDArray[np.float64]
+
+VERDICTS = ("no_gap", "cause_found", "ambiguous", "unexplained")
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Size and significance of the gap after the base parameters are refitted.
+
+    Attributes:
+        samples: how many.
+        rmse: of the refitted base model at samples left out [-].
+        noise: of the efficiency, as the diagnosis found it [-].
+        noise_stated: as given or assumed [-]; `noise_source` says by whom.
+        p_value: that no gap gives as much anywhere.
+        significant: whether it counts as a gap.
+    """
+
+    samples: int
+    rmse: float
+    noise: float
+    noise_stated: float
+    noise_source: str
+    p_value: float
+    significant: bool
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box in which the bench differs from the refitted base model.
+
+    Attributes:
+        displacement_ratio, engine_speed, load_torque: (low, high), SI.
+        mean_residual: measured - predicted efficiency, mean over the box [-].
+        samples: in the box.
+        p_value: family-wise, over all boxes looked at.
+    """
+
+    displacement_ratio: tuple[float, float]
+    engine_speed: tuple[float, float]
+    load_torque: tuple[float, float]
+    mean_residual: float
+    samples: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect as a cause of the gap.
+
+    Attributes:
+        effect: its name; `form` its form.
+        component: the part it belongs to.
+        probability: that it is present.
+        indistinguishable_from: effects that these data cannot tell from it.
+        parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
+        together_with: the other effect of a pair.
+        gap_after: root of the mean squared error above noise once it is added [-].
+        shrinkage: 1 - G2_after / G2_before for it, or None.
+        drift: change of each base parameter when it is added, in words and numbers.
+        summary: what it does, in plain words; `source` of its form; `remedy` that settles it.
+        model: the base model refitted with it.
+    """
+
+    effect: str
+    form: str
+    component: str
+    probability: float
+    indistinguishable_from: tuple[str, ...]
+    parameters: dict[str, dict[str, Any]]
+    together_with: str | None
+    gap_after: float
+    shrinkage: float | None
+    drift: dict[str, dict[str, float]]
+    summary: str
+    source: str
+    remedy: str
+    model: EfficiencyModel = field(repr=False)
+
+
+@dataclass(frozen=True)
+class ShrinkageSummary:
+    """The contract's shrinkage: see `shrinkage.Shrinkage`."""
+
+    before: float
+    after: float
+    fraction: float | None
+    interval: tuple[float, float] | None
+    on: str
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """A test worth making.
+
+    Attributes:
+        displacement_ratio, engine_speed, load_torque: where; None when no point helps.
+        separates: the two effects it tells apart.
+        gain: expected discrimination, in squared deviations.
+        measure: an extra channel or calibration to make besides, or None.
+    """
+
+    displacement_ratio: float | None
+    engine_speed: float | None
+    load_torque: float | None
+    separates: tuple[str, str]
+    gain: float
+    measure: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Outcome of `diagnose`; `to_dict` is the contract of the command.
+
+    Attributes:
+        gap, where, component, verdict, causes, shrinkage, next_tests: see the classes above.
+        unlisted: probability of an effect outside the library.
+        notes: plain sentences on the data and the search.
+        base: the base model refitted to the samples, no effect added.
+        samples: what was diagnosed.
+        residuals_before, residuals_after: measured - predicted at samples left out, (n,) [-].
+    """
+
+    gap: Gap
+    where: tuple[Region, ...]
+    component: str | None
+    verdict: str
+    causes: tuple[Cause, ...]
+    shrinkage: ShrinkageSummary
+    next_tests: tuple[NextTest, ...]
+    unlisted: float
+    notes: tuple[str, ...]
+    base: EfficiencyModel
+    samples: BenchSamples
+    residuals_before: Array
+    residuals_after: Array
+
+    @property
+    def model(self) -> EfficiencyModel:
+        """The model to use from now on: with the leading cause if one was found."""
+        if self.causes and self.verdict in ("cause_found", "ambiguous"):
+            return self.causes[0].model
+        return self.base
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of design section 7, with further keys beside the fixed ones."""
+        from .report import to_dict
+
+        return to_dict(self)
+
+    def report(self) -> str:
+        """Return the outcome as text for a person."""
+        from .report import report
+
+        return report(self)

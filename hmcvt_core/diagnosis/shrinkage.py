@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""How far the gap shrinks, on data not used for the fit.
+
+.. math:: G^2 = \overline{e^2} - \sigma^2, \qquad S = 1 - G^2_{after} / G^2_{before}
+
+e are errors of prediction of the efficiency at samples left out, sigma is the noise. Base
+parameters are refitted on both sides in every fold, and the effect is *chosen* inside the fold:
+choosing it on all samples first would promise too much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .candidates import Linear
+from .evidence import evidence, gram, one_sided
+from .observations import Observations, replicate_groups
+
+Array = NDArray[np.float64]
+FOLDS = 12
+_DRAWS = 999
+_TAIL = 0.025
+
+
+class Shrinkage(NamedTuple):
+    """Gap before and after an effect is added, efficiency units.
+
+    Attributes:
+        before, after: root of the mean squared error above noise [-]; 0 where below noise.
+        fraction: 1 - G2_after / G2_before, or None where there is no gap before.
+        interval: of `fraction`, 95 %, or None.
+        on: `cross-validation` or `holdout`.
+        errors_before, errors_after: of prediction at each sample, shape (n,) [-].
+    """
+
+    before: float
+    after: float
+    fraction: float | None
+    interval: tuple[float, float] | None
+    on: str
+    errors_before: Array
+    errors_after: Array
+
+
+def folds(observed: Observations, seed: int) -> list[NDArray[np.intp]]:
+    """Split the samples, repeated points together; each entry is the part left out."""
+    group = replicate_groups(observed.samples)
+    labels = np.unique(group)
+    order = np.random.default_rng(seed).permutation(len(labels))
+    parts = np.array_split(labels[order], min(FOLDS, len(labels)))
+    return [np.flatnonzero(np.isin(group, part)) for part in parts if len(part)]
+
+
+def cross_validated_errors(
+    rivals: Sequence[Linear], observed: Observations, parts: Sequence[NDArray[np.intp]]
+) -> Array:
+    """Errors of the efficiency at samples left out, the rival chosen on the others, shape (n,)."""
+    n = len(observed.samples)
+    errors = np.full(n, np.nan)
+    whole = [gram(rival.columns, rival.target) for rival in rivals]
+    for part in parts:
+        best, chosen = -np.inf, np.zeros(len(part))
+        for rival, total in zip(rivals, whole, strict=True):
+            left_out = gram(rival.columns[:, part], rival.target[:, part])
+            found = evidence((total - left_out)[None], n - len(part), rival.spread[None],
+                             observed.trusts)
+            log = float(found.log[0])
+            if rival.positive is not None:
+                log += float(one_sided(found, rival.positive)[0])
+            if log > best:
+                best = log
+                mean = found.mean[0]
+                if rival.positive is not None and mean[rival.positive] < 0.0:
+                    mean = _without(total - left_out, rival, found.noise[0])
+                chosen = rival.target[0, part] - rival.columns[0, part] @ mean
+        errors[part] = chosen * observed.scale[0, part]
+    return errors
+
+
+def _without(grams: Array, rival: Linear, noise: Array) -> Array:
+    """Posterior mean with the coefficient that went negative held at zero, and its bends."""
+    assert rival.positive is not None
+    keep = np.arange(rival.positive)
+    matrix = np.einsum("c,cij->ij", 1.0 / noise, grams[:, :-1, :-1])[np.ix_(keep, keep)]
+    cross = np.einsum("c,ci->i", 1.0 / noise, grams[:, :-1, -1])[keep]
+    mean = np.zeros(grams.shape[-1] - 1)
+    mean[keep] = np.linalg.solve(matrix + np.diag(rival.spread[keep] ** -2.0), cross)
+    return mean
+
+
+def shrinkage(
+    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True
+) -> Shrinkage:
+    """Compare two sets of prediction errors at the same samples.
+
+    Args:
+        before, after: errors of the efficiency, shape (n,) [-].
+        noise: standard deviation of the efficiency at each, shape (n,) or scalar [-].
+        on: where the errors come from.
+        seed: of the bootstrap over samples.
+        real: whether there is a gap at all; without one `fraction` is None.
+    """
+    squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
+        np.square(noise), before.shape)[:, None]
+    mean = squares.mean(axis=0)
+    fraction = _fraction(mean[None])[0] if real and mean[0] > 0.0 else None
+    interval = None
+    if fraction is not None:
+        rng = np.random.default_rng(seed)
+        draws = rng.integers(0, len(squares), (_DRAWS, len(squares)))
+        drawn = _fraction(squares[draws].mean(axis=1))
+        drawn = drawn[np.isfinite(drawn)]
+        if len(drawn):
+            low, high = np.quantile(drawn, [_TAIL, 1.0 - _TAIL])
+            interval = (float(low), float(high))
+    roots = np.sqrt(np.maximum(mean, 0.0))
+    return Shrinkage(float(roots[0]), float(roots[1]),
+                     None if fraction is None else float(fraction), interval, on, before, after)
+
+
+def _fraction(means: Array) -> Array:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = 1.0 - means[:, 1] / means[:, 0]
+    # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
+    return np.where(means[:, 0] > 0.0, np.clip(value, -10.0, 1.0), np.nan)

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects inside the pump-motor pair: leakage, compressibility, friction, port losses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .base import Effect, ShaftState, Value, shape, size
+
+_PRESSURE = 20e6  # Pa, sizes are stated at this pressure
+_BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
+
+
+@dataclass(frozen=True)
+class PressureLeakage(Effect):
+    """q = c dp (|dp| / 20 MPa)^m / mu: gaps that open with pressure leak faster than linearly."""
+
+    name = "pressure_leakage"
+    component = "pump"
+    summary = "gaps open under pressure: at high load more flow leaks than the base model expects"
+    source = "Ivantysyn & Ivantysynova, Hydrostatic Pumps and Motors: gap flow ~ h^3 dp"
+    remedy = "measure the output speed at full load"
+
+    leakage: float = size("m3/(s Pa)", 1.5e-11, 0.0, 3e-10, "further leakage at 20 MPa")
+    exponent: float = shape("-", (0.5, 1.0, 2.0, 3.0), "power of pressure in the further leakage")
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        opening = (np.abs(state.pressure) / _PRESSURE) ** self.exponent
+        return self.leakage / state.viscosity_ratio * state.pressure * opening
+
+
+@dataclass(frozen=True)
+class OrificeLeakage(Effect):
+    """q = k sqrt(dp): short sharp gaps (valve plate) leak without viscosity."""
+
+    name = "orifice_leakage"
+    component = "pump"
+    summary = "sharp-edged gaps leak with the root of pressure, whatever the viscosity"
+    source = "Bernoulli orifice; valve plate notches in Ivantysyn & Ivantysynova"
+    remedy = "measure the output speed at low load"
+
+    flow: float = size("m3/s", 1.5e-4, 0.0, 2e-3, "flow lost at 20 MPa")
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        root = np.sqrt(np.abs(state.pressure) / _PRESSURE)
+        return self.flow * np.sign(state.pressure) * root
+
+
+@dataclass(frozen=True)
+class StrokeLeakage(Effect):
+    """q = c dp |eps|^m / mu: slippers and cylinder block leak more as the swash plate tilts."""
+
+    name = "stroke_leakage"
+    component = "pump"
+    summary = "leakage grows with the pump's stroke"
+    source = "Jeong 2007; McCandlish & Dorey 1984"
+    remedy = "measure the output speed at the same pressure and different strokes"
+
+    leakage: float = size("m3/(s Pa)", 1.5e-11, 0.0, 3e-10, "further leakage at full stroke")
+    exponent: float = shape("-", (1.0, 2.0), "power of the displacement ratio")
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        tilt = np.abs(state.displacement_ratio) ** self.exponent
+        return self.leakage / state.viscosity_ratio * state.pressure * tilt
+
+
+@dataclass(frozen=True)
+class Compressibility(Effect):
+    """q = dp w_p V (V_r + (1 + |eps|) / 2) / beta: oil squeezed on every stroke is flow lost.
+
+    `softening` lets the bulk modulus fall at low pressure, as free air does.
+    """
+
+    name = "compressibility"
+    component = "oil"
+    summary = "oil is squeezed on every stroke: flow is lost in proportion to pressure times speed"
+    source = "McCandlish & Dorey 1984; dead volume: Energies 2022, 15, 298"
+    remedy = "measure the output speed at one pressure and two engine speeds"
+
+    compliance: float = size("1/GPa", 1.5, 0.0, 15.0, "1 / effective bulk modulus")
+    dead_volume: float = shape("-", (0.2, 0.6, 2.0), "dead volume / volume of a full stroke")
+    softening: float = shape("MPa", (0.0, 5.0), "pressure below which the oil is softer")
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        volume = state.displacement * (
+            self.dead_volume + (1.0 + np.abs(state.displacement_ratio)) / 2.0)
+        soft = 1.0
+        if self.softening > 0.0:
+            level = self.softening * 1e6
+            soft = 1.0 + level / (np.abs(state.pressure) + level)
+        return state.pressure * state.pump_speed * volume * self.compliance / _BULK * soft
+
+
+@dataclass(frozen=True)
+class PressureFrictionStroke(Effect):
+    """c dp V with c other than 0.01, in the pump in proportion to stroke as eq. (15) has it."""
+
+    name = "pressure_friction"
+    form = "at the stroke"
+    component = "pump"
+    summary = "parts pressed together rub: friction torque grows with pressure"
+    source = "eqs (14), (15) with other c_fm, c_fp"
+    remedy = "measure the loop pressure"
+
+    coefficient: float = size("-", 0.02, 0.0, 0.15, "further friction torque / pressure torque")
+
+    def pump_drag(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        torque = np.abs(state.pressure * state.displacement_ratio) * state.displacement
+        return self.coefficient * torque
+
+    def motor_drag(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        return self.coefficient * np.abs(state.pressure) * state.displacement
+
+
+@dataclass(frozen=True)
+class PressureFrictionFull(Effect):
+    """c dp V at full displacement in pump and motor: it does not vanish at eps = 0."""
+
+    name = "pressure_friction"
+    form = "at full stroke"
+    component = "pump"
+    summary = ("parts pressed together rub: friction torque grows with pressure, in the pump also "
+               "at no stroke")
+    source = "McCandlish & Dorey 1984: C_f dp D_max"
+    remedy = "measure the loop pressure"
+
+    coefficient: float = size("-", 0.02, 0.0, 0.15, "further friction torque / pressure torque")
+
+    def pump_drag(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        return self.coefficient * np.abs(state.pressure) * state.displacement
+
+    motor_drag = PressureFrictionStroke.motor_drag
+
+
+@dataclass(frozen=True)
+class PressureFrictionStribeck(Effect):
+    """c dp V exp(-|w| / w_s): mixed friction that fades as a film builds up with speed."""
+
+    name = "pressure_friction"
+    form = "Stribeck"
+    component = "motor"
+    summary = "at low motor speed the oil film is thin and friction under pressure is high"
+    source = "Stribeck curve; mixed film at low speed: SAE 2012-01-2041"
+    remedy = "measure the loop pressure near motor standstill"
+
+    coefficient: float = size("-", 0.06, 0.0, 0.4, "friction torque / pressure torque at rest")
+    fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
+
+    def pump_drag(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        fade = np.exp(-state.pump_speed / self.fade_speed)
+        return self.coefficient * fade * np.abs(state.pressure) * state.displacement
+
+    def motor_drag(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        fade = np.exp(-np.abs(state.motor_speed) / self.fade_speed)
+        return self.coefficient * fade * np.abs(state.pressure) * state.displacement
+
+
+@dataclass(frozen=True)
+class PortPressureDrop(Effect):
+    """dp = k Q |Q|: what lines and ports between pump and motor take."""
+
+    name = "port_pressure_drop"
+    component = "motor"
+    summary = "ports and lines between pump and motor take pressure: the loss grows as speed cubed"
+    source = "turbulent line loss; Ivantysyn & Ivantysynova"
+    remedy = "measure the pressure at the pump and at the motor"
+
+    drop: float = size("Pa", 3e5, 0.0, 3e6, "pressure drop at a motor speed of 200 rad/s")
+
+    def pressure_drop(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        x = state.motor_speed / 200.0
+        return self.drop * x * np.abs(x)
