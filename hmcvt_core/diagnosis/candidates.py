@@ -29,6 +29,7 @@ from .hypothesis import (
     nuisance_columns,
     predict,
     refit,
+    to_base,
 )
 from .observations import Observations
 from .regions import Regions
@@ -98,10 +99,15 @@ class Candidate:
 class Bench:
     """Everything about one campaign that the competitors share."""
 
-    def __init__(self, model: EfficiencyModel, observed: Observations) -> None:
+    def __init__(
+        self, model: EfficiencyModel, observed: Observations, fitted: bool = True
+    ) -> None:
         self.model, self.observed = model, observed
         start = Hypothesis(model)
-        self.base = refit(start, observed, BASE_MEAN)
+        # A plan has nothing to be fitted to: its base parameters are those of the model.
+        self.base = refit(start, observed, BASE_MEAN if fitted else to_base(model.parameters),
+                          noise=None if fitted else np.ones(len(observed.channels)),
+                          steps=25 if fitted else 0)
         self.nuisance = nuisance_columns(
             start.model_at(self.base.base, np.empty(0)), observed)
         self.count = len(observed.samples)

@@ -142,7 +142,7 @@ class _Assembly:
                   float(np.sqrt(np.mean(self.observed.scale[0] ** 2))),
                   self.observed.noise_source, self.found.p_value, self.significant)
         named = verdict in ("cause_found", "ambiguous")
-        tests = next_tests(self.bench, self.ranking, self.seed) if self.significant else ()
+        tests = next_tests(self.bench, self.ranking) if self.significant else ()
         return Diagnosis(
             gap, self._where(), causes[0].component if named else None, verdict, causes,
             ShrinkageSummary(shrunk.before, shrunk.after, shrunk.fraction, shrunk.interval,

@@ -41,6 +41,13 @@ _STEPS = 25
 _REFUSED = 10.0  # standard deviations, charged where a hypothesis has no answer
 
 
+def to_base(parameters: HydraulicParameters) -> Array:
+    """Return scaled base parameters (log10 leakage, dampings), shape (3,)."""
+    values = parameters.to_array()
+    values[0] = np.log10(values[0])
+    return values
+
+
 class Fit(NamedTuple):
     """A refitted hypothesis.
 
@@ -49,7 +56,8 @@ class Fit(NamedTuple):
         nuisance: shared errors in units of their prior deviation, shape (k,).
         sizes: sizes of the effects, in order, in their units.
         whitened: (measured - predicted) / deviation, shape (channels, n).
-        jacobian: of the prediction / deviation by (base, nuisance, sizes), (channels, n, p).
+        jacobian: of the prediction / deviation by (base, nuisance, sizes in typical ones),
+            shape (channels, n, p).
         noise: variance of each channel in units of the stated one, shape (channels,).
         objective: penalised squares reached.
     """
@@ -272,3 +280,18 @@ def forms_of(kind: type[Effect]) -> Sequence[Effect]:
             instances = [instance.with_values({parameter.name: value})
                          for instance in instances for value in parameter.grid]
     return instances
+
+
+def linearise(hypothesis: Hypothesis, observed: Observations, fit: Fit) -> tuple[Array, Array]:
+    """Whitened residuals and Jacobian of a fit at other operating points.
+
+    Returns:
+        Shapes (channels, n) and (channels, n, p); sizes in typical units.
+    """
+    model = hypothesis.model_at(fit.base, fit.sizes)
+    columns = nuisance_columns(model, observed)
+    there = _Refit(hypothesis, observed, fit.base, fit.sizes, columns, fit.noise)
+    k = columns.shape[-1]
+    there.theta[BASE_SIZE:BASE_SIZE + k] = fit.nuisance
+    residuals = there.residuals(there.theta)
+    return residuals, there.jacobian(there.theta, residuals)
