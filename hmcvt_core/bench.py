@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,8 +81,9 @@ class BenchSamples:
         chosen = np.asarray(index)
         if chosen.dtype == bool:
             chosen = np.flatnonzero(chosen)
-        values = {column.name: None if (value := getattr(self, column.name)) is None
-                  else value[chosen] for column in BENCH_COLUMNS}
+        values: dict[str, Any] = {
+            column.name: None if (value := getattr(self, column.name)) is None
+            else value[chosen] for column in BENCH_COLUMNS}
         extra = {name: tuple(column[i] for i in chosen) for name, column in self.extra.items()}
         return BenchSamples(**values, extra=extra, source=self.source, sha256=self.sha256)
 

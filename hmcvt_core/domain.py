@@ -65,7 +65,7 @@ class Domain:
         for axis in AXES:
             value = data.get(axis)
             if not (isinstance(value, list) and len(value) == 2
-                    and all(isinstance(end, (int, float)) for end in value)):
+                    and all(isinstance(end, (int, float)) and abs(end) < 1e300 for end in value)):
                 raise InputError(f"domain.{axis} = {value!r} is not [low, high]")
             pairs.append((float(value[0]), float(value[1])))
         return cls(*pairs)

@@ -52,4 +52,4 @@ def efficiency_map(
         if axis.ndim != 1 or axis.size == 0:
             raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
     efficiency = model.efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
-    return EfficiencyMap(*axes, efficiency)
+    return EfficiencyMap(axes[0], axes[1], axes[2], efficiency)

@@ -19,7 +19,6 @@ from .errors import InputError
 from .power_balance import OperatingPoints
 from .published import speed_ratio
 from .ranges import (
-    DISPLACEMENT_RATIO,
     ENGINE_SPEED,
     ENGINE_SPEED_LIMITS,
     LOAD_TORQUE,

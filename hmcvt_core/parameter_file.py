@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -24,6 +25,7 @@ from .stage import Stage
 SCHEMA = "hmcvt-model/1"
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
 _MAX_BYTES = 4 * 1024 * 1024
+_HUGE = 1e300  # an integer in a file may be too large for a float
 
 
 def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
@@ -128,11 +130,14 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text at byte {error.start}") from None
-    except (yaml.YAMLError, RecursionError) as error:
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        # PyYAML lets a ValueError through for an impossible date or an endless number.
         mark = getattr(error, "problem_mark", None)
         place = f" at line {mark.line + 1}" if mark else ""
         raise InputError(f"{path}: not YAML{place}: {getattr(error, 'problem', error)}") from None
@@ -165,12 +170,10 @@ def _number(data: Mapping[str, Any], key: str, where: str, low: float = -math.in
     value = _get(data, key, where)
     # YAML 1.1 reads 3e-11 without a dot as text; a person may well write it so.
     if isinstance(value, str):
-        try:
+        with contextlib.suppress(ValueError):
             value = float(value)
-        except ValueError:
-            pass
     if isinstance(value, bool) or not isinstance(value, (int, float)) \
-            or not math.isfinite(value) or value < low:
+            or not abs(value) < _HUGE or value < low:
         raise InputError(f"{where}{key} = {value!r} is not a finite number"
                          + (f" of at least {low:g}" if math.isfinite(low) else ""))
     return float(value)
@@ -179,7 +182,7 @@ def _number(data: Mapping[str, Any], key: str, where: str, low: float = -math.in
 def _correlation(value: Any) -> Any:
     try:
         matrix = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     n = len(PARAMETER_NAMES)
     if matrix.shape != (n, n) or not (np.abs(matrix) <= 1.0 + 1e-9).all():

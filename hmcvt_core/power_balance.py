@@ -34,6 +34,7 @@ from .stage import Path, Stage, member_speed_coefficients
 
 Array = NDArray[np.float64]
 _ITERATIONS = 40
+_HOLDING_STEPS = 5  # the flow is nearly linear in the friction
 _TOLERANCE = 1e-12  # of the motor speed, relative to the pump speed
 
 
@@ -151,6 +152,8 @@ class _Balance:
             stage.mechanical_speed_ratio, abs(ratio), float(np.sign(ratio)),
             1.0 / stage.pump.ratio, units.pump_displacement, units.motor_displacement,
         )
+        row = member_speed_coefficients(stage.planetary_constant)
+        self.sun_share = abs(row["sun"] / row[stage.output_member]) / stage.output.ratio
         stroke = points.displacement_ratio
         viscosity: Value = 1.0
         for effect in effects:
@@ -177,15 +180,33 @@ class _Balance:
         if self.effects:
             forward, backward = self._with_effects(forward, backward)
         # Friction asks for more pressure forward, so forward < backward: at most one is valid.
-        speed = np.maximum(forward, 0.0) + np.minimum(backward, 0.0)
-        direction = np.sign(speed)
+        slow = np.where(np.isnan(forward) & self._collapses(), np.nan, np.minimum(backward, 0.0))
+        speed = np.where(forward > 0.0, forward, slow)
         standing = speed == 0.0
-        if standing.any():
-            # Flow at standstill with friction full on either side: the balance lies between.
-            ahead = self.torques(speed, np.ones_like(speed)).flow
-            back = self.torques(speed, -np.ones_like(speed)).flow
-            direction = np.where(standing, (back + ahead) / (back - ahead), direction)
-        return speed, direction
+        held = self._holding(speed) if standing.any() else 0.0
+        return speed, np.where(standing, held, np.sign(speed))
+
+    def _holding(self, speed: Array) -> Array:
+        """Part of the friction, -1 to 1, that holds a standing motor in balance with the flow."""
+        part, before = -np.ones_like(speed), np.ones_like(speed)
+        surplus = self.torques(speed, before).flow
+        for _ in range(_HOLDING_STEPS):
+            flow = self.torques(speed, part).flow
+            step = np.nan_to_num(flow * (part - before) / (flow - surplus))  # 0 / 0: settled
+            before, surplus = part, flow
+            part = np.clip(part - step, -1.0, 1.0)
+        return part
+
+    def _collapses(self) -> Array:
+        """Tell where a forward motor that loses its balance stalls rather than comes to rest.
+
+        A slower motor gives a slower output, more torque, more leakage. Where that gain exceeds one
+        already at rest, a motor held by friction is out of reach without a jump.
+        """
+        units, idle = self.stage.pump_motor, self.geometry.mechanical * self.engine_speed
+        gain = self._motor_load(np.zeros(1), 1.0) * self.geometry.motor / idle - self.motor_damping
+        stiffness = units.motor_displacement**2 * (1.0 - units.motor_friction) / self.leakage
+        return np.asarray(gain > stiffness)
 
     def _with_effects(self, forward: Array, backward: Array) -> tuple[Array, Array]:
         likely = np.where(forward + backward >= 0.0, 1.0, -1.0)
@@ -269,8 +290,8 @@ class _Balance:
         pressure = self._pressure(motor_torque + drag * direction, speed, direction)
         state = state._replace(pressure=pressure)
         pump_pressure = pressure + self._sum("pressure_drop", state)
-        lost = self.leakage * pump_pressure + self._sum(
-            "leakage_flow", state._replace(pressure=pump_pressure))
+        # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
+        lost = self.leakage * pressure + self._sum("leakage_flow", state)
         flow = self.tight_speed - lost / self.geometry.motor_displacement
         return _Torques(state, power, output_torque, row_motor, row_mechanical, mechanical,
                         pressure, pump_pressure, np.asarray(flow))
@@ -281,6 +302,7 @@ class _Balance:
         return ShaftState(
             self.engine_speed, self.pump_speed, output_speed, speed, self.stroke, pressure,
             self.viscosity, _sun_against_carrier(stage, self.engine_speed, g.sense * speed),
+            self.load_power / output_speed * self.sun_share,
             self.load_power, max(g.pump_displacement, g.motor_displacement),
         )
 
@@ -367,11 +389,12 @@ def through_gears(
 
 
 def _sun_against_carrier(stage: Stage, engine_speed: Array, motor_speed: Array) -> Array:
-    speeds = {
+    speeds: dict[str, Array] = {
         stage.mechanical_member: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
         stage.motor_member: stage.motor.direction * motor_speed / stage.motor.ratio,
     }
     coefficients = member_speed_coefficients(stage.planetary_constant)
-    total = sum(coefficients[member] * speed for member, speed in speeds.items())
+    total = (coefficients[stage.mechanical_member] * speeds[stage.mechanical_member]
+             + coefficients[stage.motor_member] * speeds[stage.motor_member])
     speeds[stage.output_member] = -total / coefficients[stage.output_member]
     return np.asarray(speeds["sun"] - speeds["carrier"])

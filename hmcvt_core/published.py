@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from .parameters import HydraulicParameters
 from .power_balance import OperatingPoints
-from .stage import Stage
+from .stage import Stage, member_speed_coefficients
 
 Array = NDArray[np.float64]
 STANDING_EFFICIENCY = 5e-5
@@ -60,8 +60,16 @@ def speed_ratio(stage: Stage, displacement_ratio: Array) -> Array:
 
 def hydraulic_split_ratio(stage: Stage, displacement_ratio: Array) -> Array:
     """e_H of eq. (8) with the overall ratio i_HM, as printed [-]."""
-    a = -1.0 / (1.0 + stage.planetary_constant)
-    return 1.0 - 1.0 / (speed_ratio(stage, displacement_ratio) * (1.0 + a))
+    return 1.0 - 1.0 / (speed_ratio(stage, displacement_ratio) * _connection(stage))
+
+
+def _connection(stage: Stage) -> float:
+    """1 + A of eq. (8): speed of the mechanical member / speed of the output member [-].
+
+    With the motor at rest; k / (1 + k) for carrier and ring, the paper's case.
+    """
+    coefficients = member_speed_coefficients(stage.planetary_constant)
+    return abs(coefficients[stage.output_member] / coefficients[stage.mechanical_member])
 
 
 def hydraulic_efficiency(
@@ -112,7 +120,7 @@ def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> P
     tandem = hydraulic * stage.pump.efficiency * stage.motor.efficiency  # eta'_H
     i_hm = 1.0 / speed_ratio(stage, displacement_ratio)
     split = hydraulic_split_ratio(stage, displacement_ratio)
-    r = (1.0 - 1.0 / (1.0 + stage.planetary_constant)) / i_hm
+    r = _connection(stage) / i_hm
     gears_in, gears_out = stage.mechanical.efficiency, stage.output.efficiency
     with np.errstate(divide="ignore", invalid="ignore"):
         row = np.where(split < 0.0, r / (tandem * r - tandem + 1.0),
@@ -137,6 +145,7 @@ def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDA
     with np.errstate(invalid="ignore"):
         sound = ((values.total > 0.0) & (values.total < 1.0)
                  & (values.row > 0.0) & (values.row <= 1.0)
+                 & (values.split_ratio <= 1.0)  # eq. (12) ends there: the output would turn back
                  & (values.hydraulic > 0.0) & (values.hydraulic < 1.0))
         agrees = (values.engine_share * values.split_ratio >= 0.0) & (values.engine_share <= 1.0)
     return np.asarray(sound & (agrees | (displacement_ratio == 0.0)))

@@ -21,6 +21,7 @@ from .errors import InputError
 
 MEMBERS = ("sun", "ring", "carrier")
 _CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
+_HUGE = 1e300  # an integer in a file may be too large for a float
 
 
 @dataclass(frozen=True)
@@ -266,6 +267,8 @@ def _round(value: float) -> float:
 
 
 def _get(data: Mapping[Any, Any], key: Any, where: str) -> Any:
+    if not isinstance(key, (str, int, float)):
+        raise InputError(f"{where}{key!r} is not a name")
     for candidate in (key, str(key)):
         if candidate in data:
             return data[candidate]
@@ -285,7 +288,7 @@ def _mapping(data: Mapping[Any, Any], key: Any, where: str = "") -> Mapping[Any,
 
 def _number(data: Mapping[Any, Any], key: Any, where: str) -> float:
     value = _get(data, key, where)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < _HUGE:
         raise InputError(f"{where}{key} = {value!r} is not a finite number")
     return float(value)
 

@@ -43,6 +43,9 @@ KNOWN_EFFECTS: tuple[str, ...] = tuple(k.name for k in _CLASSES if k.known)
 #: Effects in nobody's library.
 UNKNOWN_EFFECTS: tuple[str, ...] = tuple(k.name for k in _CLASSES if not k.known)
 
+#: Share of the reference plan that an effect may bring to stall before it counts as too large.
+_MOST_STALLED = 0.1
+
 _Draw = Callable[[np.random.Generator], dict[str, float]]
 
 
@@ -103,7 +106,8 @@ class SizedEffect:
     `shift` and `target` are mean absolute shifts of efficiency, over the effect's box when it has
     one, else over the whole range; `mean_shift` is the signed mean over the whole range; `capped`
     says that the target lies beyond the largest physical size, or that the plant would stall
-    somewhere on the reference plan before reaching it.
+    on more than a tenth of the reference plan before reaching it. Points that stall count in no
+    mean.
     """
 
     effect: Effect
@@ -114,7 +118,7 @@ class SizedEffect:
 
 
 def draw_effect(name: str, rng: np.random.Generator) -> Effect:
-    """An effect of random shape and size 1; `name` may fix the variant as in "gear_mesh:friction".
+    """Draw an effect of random shape and size 1; "gear_mesh:friction" fixes the variant.
 
     Raises InputError for a name or a variant that does not exist.
     """
@@ -124,11 +128,11 @@ def draw_effect(name: str, rng: np.random.Generator) -> Effect:
         raise InputError(f"effect {kind_name!r} does not exist, expected one of {sorted(_BY_NAME)}")
     if variant and variant not in kind.variants:
         raise InputError(f"effect {kind_name!r} has no variant {variant!r}, only {kind.variants}")
-    shape = _SHAPES.get(kind_name, lambda _: {})(rng)
+    shape = _SHAPES[kind_name](rng) if kind_name in _SHAPES else {}
     if kind.variants:
         drawn = str(rng.choice(kind.variants))
         variant = variant or drawn
-    effect = kind(variant=variant, **shape)  # type: ignore[arg-type]
+    effect = kind(variant=variant, **shape)
     if isinstance(effect, gearing.GearMesh):
         uneven = rng.uniform(0.4, 1.6, 6)
         effect = replace(effect, uneven=tuple(float(u) for u in uneven))
@@ -150,16 +154,14 @@ def size_effect(
     plain = Plant(base).read(points)
     size, capped = _solve_size(base, effect, target, points, plain)
     sized = replace(effect, size=size)
-    shift = float(np.mean(np.abs(_shift(base, sized, points, plain))))
+    shift = float(np.nanmean(np.abs(_shift(base, sized, points, plain))))
     overall = points if effect.box is None else reference_points(Box(), temperature_swing)
     whole = plain if effect.box is None else Plant(base).read(overall)
-    mean = float(np.mean(_shift(base, sized, overall, whole)))
+    mean = float(np.nanmean(_shift(base, sized, overall, whole)))
     return SizedEffect(sized, target, shift, mean, capped)
 
 
-def _shift(
-    base: BaseTruth, effect: Effect, points: OperatingPoints, plain: Readings
-) -> FloatArray:
+def _shift(base: BaseTruth, effect: Effect, points: OperatingPoints, plain: Readings) -> FloatArray:
     read = Plant(base, (effect,)).read(points, start=plain.state)
     return np.asarray(read.efficiency - plain.efficiency)
 
@@ -171,7 +173,9 @@ def _solve_size(
 
     def miss(size: float) -> float:
         moved = _shift(base, replace(effect, size=size), points, plain)
-        return float(np.mean(np.abs(moved))) - target
+        if np.mean(np.isnan(moved[plain.settled])) > _MOST_STALLED:
+            return float("nan")
+        return float(np.nanmean(np.abs(moved))) - target
 
     low, low_miss = 0.0, -target
     high, stalled = min(effect.limit, 1.0), effect.limit
@@ -183,7 +187,7 @@ def _solve_size(
             low, low_miss = high, high_miss
             wanted = max(1.2 * high * target / (high_miss + target), 1.1 * high)
             high = min(wanted, effect.limit if stalled == effect.limit else 0.5 * (high + stalled))
-        if high - low < 0.01 * high:
+        if high - low < max(0.01 * high, 1e-6):
             return low, True
         high_miss = miss(high)
     return _regula_falsi(miss, (low, low_miss), (high, high_miss), 0.005 * target), False

@@ -27,6 +27,7 @@ class ChargePump(Effect):
     override: float = 0.3
 
     def pump_drag(self, at: Conditions) -> FloatArray:
+        """Return displacement x relief pressure, over the pump's efficiency."""
         displacement = self.size * 12e-6 / (2.0 * pi)
         flow = displacement * at.pump_speed
         spare = flow - at.leakage * np.abs(at.pressure) / at.gap_viscosity
@@ -50,6 +51,7 @@ class Churning(Effect):
     exponent: float = 2.8
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
+        """Return the power churned, at the engine shaft."""
         dip = 1.0 / np.sqrt(1.0 + (at.engine_speed / 400.0) ** 2)
         power = 900.0 * (at.engine_speed / 180.0) ** self.exponent * at.film_viscosity**0.2
         return np.asarray(self.size * power * dip)
@@ -64,6 +66,7 @@ class OutputChurning(Effect):
     exponent: float = 2.7
 
     def output_drag_power(self, at: Conditions) -> FloatArray:
+        """Return the power churned, at the output shaft."""
         dip = 1.0 / (1.0 + (at.output_speed / 900.0) ** 2)
         power = 400.0 * (at.output_speed / 190.0) ** self.exponent * at.film_viscosity**0.2
         return np.asarray(self.size * power * dip)
@@ -82,6 +85,7 @@ class BearingSealDrag(Effect):
     seal_share: float = 0.5
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
+        """Return rolling and seal moments times speed."""
         rolling = (at.film_viscosity * at.engine_speed / 150.0) ** 0.6
         seal = (at.engine_speed / 150.0) ** 0.1
         torque = 3.0 * ((1.0 - self.seal_share) * rolling + self.seal_share * seal)
@@ -104,6 +108,7 @@ class ClutchDrag(Effect):
     decay: float = 1.7
 
     def output_drag_power(self, at: Conditions) -> FloatArray:
+        """Return drag torque times slip of the open clutch."""
         slip = np.abs(self.slip_ratio * at.output_speed)
         relative = slip / self.peak_slip * at.film_viscosity**0.3
         wetted = 1.0 / (1.0 + relative**4) ** (self.decay / 4.0)
@@ -131,9 +136,11 @@ class PressureFriction(Effect):
         return np.asarray(self.size * 0.03 * (self.floor + (1.0 - self.floor) * mixed))
 
     def pump_drag(self, at: Conditions) -> FloatArray:
+        """Return the friction of the pump's pistons and slippers."""
         load = np.abs(at.pressure) * at.pump_displacement
         return np.asarray(self._coefficient(at.pump_speed, at) * load)
 
     def motor_drag(self, at: Conditions) -> FloatArray:
+        """Return the friction of the motor's pistons and slippers."""
         load = np.abs(at.pressure) * at.motor_displacement
         return np.asarray(self._coefficient(at.motor_speed, at) * load)

@@ -23,7 +23,7 @@ class Box:
     def contains(
         self, displacement_ratio: FloatArray, engine_speed: FloatArray, load_torque: FloatArray
     ) -> npt.NDArray[np.bool_]:
-        """True for each operating point inside; shape (n,)."""
+        """Tell which operating points lie inside; shape (n,)."""
         pairs = (
             (displacement_ratio, self.displacement_ratio),
             (engine_speed, self.engine_speed),
@@ -134,10 +134,12 @@ class Effect:
         """Share of power that a gear pair loses beyond its nominal efficiency."""
         return np.zeros_like(torque)
 
-    def planetary_loss(self, at: Conditions, ring_torque: FloatArray) -> FloatArray:
-        """Share of the rolling power lost between sun and ring."""
+    def planetary_loss(
+        self, at: Conditions, ring_torque: FloatArray, rolling_speed: FloatArray
+    ) -> FloatArray:
+        """Share of the rolling power lost between sun and ring; speed is sun less carrier."""
         return np.zeros_like(ring_torque)
 
     def read(self, readings: MeterReadings) -> MeterReadings:
-        """What the meters show instead of the truth."""
+        """Return what the meters show instead of the truth."""
         return readings

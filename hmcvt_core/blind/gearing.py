@@ -27,6 +27,7 @@ class GearMesh(Effect):
     uneven: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
     def mesh_loss(self, pair: int, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Return the further share of power lost in the pair."""
         if self.variant == "efficiency":
             place = (2, 3, 4, 5, 6, 11).index(pair)
             return np.full_like(torque, 0.004 * self.size * self.uneven[place])
@@ -50,9 +51,11 @@ class PlanetaryMesh(Effect):
     parts: ClassVar[tuple[str, ...]] = ("planetary",)
     bearing: float = 0.15
 
-    def planetary_loss(self, at: Conditions, ring_torque: FloatArray) -> FloatArray:
-        rolling = at.carrier_speed + at.motor_speed / 1.96
-        mesh = (np.abs(rolling) / 150.0 + 0.05) ** -0.25
+    def planetary_loss(
+        self, at: Conditions, ring_torque: FloatArray, rolling_speed: FloatArray
+    ) -> FloatArray:
+        """Return the share of rolling power lost in meshes and planet bearings."""
+        mesh = (np.abs(rolling_speed) / 150.0 + 0.05) ** -0.25
         centrifugal = self.bearing * (at.carrier_speed / 120.0) ** 2
         carried = 250.0 / (np.abs(ring_torque) + 25.0)
         share = 0.01 * self.size * (mesh + centrifugal * carried)

@@ -34,6 +34,7 @@ class PressureLeakage(Effect):
     exponent: float = 1.8
 
     def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow beyond that of the gaps at rest."""
         pressure = at.pressure / 30e6
         laminar = at.leakage * at.pressure / at.gap_viscosity
         if self.variant == "clearance":
@@ -56,6 +57,7 @@ class OrificeLeakage(Effect):
     diameter: float = 3e-4
 
     def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow through the opening."""
         velocity = np.sqrt(2.0 * (np.abs(at.pressure) + 1.0) / DENSITY)
         number = self.diameter * velocity / (NOMINAL_VISCOSITY * at.gap_viscosity)
         discharge = 0.65 * np.tanh(2.0 * number / 800.0)
@@ -71,6 +73,7 @@ class StrokeLeakage(Effect):
     exponent: float = 1.5
 
     def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow under tilted slippers."""
         tilt = np.abs(at.stroke) ** self.exponent * (1.0 + 0.2 * at.pump_speed / 200.0)
         return np.asarray(self.size * at.leakage * at.pressure / at.gap_viscosity * tilt)
 
@@ -90,6 +93,7 @@ class Compressibility(Effect):
     dead_volume: float = 0.5
 
     def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow spent on compression in pump and motor."""
         high = _CHARGE + np.maximum(at.pressure, -0.9 * _CHARGE)
         modulus, rise = 1.3e9, 10.0
         liquid = np.log((modulus + rise * high) / (modulus + rise * _CHARGE)) / rise
@@ -112,7 +116,8 @@ class PortPressureDrop(Effect):
     parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
 
     def pressure_drop(self, at: Conditions) -> FloatArray:
-        flow = at.motor_displacement * at.motor_speed / 2e-3
+        """Return the drop along the flow."""
+        flow = at.pump_displacement * at.pump_speed * at.stroke / 2e-3
         smooth = np.sqrt(flow * flow + 1e-4)
         return np.asarray(self.size * 3e5 * flow * smooth**0.75 * at.film_viscosity**0.25)
 
@@ -133,6 +138,7 @@ class DisplacementError(Effect):
     sense: float = 1.0
 
     def true_stroke(self, command: FloatArray, pressure: FloatArray) -> FloatArray:
+        """Return the stroke taken."""
         if self.variant == "offset":
             droop = 1.0 + 0.15 * np.clip(pressure / 1e7, -3.0, 3.0)
             return np.asarray(command - self.sense * 0.06 * self.size * droop)

@@ -31,6 +31,7 @@ class TorqueSensor(Effect):
     sense: float = 1.0
 
     def read(self, readings: MeterReadings) -> MeterReadings:
+        """Return the readings with the error of one meter."""
         engine, output = readings.engine_torque, readings.output_torque
         zero = self.sense * 2.0 * self.size
         gain = self.sense * 0.01 * self.size

@@ -51,8 +51,10 @@ class OilTemperature(Effect):
     film_share: float = 0.85
 
     def gap_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
+        """Return the viscosity at the sump's temperature."""
         return relative_viscosity(oil_temperature, self.size)
 
     def film_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
+        """Return the viscosity at the film's temperature."""
         moved = NOMINAL_TEMPERATURE + self.film_share * (oil_temperature - NOMINAL_TEMPERATURE)
         return relative_viscosity(moved, self.size)

@@ -44,7 +44,7 @@ def reference_points(box: Box, temperature_swing: float = 0.0) -> OperatingPoint
 def plan_points(
     plan: str, samples: int, rng: np.random.Generator, temperature_swing: float = 0.0
 ) -> OperatingPoints:
-    """`samples` operating points of a plan; temperature uniform in 60 deg C +- swing.
+    """Draw `samples` operating points of a plan; temperature uniform in 60 deg C +- swing.
 
     `random`: stroke, speed and power uniform. `factorial`: a grid of strokes, speeds and, for
     each speed, torques, thinned at random to the number wanted. `constant_power`: one load power
@@ -67,9 +67,7 @@ def plan_points(
     return OperatingPoints(stroke, speed, torque, warm)
 
 
-def _random(
-    samples: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _random(samples: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
     stroke = rng.uniform(-1.0, 1.0, samples)
     speed, torque = np.empty(0), np.empty(0)
     while len(speed) < samples:
@@ -80,9 +78,7 @@ def _random(
     return stroke, speed[:samples], torque[:samples]
 
 
-def _factorial(
-    samples: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _factorial(samples: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
     levels = [2, 2, 2]
     order = 0
     while levels[0] * levels[1] * levels[2] < samples:
@@ -100,5 +96,6 @@ def _factorial(
     least = np.maximum(LOAD_TORQUE[0], LOAD_POWER[0] / speed)
     most = np.minimum(LOAD_TORQUE[1], LOAD_POWER[1] / speed)
     torque = least + (most - least) * share
-    kept = np.sort(rng.permutation(len(stroke))[:samples])
+    # In random order, so that sessions do not coincide with a factor.
+    kept = rng.permutation(len(stroke))[:samples]
     return stroke[kept], speed[kept], torque[kept]

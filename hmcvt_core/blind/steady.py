@@ -20,7 +20,9 @@ Rates = Callable[[FloatArray], FloatArray]
 _TOLERANCE = 1e-10
 _FIRST_STEP = 0.02
 _LAST_STEP = 1e9
-_MOST_STEPS = 150
+_MOST_STEPS = 60
+#: A point whose state exceeds this many times its scale has run away.
+_RUN_AWAY = 60.0
 
 
 def _jacobian(rates: Rates, state: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -56,13 +58,20 @@ def settle(
         change = np.linalg.solve(system, value.T[:, :, None])[:, :, 0].T
         state = state + change * scale[:, None]
         rests = (step > 1e3) & (np.max(np.abs(change), axis=0) < _TOLERANCE)
-        if np.all(rests):
+        lost = ~(np.max(np.abs(state) / scale[:, None], axis=0) <= _RUN_AWAY)
+        if np.all(rests | lost):
             break
         norm = np.sqrt(np.sum(value * value, axis=0)) + 1e-300
         step = np.clip(step * _growth(before / norm, norm), 1e-4, _LAST_STEP)
         before = norm
-    # A saddle, the other end of a fold, has a determinant of the wrong sign.
-    return state, rests & (np.linalg.det(-slopes) > 0.0)
+    return state, rests & ~lost & _stable(slopes, rests)
+
+
+def _stable(slopes: FloatArray, rests: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Tell which points return to rest when pushed: a saddle or a stick-slip cycle does not."""
+    stable = rests.copy()
+    stable[rests] = np.max(np.linalg.eigvals(slopes[rests]).real, axis=1) < 0.0
+    return stable
 
 
 def _growth(fallen: FloatArray, norm: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ of friction is smoothed with tanh.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,8 @@ _GOVERNOR = (0.5, 10.0)
 #: Loop pressure (Pa) at which the relief valves open, output speed (rad/s) that counts as stall.
 _RELIEF = 45e6
 _STALL = 10.0
+#: Shares of the load by which an operator loads a transmission that stalls at once.
+_RAMP = (0.3, 0.5, 0.7, 0.85, 0.93, 0.97, 1.0)
 _SCALE = np.array([1e6, 50.0, 200.0, 50.0])
 
 
@@ -55,7 +57,7 @@ class OperatingPoints:
         return len(self.engine_speed)
 
     def select(self, index: npt.NDArray[np.generic]) -> OperatingPoints:
-        """The points at `index` (integers or booleans)."""
+        """Pick the points at `index` (integers or booleans)."""
         return OperatingPoints(
             self.displacement_ratio[index],
             self.engine_speed[index],
@@ -79,6 +81,11 @@ def operating_points(
         np.asarray(load_torque, dtype=np.float64),
         np.asarray(warm, dtype=np.float64),
     )
+
+
+def _at_load(points: OperatingPoints, share: float) -> OperatingPoints:
+    """Return the points at a share of their load."""
+    return replace(points, load_torque=share * points.load_torque)
 
 
 @dataclass(frozen=True)
@@ -130,9 +137,41 @@ class Plant:
         transmission stalls, `settled` is false and `efficiency` is nan.
         """
         first = self.guess(points) if start is None else start
-        state, settled = settle(lambda y: self.rates(y, points), first, _SCALE)
+        # A stalling point runs away; what it overflows to is thrown away.
+        with np.errstate(all="ignore"):
+            state, settled = self._rest(first, points)
+            if not np.all(settled):
+                state, settled = self._load_slowly(state, settled, points)
+            return self._readings(state, settled, points)
+
+    def _rest(
+        self, start: FloatArray, points: OperatingPoints
+    ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Run to rest; a plant on its relief valves or at a stand has stalled."""
+        state, settled = settle(lambda y: self.rates(y, points), start, _SCALE)
+        speed = self._conditions(state, points).output_speed
+        return state, settled & (state[0] < _RELIEF) & (speed > _STALL)
+
+    def _load_slowly(
+        self, state: FloatArray, settled: npt.NDArray[np.bool_], points: OperatingPoints
+    ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Bring the load up in steps where the full load at once made the plant stall."""
+        index = np.flatnonzero(~settled)
+        state, settled = state.copy(), settled.copy()
+        now = self.guess(_at_load(points.select(index), _RAMP[0]))
+        for share in _RAMP:
+            now, runs = self._rest(now, _at_load(points.select(index), share))
+            index, now = index[runs], now[:, runs]
+            if not len(index):
+                return state, settled
+        state[:, index] = now
+        settled[index] = True
+        return state, settled
+
+    def _readings(
+        self, state: FloatArray, settled: npt.NDArray[np.bool_], points: OperatingPoints
+    ) -> Readings:
         balance = self._balance(state, points)
-        settled &= (state[0] < _RELIEF) & (balance.output_speed > _STALL)
         output_power = points.load_torque * points.engine_speed
         shown = MeterReadings(
             balance.input_power / points.engine_speed, output_power / balance.output_speed
@@ -154,12 +193,13 @@ class Plant:
         )
 
     def guess(self, points: OperatingPoints) -> FloatArray:
-        """State without slip and losses, (4, n): pressure, motor and pump speed, governor."""
+        """State without leakage, (4, n): pressure, motor and pump speed, torque of the governor."""
         pump = points.engine_speed / self.train.ratios[4]
         motor = pump * points.displacement_ratio
         ring = self.train.ring_speed(self.train.carrier_speed(points.engine_speed), motor)
         sun_torque = points.load_torque * points.engine_speed / ring / self.train.k1
-        pressure = sun_torque / self.train.ratios[5] / self.train.motor_displacement
+        torque = sun_torque / self.train.ratios[5] + self.base.motor_damping * motor
+        pressure = torque / self.train.motor_displacement
         drive = points.displacement_ratio * pressure * self.train.pump_displacement
         return np.stack([pressure, motor, pump, drive + self.base.pump_damping * pump])
 
@@ -168,11 +208,12 @@ class Plant:
         balance = self._balance(state, points)
         short = points.engine_speed / self.train.ratios[4] - state[2]
         stiffness = self.train.bulk_modulus / self.train.oil_volume
+        inertia = self.train.motor_inertia + self.train.carried_inertia
         drive = state[3] + _GOVERNOR[0] * short
         return np.stack(
             [
                 balance.flow_excess * stiffness,
-                balance.motor_surplus / self.train.motor_inertia,
+                balance.motor_surplus / inertia,
                 (drive - balance.pump_torque) / self.train.pump_inertia,
                 np.broadcast_to(_GOVERNOR[1] * short, state[3].shape),
             ]
@@ -230,11 +271,13 @@ class Plant:
         at = self._conditions(state, points)
         train, losses = self.train, dict[str, FloatArray]()
         ring, losses["output gears"], losses["output drag"] = self._output_side(at, points)
-        share = sum((e.planetary_loss(at, ring) for e in self.effects), np.zeros_like(ring))
-        # In the frame of the carrier the sun drives and the ring is driven.
-        sun = ring / (train.k1 * (1.0 - share))
-        sun_speed = at.motor_speed / train.ratios[5]
-        losses["planetary row"] = share * sun * (at.carrier_speed + sun_speed)
+        rolling = at.carrier_speed + at.motor_speed / train.ratios[5]
+        share = np.zeros_like(ring)
+        for effect in self.effects:
+            share = share + effect.planetary_loss(at, ring, rolling)
+        # In the frame of the carrier the sun drives the ring; where it overtakes it, the reverse.
+        sun = ring / train.k1 * (1.0 - share) ** (-np.tanh(rolling / TURNING_SPEED))
+        losses["planetary row"] = (sun - ring / train.k1) * rolling
         carrier = ring + sun
         motor_surplus = self._motor_side(at, sun, losses)
         flow_excess = self._loop(at, losses)

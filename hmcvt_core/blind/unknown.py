@@ -30,10 +30,12 @@ class TorsionalResonance(Effect):
 
     @property
     def box(self) -> Box:
+        """Return the region of the loss."""
         half = 2.0 * self.damping * self.centre
         return Box(engine_speed=(self.centre - half, self.centre + half))
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
+        """Return the power lost, at the engine shaft."""
         ratio = at.engine_speed / self.centre
         twice = 2.0 * self.damping
         magnified = twice**2 / ((1.0 - ratio**2) ** 2 + (twice * ratio) ** 2)
@@ -54,11 +56,13 @@ class CasingDeflection(Effect):
 
     @property
     def box(self) -> Box:
+        """Return the region of the loss."""
         edge = self.stroke_edge
         side = (edge, 1.0) if self.sense > 0 else (-1.0, -edge)
         return Box(displacement_ratio=side, load_torque=(self.load_edge, 600.0))
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
+        """Return the power lost, at the engine shaft."""
         large = _rise(self.sense * at.command, self.stroke_edge, 0.05)
         heavy = _rise(at.load_torque, self.load_edge, 20.0)
         return np.asarray(self.size * 0.02 * at.load_torque * at.engine_speed * large * heavy)
@@ -80,6 +84,7 @@ class SwashChatter(Effect):
 
     @property
     def box(self) -> Box:
+        """Return the region of the loss."""
         return Box(
             displacement_ratio=(self.centre - self.half_width, self.centre + self.half_width)
         )
@@ -89,16 +94,18 @@ class SwashChatter(Effect):
         return np.asarray(low - _rise(command, self.centre + self.half_width, 0.02))
 
     def pump_drag(self, at: Conditions) -> FloatArray:
+        """Return the torque of the chatter."""
         if self.variant != "torque":
             return np.zeros_like(at.pressure)
         torque = 2.0 + 0.05 * np.abs(at.pressure) * at.pump_displacement
         return np.asarray(self.size * torque * self._band(at.command))
 
     def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow lost to cavitation."""
         if self.variant != "flow":
             return np.zeros_like(at.pressure)
         flow = 0.02 * at.pump_displacement * at.pump_speed
-        return np.asarray(self.size * flow * self._band(at.command))
+        return np.asarray(self.size * flow * self._band(at.command) * np.tanh(at.pressure / 5e5))
 
 
 @dataclass(frozen=True)
@@ -113,8 +120,10 @@ class ClutchMicroslip(Effect):
 
     @property
     def box(self) -> Box:
+        """Return the region of the loss."""
         return Box(load_torque=(self.capacity, 600.0))
 
     def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
+        """Return the creep beyond capacity."""
         excess = np.logaddexp(0.0, (load_torque - self.capacity) / 15.0) * 15.0
         return np.asarray(np.minimum(self.size * 1e-4 * excess, 0.5))

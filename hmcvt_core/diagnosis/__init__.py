@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Diagnosis of the gap between model and bench."""
 
-from .diagnose import diagnose
+from .procedure import diagnose
 from .result import Cause, Diagnosis, Gap, NextTest, Region, ShrinkageSummary
 
 __all__ = ["Cause", "Diagnosis", "Gap", "NextTest", "Region", "ShrinkageSummary", "diagnose"]

@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 SIZE_SPREADS = (0.5, 1.5, 5.0)
 """Prior standard deviations of a size, in typical sizes; equally likely."""
 
-FORM_ALLOWANCE = 0.10
+FORM_ALLOWANCES = (0.07, 0.25)
 """How far a form may bend, smoothly over the working space, as a part of its own signature."""
 
 _ALLOWED_DEGREE = 2
@@ -81,13 +81,16 @@ class Candidate:
     Attributes:
         effects: with fitted sizes.
         fit: the refit.
-        linear: the linear model at the refit, at its most likely prior scale.
+        linear: the linear model at the refit with bends of the form, at its most likely prior
+            scale: what is weighed.
+        plain: the same without bends: what the saved model predicts.
         log: log evidence over the prior scales.
     """
 
     effects: tuple[Effect, ...]
     fit: Fit
     linear: Linear
+    plain: Linear
     log: float
 
     @property
@@ -193,14 +196,17 @@ class Bench:
         bends = [own[..., [i]] * scaled[i] * self.bends[:, 1:] for i in range(len(scaled))]
         columns = np.concatenate([shared, own, *bends], axis=-1)
         functions = self.bends.shape[1] - 1
-        allowance = np.full(functions * len(scaled), FORM_ALLOWANCE / np.sqrt(functions / 3.0))
-        spreads = np.stack([np.concatenate([spread, np.full(len(scaled), scale), allowance])
-                            for scale in SIZE_SPREADS])
+        each = np.ones(functions * len(scaled)) / np.sqrt(functions / 3.0)
+        spreads = np.stack([
+            np.concatenate([spread, np.full(len(scaled), scale), allowance * each])
+            for scale in SIZE_SPREADS for allowance in FORM_ALLOWANCES])
         last = effects[-1].sizes()[0]
         positive = _SHARED + len(scaled) - 1 if last.low >= 0.0 else None
         tried = self.weigh(columns, target, spreads, positive)
         best = max(tried, key=lambda item: item.log)
-        return Candidate(hypothesis.with_sizes(fit.sizes), fit, best,
+        p = _SHARED + len(scaled)
+        plain = self.weigh(columns[..., :p], target, best.spread[None, :p], positive)[0]
+        return Candidate(hypothesis.with_sizes(fit.sizes), fit, best, plain,
                          log_mean(np.array([item.log for item in tried])))
 
     @property
@@ -211,44 +217,36 @@ class Bench:
 
     # --- what nobody listed ---------------------------------------------------------------------
 
-    def fields(self, fit: Fit, effects: tuple[Effect, ...] = ()) -> list[Linear]:
+    def fields(self, beside: Linear) -> list[Linear]:
         """A smooth loss over the working space, or a smooth slip, beside an hypothesis."""
-        shared, spread, target = self._beside(fit, effects)
         functions, degree = smooth_functions(self.observed.samples, _FIELD_DEGREE)
-        decay = 2.0 ** -(degree - 1.0).clip(0.0)
+        decay = 2.0 ** -(degree - 1.0).clip(0.0) / 2.0
         models = []
         for channel, scales in enumerate((_FIELD_SPREADS, _SPEED_SPREADS)[: self.channels]):
-            own = np.zeros((*target.shape, functions.shape[1]))
+            own = np.zeros((*beside.target.shape, functions.shape[1]))
             unit = self.observed.scale[channel]
             if channel == 1:
                 unit = unit / self.observed.channels[1].measured
             own[channel] = functions / unit[:, None]
-            columns = np.concatenate([shared, own], axis=-1)
-            spreads = np.stack([np.concatenate([spread, scale * decay / 2.0])
+            columns = np.concatenate([beside.columns, own], axis=-1)
+            spreads = np.stack([np.concatenate([beside.spread, scale * decay])
                                 for scale in scales])
-            models += self.weigh(columns, target, spreads, None)
+            models += self.weigh(columns, beside.target, spreads, beside.positive)
         return models
 
-    def steps(self, boxes: Regions, fit: Fit, effects: tuple[Effect, ...] = ()) -> Array:
+    def steps(self, boxes: Regions, beside: Linear) -> Array:
         """Log evidence of a loss inside each box beside an hypothesis, shape (boxes,)."""
-        shared, spread, target = self._beside(fit, effects)
-        inner = gram(shared, target)
+        shared, target = beside.columns, beside.target
         column = boxes.columns / self.observed.scale[0]
         p = shared.shape[-1]
         grams = np.zeros((len(boxes), self.channels, p + 2, p + 2))
         keep = np.append(np.arange(p), p + 1)
-        grams[np.ix_(range(len(boxes)), range(self.channels), keep, keep)] = inner
+        grams[:, :, keep[:, None], keep] = gram(shared, target)
         grams[:, 0, p, p] = np.sum(column**2, axis=1)
         cross = column @ np.concatenate([shared[0], target[0][:, None]], axis=1)
         grams[:, 0, p, keep] = cross
         grams[:, 0, keep, p] = cross
         logs = [evidence(grams, self.count,
-                         np.broadcast_to(np.append(spread, scale), (len(boxes), p + 1)),
+                         np.broadcast_to(np.append(beside.spread, scale), (len(boxes), p + 1)),
                          self.observed.trusts).log for scale in _STEP_SPREADS]
-        return np.logaddexp(*logs) - np.log(2.0)
-
-    def _beside(self, fit: Fit, effects: tuple[Effect, ...]) -> tuple[Array, Array, Array]:
-        scaled = fit.sizes / Hypothesis(self.model, effects).size_scales
-        own = np.concatenate([fit.base - BASE_MEAN, fit.nuisance, scaled])
-        spread = np.concatenate([self.shared(fit)[1], np.full(len(scaled), 1.5)])
-        return fit.jacobian, spread, fit.whitened + fit.jacobian @ own
+        return np.asarray(np.logaddexp(*logs) - np.log(2.0))

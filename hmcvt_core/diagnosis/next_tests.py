@@ -112,12 +112,13 @@ def _pool(bench: Bench, with_speed: bool) -> Observations:
     temperature = None
     if s.oil_temperature is not None:
         temperature = np.full(axes.shape[1], float(np.median(s.oil_temperature)))
-    efficiency = model.efficiency(*axes, temperature)
+    efficiency = model.efficiency(axes[0], axes[1], axes[2], temperature)
     usable = np.isfinite(efficiency)
     axes, efficiency = axes[:, usable], efficiency[usable]
-    output = model.output_speed(*axes)
-    samples = BenchSamples(*axes, efficiency, oil_temperature=(
-        None if temperature is None else temperature[usable]), source="possible tests")
+    temperature = None if temperature is None else temperature[usable]
+    output = model.output_speed(axes[0], axes[1], axes[2], temperature)
+    samples = BenchSamples(axes[0], axes[1], axes[2], efficiency, oil_temperature=temperature,
+                           source="possible tests")
     level = float(np.median(bench.observed.scale[0]) * np.sqrt(bench.base.noise[0]))
     channels = [Channel("efficiency", efficiency, np.full(len(efficiency), level), 1.0)]
     if with_speed:
@@ -162,7 +163,8 @@ class _Conditioned:
         variance = np.einsum("icp,pq,ieq->ice", self.columns, self.covariance, self.columns)
         variance += np.eye(truth.shape[1])
         miss = truth - self.predicted
-        return np.einsum("ic,ic->i", miss, np.linalg.solve(variance, miss[..., None])[..., 0])
+        surprise = np.linalg.solve(variance, miss[..., None])[..., 0]
+        return np.asarray(np.einsum("ic,ic->i", miss, surprise))
 
     def learn(self, index: int, reading: Array) -> None:
         """Condition on a reading at one point (Kalman update)."""

@@ -19,7 +19,10 @@ Array = NDArray[np.float64]
 OUTPUT_SPEED_UNCERTAINTY = 0.001
 """Relative noise taken for the output speed until the data tell better [-]."""
 
-_TRUST_STATED, _TRUST_ASSUMED = 8.0, 1.0
+FEW = 16
+"""Below this many samples scatter has no shape to be judged by; only its size is left."""
+
+_TRUST_STATED, _TRUST_ASSUMED, _TRUST_FEW = 8.0, 1.0, 30.0
 _LEAST_DEVIATION = 1e-5
 _REPLICATES_NEEDED = 5
 
@@ -68,6 +71,9 @@ class Observations:
             InputError: `noise` is out of range.
         """
         deviation, trust, source = _efficiency_noise(samples, noise)
+        if len(samples) < FEW:
+            # So few samples cannot correct a statement of noise: it has to be believed.
+            trust = max(trust, _TRUST_FEW)
         channels = [Channel("efficiency", samples.efficiency, deviation, trust)]
         if samples.output_speed is not None:
             channels.append(Channel("output_speed", samples.output_speed,

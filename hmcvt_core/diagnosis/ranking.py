@@ -22,7 +22,8 @@ CONTRACT_EFFECTS = frozenset({
     "pressure_friction", "compressibility", "displacement_error", "oil_temperature",
     "torque_sensor",
 })
-_RARE = 0.3  # prior of other effects against those that the field meets most
+_RARE = 0.15  # prior of other effects against those that the field meets most
+_BENCH_FIRST = 2.0  # a meter is wrong more often than any one part
 PRIOR_UNLISTED = 0.10
 _PRIOR_PAIR = 0.10  # that a gap has two causes
 _LEADERS = 5
@@ -38,7 +39,9 @@ class Ranking:
         best: the most likely candidate that holds each effect, by name.
         leading: the most likely candidate of all, single or pair.
         unlisted: probability of a loss that nobody listed.
-        unlisted_log: log evidence of that.
+        leftover: log evidence that something smooth is left beside the leading candidate.
+        explained: part of the squared gap that the leading candidate removes from each channel,
+            shape (channels,), from the refits.
         singles: one refitted candidate per form tried, best first.
         pairs: refitted pairs, best first.
         nothing: the base model alone.
@@ -49,7 +52,8 @@ class Ranking:
     best: dict[str, Candidate]
     leading: Candidate
     unlisted: float
-    unlisted_log: float
+    leftover: float
+    explained: Array
     singles: tuple[Candidate, ...]
     pairs: tuple[Candidate, ...]
     nothing: Linear
@@ -58,14 +62,16 @@ class Ranking:
 
 def rank(bench: Bench, boxes: Regions, singles: Sequence[Candidate], paired: bool) -> Ranking:
     """Weigh every competitor; `paired` lets pairs of effects compete too."""
-    fields = bench.fields(bench.base)
-    unlisted = _unlisted_log(bench, boxes, fields)
+    nothing = bench.nothing()
+    fields = bench.fields(nothing)
+    unlisted = _unlisted_log(bench, boxes, fields, nothing)
     families = _by_names(singles)
     pairs = _pairs(bench, singles) if paired else []
     couples = _by_names(pairs)
     logs: dict[tuple[str, ...], float] = {}
     names = sorted({name for key in families for name in key})
     weight = {name: 1.0 if name in CONTRACT_EFFECTS else _RARE for name in names}
+    weight["torque_sensor"] = _BENCH_FIRST
     total = sum(weight.values())
     for key, members in families.items():
         prior = (1.0 - PRIOR_UNLISTED) * weight[key[0]] / total
@@ -91,8 +97,19 @@ def rank(bench: Bench, boxes: Regions, singles: Sequence[Candidate], paired: boo
     top = max(named, key=lambda key: named[key])
     leading = max((item for item in everyone if _key(item) == top), key=lambda item: item.log)
     return Ranking({name: probability[name] for name in order}, best, leading,
-                   float(posterior[()]), unlisted, tuple(singles), tuple(pairs),
-                   bench.nothing(), max(fields, key=lambda item: item.log))
+                   float(posterior[()]), *_left(bench, leading, nothing), tuple(singles),
+                   tuple(pairs), nothing, max(fields, key=lambda item: item.log))
+
+
+def _left(bench: Bench, leading: Candidate, nothing: Linear) -> tuple[float, Array]:
+    """What the leading candidate leaves: see `Ranking.leftover` and `Ranking.explained`."""
+    fields = bench.fields(leading.linear)
+    leftover = log_mean(np.array([item.log for item in fields])) - leading.linear.log
+    pure = np.min([item.found.noise[0] for item in (leading.linear, *fields)], axis=0)
+    before, after = nothing.found.noise[0] - pure, leading.plain.found.noise[0] - pure
+    # A channel whose noise hardly grows without the cause had no gap to remove.
+    clear = before > pure
+    return leftover, np.where(clear, 1.0 - after / np.where(clear, before, 1.0), 1.0)
 
 
 def single_candidates(bench: Bench) -> list[Candidate]:
@@ -134,11 +151,13 @@ def _pairs(bench: Bench, singles: Sequence[Candidate]) -> list[Candidate]:
     return sorted(pairs, key=lambda item: -item.log)
 
 
-def _unlisted_log(bench: Bench, boxes: Regions, fields: Sequence[Linear]) -> float:
+def _unlisted_log(
+    bench: Bench, boxes: Regions, fields: Sequence[Linear], nothing: Linear
+) -> float:
     smooth = log_mean(np.array([item.log for item in fields]))
     if not len(boxes):
         return smooth
-    steps = log_mean(bench.steps(boxes, bench.base))
+    steps = log_mean(bench.steps(boxes, nothing))
     return float(np.logaddexp(smooth, steps) - np.log(2.0))
 
 

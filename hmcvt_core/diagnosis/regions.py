@@ -15,7 +15,8 @@ from ..domain import AXES
 
 Array = NDArray[np.float64]
 
-LEAST_SAMPLES = 4
+_LEAST_SAMPLES = 4
+_SAMPLES_PER_LEAST = 8
 _BAND_EDGES = 21  # edges per axis for bands along one axis
 _CORNER_EDGES = 6  # edges per axis for boxes over two and three axes
 
@@ -44,6 +45,8 @@ class Regions:
 
 def regions(samples: BenchSamples) -> Regions:
     """Bands along each axis, and corners over pairs of axes, with at least four samples each.
+
+    Below 32 samples an eighth of them is enough, down to one.
 
     Edges lie midway between neighbouring samples, so a region is as narrow as the data allow.
     Regions that hold the same samples are listed once; the narrower in extent stands for them.
@@ -89,15 +92,18 @@ def _one_sided(edges: Array) -> list[tuple[float, float]]:
 
 
 def _unique(values: list[Array], boxes: list[dict[int, tuple[float, float]]]) -> Regions:
+    least = max(1, min(_LEAST_SAMPLES, len(values[0]) // _SAMPLES_PER_LEAST))
     extent = np.array([[axis.min(), axis.max()] for axis in values])
     seen: dict[bytes, int] = {}
-    members, lows, highs = [], [], []
+    members: list[NDArray[np.bool_]] = []
+    lows: list[list[float]] = []
+    highs: list[list[float]] = []
     for box in boxes:
         inside = np.ones(len(values[0]), dtype=bool)
         for axis, (low, high) in box.items():
             inside &= (values[axis] >= low) & (values[axis] <= high)
         count = int(inside.sum())
-        if count < LEAST_SAMPLES or count > len(inside) - LEAST_SAMPLES:
+        if count < least or count > len(inside) - least:
             continue
         key = np.packbits(inside).tobytes()
         if key in seen:

@@ -5,8 +5,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ..ranges import RPM
+
 if TYPE_CHECKING:
-    from .result import Cause, Diagnosis
+    from .result import Cause, Diagnosis, NextTest
+
+_SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
 
 def to_dict(found: Diagnosis) -> dict[str, Any]:
@@ -56,6 +60,106 @@ def _cause(cause: Cause) -> dict[str, Any]:
     }
 
 
+def headline(found: Diagnosis) -> str:
+    """Return the outcome in one or two plain sentences."""
+    gap = found.gap
+    if found.verdict == "no_gap":
+        return (f"No gap: after a refit of its three parameters the model meets the bench within "
+                f"the noise of {points(gap.noise)} (p = {gap.p_value:.3g}).")
+    size = (f"Model and bench differ by {points(found.shrinkage.before)} above the noise of "
+            f"{points(gap.noise)} (p = {gap.p_value:.3g}).")
+    if found.verdict == "unexplained":
+        return f"{size} No listed effect explains it: look at where it lies."
+    cause = found.causes[0]
+    name = cause.effect.replace("_", " ")
+    if cause.together_with:
+        name += f" together with {cause.together_with.replace('_', ' ')}"
+    sentence = (f"{size} Cause: {name}" if found.verdict == "cause_found" else
+                f"{size} Most probable cause: {name}")
+    sentence += f" ({100 * cause.probability:.0f} %)"
+    if cause.indistinguishable_from:
+        twins = " or ".join(other.replace("_", " ") for other in cause.indistinguishable_from)
+        sentence += f"; these data cannot rule out {twins}"
+    if found.shrinkage.fraction is not None:
+        sentence += (f". Adding it removes {100 * found.shrinkage.fraction:.0f} % of the squared "
+                     f"gap ({found.shrinkage.on})")
+    return sentence + "."
+
+
+def points(value: float) -> str:
+    """Return an efficiency difference in points."""
+    return f"{100 * value:.2f} points"
+
+
 def report(found: Diagnosis) -> str:
     """Return a diagnosis as text for a person."""
-    return str(to_dict(found))
+    lines = [headline(found), ""]
+    gap = found.gap
+    lines.append(f"gap        {gap.samples} samples, error of prediction {points(gap.rmse)} rms, "
+                 f"noise {points(gap.noise)} (stated {points(gap.noise_stated)}: "
+                 f"{gap.noise_source})")
+    shrunk = found.shrinkage
+    if shrunk.fraction is not None and shrunk.interval is not None:
+        lines.append(f"shrinkage  {points(shrunk.before)} -> {points(shrunk.after)} above noise; "
+                     f"squared: {100 * shrunk.fraction:.0f} % gone "
+                     f"(95 %: {100 * shrunk.interval[0]:.0f} to {100 * shrunk.interval[1]:.0f}), "
+                     f"on {shrunk.on}")
+    lines += _where(found)
+    lines += _causes(found)
+    if found.next_tests:
+        lines.append("next tests")
+        lines += [f"  {_test(test)}" for test in found.next_tests]
+    lines += [f"note: {note}" for note in found.notes]
+    return "\n".join(lines)
+
+
+def _where(found: Diagnosis) -> list[str]:
+    if not found.where:
+        return []
+    lines = ["where      displacement ratio    engine speed [rad/s]   load torque [N m]"
+             "   measured - model  samples  p"]
+    for region in found.where:
+        lines.append(
+            f"           {_range(region.displacement_ratio, '.2f'):<21} "
+            f"{_range(region.engine_speed, '.1f'):<22} {_range(region.load_torque, '.0f'):<19} "
+            f"{100 * region.mean_residual:+6.2f} points  {region.samples:>9}  "
+            f"{region.p_value:.3g}")
+    return lines
+
+
+def _range(limits: tuple[float, float], form: str) -> str:
+    return f"{limits[0]:{form}} .. {limits[1]:{form}}"
+
+
+def _causes(found: Diagnosis) -> list[str]:
+    if not found.causes:
+        return []
+    lines = [f"causes     (an effect nobody listed: {100 * found.unlisted:.0f} %)"]
+    for cause in found.causes:
+        form = f", {cause.form}" if cause.form else ""
+        lines.append(f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  "
+                     f"[{cause.component}]")
+        lines.append(f"         {cause.summary}")
+        for name, entry in cause.parameters.items():
+            if "interval" not in entry:
+                continue
+            low, high = entry["interval"]
+            doubt = "" if entry["plausible"] else "  (implausible size)"
+            lines.append(f"         {name} = {entry['value']:.3g} ({low:.3g} to {high:.3g}) "
+                         f"{entry['unit']}{doubt}")
+        for name, change in cause.drift.items():
+            if abs(change["standard_errors"]) > _SETTLED:
+                lines.append(f"         without it the refit moves {name} from "
+                             f"{change['with_effect']:.3g} to {change['without_effect']:.3g} "
+                             f"({change['standard_errors']:+.1f} standard errors)")
+    return lines
+
+
+def _test(test: NextTest) -> str:
+    separates = f"separates {test.separates[0]} from {test.separates[1]}"
+    if test.displacement_ratio is None or test.engine_speed is None or test.load_torque is None:
+        return f"{test.measure}: {separates}"
+    extra = f", reading {test.measure} too" if test.measure else ""
+    return (f"displacement ratio {test.displacement_ratio:+.2f}, engine speed "
+            f"{test.engine_speed:.1f} rad/s ({test.engine_speed / RPM:.0f} r/min), load torque "
+            f"{test.load_torque:.0f} N m{extra}: {separates} (gain {test.gain:.1f})")

@@ -10,12 +10,12 @@ raise alarms.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .observations import Observations
+from .observations import FEW, Observations
 from .regions import Regions
 
 Array = NDArray[np.float64]
@@ -97,6 +97,9 @@ def significance(
     ranks = np.stack([_p_values(null[:, i], null[:, i]) for i in range(2)], axis=1).min(axis=1)
     p_own = min(float(_p_values(null[:, i], own[i:i + 1])[0]) for i in range(2))
     p_value = (1.0 + np.sum(ranks <= p_own)) / (1.0 + replicates)
+    if len(observed.samples) < FEW:
+        # Two looks: shape and size.
+        p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, target)))
     return Significance(float(p_value), z_boxes[0], _p_values(null[:, 0], np.abs(z_boxes[0])))
 
 
@@ -104,9 +107,8 @@ class _Search:
     def __init__(self, absorbed: Basis, noise: Array, observed: Observations, boxes: Regions,
                  signatures: Array) -> None:
         self.absorbed, self.trust = absorbed, observed.trusts
-        channels, n, self.p = absorbed.data.shape
-        self.count = n
-        root = np.sqrt(noise)
+        self.count = absorbed.data.shape[1]
+        root = self.root = np.sqrt(noise)
         self.box = (boxes.columns / observed.scale[0] / root[0]).astype(np.float32)
         self.effect = signatures / root[:, None]
         shadow = self.box @ absorbed.data[0]
@@ -129,10 +131,23 @@ class _Search:
         return boxes.astype(float), effects
 
 
-def _norms(squares: Array, shadow: Array) -> Array:
-    left = squares - np.sum(np.asarray(shadow, dtype=float) ** 2, axis=1)
+def _lack_of_fit(search: _Search, target: Array) -> float:
+    """Chance of so much scatter at the noise stated (F test, worth of the statement counted)."""
+    from scipy.stats import f
+
+    q = search.absorbed
+    white = target / search.root[:, None]
+    shadow = np.einsum("cn,cnp->p", white, q.data)
+    left = (white - np.einsum("p,cnp->cn", shadow, q.data)) * search.root[:, None]
+    free = max(left[0].size - float(search.used[0]), 1.0)
+    return float(f.sf(np.sum(left[0] ** 2) / free, free, search.trust[0]))
+
+
+def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
+    total = squares.astype(np.float64)
+    left = total - np.sum(shadow.astype(np.float64) ** 2, axis=1)
     # A column that the refit absorbs whole can show nothing.
-    return np.sqrt(np.where(left > 1e-6 * squares, left, np.inf))
+    return np.sqrt(np.where(left > 1e-6 * total, left, np.inf))
 
 
 def _top(z: Array) -> Array:

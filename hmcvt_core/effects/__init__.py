@@ -51,21 +51,25 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
     """
     if not isinstance(data, Mapping):
         raise InputError(f"{where} = {data!r} is not a mapping")
-    name, form = data.get("effect"), data.get("form", "")
+    name, form = str(data.get("effect")), str(data.get("form", ""))
     known = {(effect.name, effect.form): effect for effect in library()}
     if (name, form) not in known:
         names = sorted({known_name for known_name, _ in known})
         raise InputError(f"{where}: effect = {name!r}, form = {form!r} is not known; "
                          f"there is {', '.join(names)}")
     kind = known[(name, form)]
-    names = {parameter.name for parameter in kind.parameters()}
+    fields = {parameter.name for parameter in kind.parameters()}
     values = {}
-    for key, entry in (data.get("parameters") or {}).items():
-        if key not in names:
+    parameters = data.get("parameters") or {}
+    if not isinstance(parameters, Mapping):
+        raise InputError(f"{where}.parameters = {parameters!r} is not a mapping")
+    for key, entry in parameters.items():
+        if key not in fields:
             raise InputError(f"{where}.parameters.{key} is not known; there is "
-                             f"{', '.join(sorted(names))}")
+                             f"{', '.join(sorted(fields))}")
         value = entry.get("value") if isinstance(entry, Mapping) else entry
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise InputError(f"{where}.parameters.{key} = {value!r} is not a number")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) \
+                or not abs(value) < 1e300:
+            raise InputError(f"{where}.parameters.{key} = {value!r} is not a finite number")
         values[key] = float(value)
     return kind(**values)

@@ -31,6 +31,7 @@ class ShaftState(NamedTuple):
         pressure: pressure difference over the motor [Pa].
         viscosity_ratio: viscosity of the oil / viscosity at identification [-].
         sun_speed: sun against carrier [rad/s].
+        sun_torque: that the load asks of the sun of a lossless row [N m], positive.
         load_power: output power [W].
         displacement: V_p = V_m of the larger unit, for forms that scale with size [m3/rad].
     """
@@ -43,6 +44,7 @@ class ShaftState(NamedTuple):
     pressure: Array
     viscosity_ratio: Value
     sun_speed: Array
+    sun_torque: Array
     load_power: Array
     displacement: float
 
@@ -165,7 +167,7 @@ class Effect:
         return 0.0
 
     def gear_loss(self, power: Array, speed: Array) -> Value:
-        """Further part of `power` [W] that each gear pair loses [-]; `speed` of its path [rad/s]."""
+        """Further part of `power` [W] that each gear pair loses [-]; `speed` in rad/s."""
         return 0.0
 
     def planetary_loss(self, state: ShaftState) -> Value:

@@ -100,7 +100,7 @@ class ClutchDrag(Effect):
     remedy = "spin the output side alone with the clutches open"
 
     torque: float = size("N m", 6.0, 0.0, 40.0, "drag torque at its peak")
-    peak_speed: float = shape("rad/s", (30.0, 60.0, 90.0, 130.0, 180.0, 260.0),
+    peak_speed: float = shape("rad/s", (60.0, 90.0, 130.0, 180.0, 260.0),
                               "output speed at the peak")
 
     def output_drag(self, state: ShaftState) -> Value:

@@ -61,6 +61,7 @@ class PlanetaryMesh(Effect):
     """Loss = k |T_sun (n_sun - n_carrier)|: rolling power of the planetary row."""
 
     name = "planetary_mesh"
+    form = "torque ratio"
     component = "planetary"
     summary = ("the planets' mesh loses a part of the rolling power, which the base model takes "
                "as lossless")
@@ -72,3 +73,21 @@ class PlanetaryMesh(Effect):
     def planetary_loss(self, state: ShaftState) -> Value:
         """See `Effect`."""
         return self.loss
+
+
+@dataclass(frozen=True)
+class PlanetaryRolling(Effect):
+    """The same loss paid by the member that the engine drives; the motor's torque stays."""
+
+    name = "planetary_mesh"
+    form = "rolling power"
+    component = "planetary"
+    summary = PlanetaryMesh.summary
+    source = "loss = k T_sun |n_sun - n_carrier|, charged to the carrier"
+    remedy = PlanetaryMesh.remedy
+
+    loss: float = size("-", 0.03, 0.0, 0.2, "part of the rolling power lost")
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        """See `Effect`."""
+        return self.loss * state.sun_torque * np.abs(state.sun_speed) / state.engine_speed

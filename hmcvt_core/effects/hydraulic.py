@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Effect, ShaftState, Value, shape, size
+from .base import Array, Effect, ShaftState, Value, shape, size
 
 _PRESSURE = 20e6  # Pa, sizes are stated at this pressure
+_REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
 
 
@@ -71,9 +72,12 @@ class StrokeLeakage(Effect):
 
 @dataclass(frozen=True)
 class Compressibility(Effect):
-    """q = dp w_p V (V_r + (1 + |eps|) / 2) / beta: oil squeezed on every stroke is flow lost.
+    """q = dp (1/beta) sum of V w (V_r + swept part): oil squeezed on every stroke is flow lost.
 
-    `softening` lets the bulk modulus fall at low pressure, as free air does.
+    A cylinder under compression holds the dead volume and the part of the stroke still to be swept:
+    (1 + eps) / 2 in the pump, over centre too (McCandlish & Dorey); in the motor the whole stroke
+    while it pumps and none while it motors. `softening` lets the bulk modulus fall at low pressure,
+    as free air does.
     """
 
     name = "compressibility"
@@ -82,19 +86,35 @@ class Compressibility(Effect):
     source = "McCandlish & Dorey 1984; dead volume: Energies 2022, 15, 298"
     remedy = "measure the output speed at one pressure and two engine speeds"
 
-    compliance: float = size("1/GPa", 1.5, 0.0, 15.0, "1 / effective bulk modulus")
-    dead_volume: float = shape("-", (0.2, 0.6, 2.0), "dead volume / volume of a full stroke")
+    compliance: float = size("1/GPa", 1.5, 0.0, 20.0, "1 / effective bulk modulus")
+    dead_volume: float = shape("-", (0.1, 0.5, 2.0), "dead volume / volume of a full stroke")
+    motor_part: float = shape("-", (0.0, 1.0), "1 if the motor squeezes oil too, 0 if not")
     softening: float = shape("MPa", (0.0, 5.0), "pressure below which the oil is softer")
 
     def leakage_flow(self, state: ShaftState) -> Value:
         """See `Effect`."""
-        volume = state.displacement * (
-            self.dead_volume + (1.0 + np.abs(state.displacement_ratio)) / 2.0)
-        soft = 1.0
+        pump = (self._pump_volume(state.displacement_ratio)) * state.pump_speed
+        pumping = 0.5 * (1.0 - np.tanh(state.motor_speed / _REVERSAL))
+        motor = (self.dead_volume + pumping) * np.abs(state.motor_speed)
+        soft: Value = 1.0
         if self.softening > 0.0:
             level = self.softening * 1e6
             soft = 1.0 + level / (np.abs(state.pressure) + level)
-        return state.pressure * state.pump_speed * volume * self.compliance / _BULK * soft
+        squeezed = state.pressure * self.compliance / _BULK * soft
+        return squeezed * state.displacement * (pump + self.motor_part * motor)
+
+    def _pump_volume(self, displacement_ratio: Array) -> Value:
+        return self.dead_volume + (1.0 + displacement_ratio) / 2.0
+
+
+@dataclass(frozen=True)
+class CompressibilityStroke(Compressibility):
+    """As `Compressibility`, with a swept part that grows with the stroke on either side."""
+
+    form = "stroke either way"
+
+    def _pump_volume(self, displacement_ratio: Array) -> Value:
+        return self.dead_volume + (1.0 + np.abs(displacement_ratio)) / 2.0
 
 
 @dataclass(frozen=True)
@@ -168,17 +188,18 @@ class PressureFrictionStribeck(Effect):
 
 @dataclass(frozen=True)
 class PortPressureDrop(Effect):
-    """dp = k Q |Q|: what lines and ports between pump and motor take."""
+    """dp = k Q |Q|^(m - 1): what lines and ports between pump and motor take."""
 
     name = "port_pressure_drop"
     component = "motor"
     summary = "ports and lines between pump and motor take pressure: the loss grows as speed cubed"
-    source = "turbulent line loss; Ivantysyn & Ivantysynova"
+    source = "line loss, laminar (m = 1) to turbulent (m = 2); Ivantysyn & Ivantysynova"
     remedy = "measure the pressure at the pump and at the motor"
 
-    drop: float = size("Pa", 3e5, 0.0, 3e6, "pressure drop at a motor speed of 200 rad/s")
+    drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
+    exponent: float = shape("-", (1.0, 1.75), "power of the flow")
 
     def pressure_drop(self, state: ShaftState) -> Value:
         """See `Effect`."""
         x = state.motor_speed / 200.0
-        return self.drop * x * np.abs(x)
+        return self.drop * np.sign(x) * np.abs(x) ** self.exponent

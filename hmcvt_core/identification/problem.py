@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..bench import BenchSamples
 from ..model import EfficiencyModel
-from ..parameters import PARAMETER_NAMES, HydraulicParameters
+from ..parameters import HydraulicParameters
 from ..power_balance import OperatingPoints
 from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
@@ -82,8 +82,10 @@ class Problem:
         many = ManyParameters(10.0 ** scaled[..., :1], scaled[..., 1:2], scaled[..., 2:3])
         # The physics only reads attributes and broadcasts; one call serves every candidate.
         shape = np.broadcast_shapes(scaled[..., :1].shape, (len(self.samples),))
-        points = OperatingPoints(*(None if axis is None else np.broadcast_to(axis, shape)
-                                   for axis in self.points))
+        points = self.points
+        points = points._replace(**{name: np.broadcast_to(axis, shape)
+                                    for name, axis in points._asdict().items()
+                                    if axis is not None})
         return replace(self.model, parameters=many).efficiency_at(points)  # type: ignore[arg-type]
 
     def residuals(self, scaled: Array) -> Array:

@@ -85,7 +85,8 @@ def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:
     if not used:
         return middle[None, :]
     points = problem.points
-    chosen = type(points)(*(None if axis is None else axis[used] for axis in points))
+    chosen = points._replace(**{name: axis[used] for name, axis in points._asdict().items()
+                                if axis is not None})
     starts = []
     for combination in itertools.islice(itertools.product(*choices), _MOST_COMBINATIONS):
         target = np.array(combination)

@@ -41,6 +41,15 @@ SET_PROBABILITY = 0.97
 ADEQUATE = 0.5
 """Part of the gap that a named cause must remove; else the gap is unexplained."""
 
+ADEQUATE_SPEED = 0.8
+"""The same for the squared gap of the output speed, which is read so much more exactly."""
+
+UNLISTED = 0.2
+"""Probability of an unlisted effect from which a poor cause is not named."""
+
+LEFTOVER = 5.0
+"""Log evidence from which something is left beside the leading cause."""
+
 _MOST_REGIONS = 5
 _OVERLAP = 0.2
 _RIVALS = 12
@@ -77,7 +86,7 @@ def diagnose(
     significant = found.p_value <= SIGNIFICANCE
     singles = single_candidates(bench)
     ranking = rank(bench, boxes, singles, paired=False)
-    if significant and ranking.unlisted > 0.01:
+    if significant and (ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
         ranking = rank(bench, boxes, singles, paired=True)
     return _Assembly(bench, boxes, found, significant, ranking, holdout, seed).diagnosis()
 
@@ -160,10 +169,11 @@ class _Assembly:
         ranking = self.ranking
         known = next(iter(ranking.probability.values()))
         removed = shrunk.fraction if shrunk.fraction is not None else 0.0
-        if ranking.unlisted > 0.5 or (removed < ADEQUATE and ranking.unlisted > 0.05):
+        wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
+        if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
             return "unexplained"
-        if ranking.leading.names and len(ranking.leading.names) > 1:
-            known = min(ranking.probability[name] for name in ranking.leading.names)
+        if self.bench.channels > 1 and ranking.explained[1] < ADEQUATE_SPEED:
+            return "unexplained"
         return "cause_found" if known >= FOUND else "ambiguous"
 
     # --- shrinkage ------------------------------------------------------------------------------
@@ -180,7 +190,7 @@ class _Assembly:
             return self._on_holdout(rivals)
         after = self.before
         if rivals:
-            linear = [self.ranking.nothing, *(item.linear for item in rivals)]
+            linear = [self.ranking.nothing, *(item.plain for item in rivals)]
             after = cross_validated_errors(linear, self.observed, self.parts)
         return shrinkage(self.before, after, self.noise, "cross-validation", self.seed,
                          self.significant)
@@ -214,7 +224,7 @@ class _Assembly:
         item = ranking.best[name]
         index = item.names.index(name)
         effect = item.effects[index]
-        after = cross_validated_errors([item.linear], self.observed, self.parts)
+        after = cross_validated_errors([item.plain], self.observed, self.parts)
         shrunk = shrinkage(self.before, after, self.noise, "cross-validation", self.seed)
         others = [other for other in item.names if other != name]
         return Cause(
@@ -249,7 +259,7 @@ class _Assembly:
                                      "meaning": parameter.meaning}
             if parameter.is_size:
                 column = item.fit.jacobian.shape[-1] - len(item.fit.sizes) + position
-                error = float(np.sqrt(item.linear.found.covariance[0, column, column]))
+                error = float(np.sqrt(item.plain.found.covariance[0, column, column]))
                 spread = 1.96 * error * parameter.typical
                 entry["interval"] = [max(value - spread, parameter.low),
                                      min(value + spread, parameter.high)]
@@ -262,7 +272,7 @@ class _Assembly:
 
     def _drift(self, item: Candidate) -> dict[str, dict[str, float]]:
         before, after = self.bench.base.base, item.fit.base
-        error = np.sqrt(np.diagonal(item.linear.found.covariance[0]))[:BASE_SIZE]
+        error = np.sqrt(np.diagonal(item.plain.found.covariance[0]))[:BASE_SIZE]
         drift = {}
         for i, name in enumerate(PARAMETER_NAMES):
             old, new = (float(10.0 ** value[0]) if i == 0 else float(value[i])
@@ -288,11 +298,15 @@ class _Assembly:
             if len(chosen) == _MOST_REGIONS:
                 break
         residual = self.bench.base.whitened[0] * self.observed.scale[0]
-        return tuple(Region(
-            *((float(boxes.low[i, axis]), float(boxes.high[i, axis]))
-              for axis in range(len(AXES))),
-            float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
-            float(self.found.region_p[i])) for i in chosen)
+        return tuple(self._region(i, residual) for i in chosen)
+
+    def _region(self, i: int, residual: Array) -> Region:
+        boxes = self.boxes
+        limits = [(float(boxes.low[i, axis]), float(boxes.high[i, axis]))
+                  for axis in range(len(AXES))]
+        inside = boxes.members[i]
+        return Region(limits[0], limits[1], limits[2], float(residual[inside].mean()),
+                      int(inside.sum()), float(self.found.region_p[i]))
 
     def _model(self, sizes: Array, effects: Sequence[Any], base: Array) -> EfficiencyModel:
         hypothesis = Hypothesis(self.bench.model, tuple(effects))
