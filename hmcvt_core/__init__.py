@@ -10,6 +10,7 @@ SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio a
 
 from .bench import BenchSamples, read_bench, write_bench
 from .breakdown import Breakdown
+from .diagnosis import Diagnosis, Isolability, diagnose, separable
 from .domain import Domain
 from .efficiency_map import EfficiencyMap
 from .errors import HmcvtError, IdentificationError, InputError
@@ -23,9 +24,9 @@ from .stage import GearPair, Path, PumpMotor, Stage
 from .version import __version__
 
 __all__ = [
-    "BenchSamples", "Breakdown", "Domain", "EfficiencyMap", "EfficiencyModel", "GearPair",
-    "HmcvtError", "HydraulicParameters", "Identification", "IdentificationError", "InputError",
-    "Optimum", "Path", "Prediction", "PumpMotor", "Stage", "__version__", "data_path", "identify",
-    "identify_gear_efficiency", "load_model", "load_stage", "read_bench", "save_model",
-    "write_bench",
+    "BenchSamples", "Breakdown", "Diagnosis", "Domain", "EfficiencyMap", "EfficiencyModel",
+    "GearPair", "HmcvtError", "HydraulicParameters", "Identification", "IdentificationError",
+    "InputError", "Isolability", "Optimum", "Path", "Prediction", "PumpMotor", "Stage",
+    "__version__", "data_path", "diagnose", "identify", "identify_gear_efficiency",
+    "load_model", "load_stage", "read_bench", "save_model", "separable", "write_bench",
 ]

@@ -150,15 +150,23 @@ def size_effect(
     """
     if not target > 0.0:
         raise InputError(f"effect {effect.name!r}: target shift is {target}, must be above 0")
-    points = reference_points(effect.box or Box(), temperature_swing)
-    plain = Plant(base).read(points)
+    points, plain = _carried(base, reference_points(effect.box or Box(), temperature_swing))
     size, capped = _solve_size(base, effect, target, points, plain)
     sized = replace(effect, size=size)
     shift = float(np.nanmean(np.abs(_shift(base, sized, points, plain))))
-    overall = points if effect.box is None else reference_points(Box(), temperature_swing)
-    whole = plain if effect.box is None else Plant(base).read(overall)
-    mean = float(np.nanmean(_shift(base, sized, overall, whole)))
+    if effect.box is not None:
+        points, plain = _carried(base, reference_points(Box(), temperature_swing))
+    mean = float(np.nanmean(_shift(base, sized, points, plain)))
     return SizedEffect(sized, target, shift, mean, capped)
+
+
+def _carried(base: BaseTruth, points: OperatingPoints) -> tuple[OperatingPoints, Readings]:
+    """Return the points that the plant carries without effects, and its readings there."""
+    plain = Plant(base).read(points)
+    if np.all(plain.settled):
+        return points, plain
+    points = points.select(plain.settled)
+    return points, Plant(base).read(points)
 
 
 def _shift(base: BaseTruth, effect: Effect, points: OperatingPoints, plain: Readings) -> FloatArray:
@@ -173,7 +181,7 @@ def _solve_size(
 
     def miss(size: float) -> float:
         moved = _shift(base, replace(effect, size=size), points, plain)
-        if np.mean(np.isnan(moved[plain.settled])) > _MOST_STALLED:
+        if np.mean(np.isnan(moved)) > _MOST_STALLED:
             return float("nan")
         return float(np.nanmean(np.abs(moved))) - target
 

@@ -20,7 +20,7 @@ Rates = Callable[[FloatArray], FloatArray]
 _TOLERANCE = 1e-10
 _FIRST_STEP = 0.02
 _LAST_STEP = 1e9
-_MOST_STEPS = 60
+_MOST_STEPS = 40
 #: A point whose state exceeds this many times its scale has run away.
 _RUN_AWAY = 60.0
 
@@ -70,7 +70,8 @@ def settle(
 def _stable(slopes: FloatArray, rests: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Tell which points return to rest when pushed: a saddle or a stick-slip cycle does not."""
     stable = rests.copy()
-    stable[rests] = np.max(np.linalg.eigvals(slopes[rests]).real, axis=1) < 0.0
+    growth: FloatArray = np.max(np.linalg.eigvals(slopes[rests]).real, axis=1)
+    stable[rests] = growth < 0.0
     return stable
 
 

@@ -25,9 +25,9 @@ class GearTrain:
 
     `ratios` are driving speed / driven speed of each pair in the direction engine to output;
     `k1` is ring teeth / sun teeth; displacements are m3/rad; inertias (kg m2) are those given
-    below eq. (15); `carried_inertia` (kg m2, assumed) is that of ring and dynamometer as the motor
-    feels it through the sun; `oil_volume` (m3) and `bulk_modulus` (Pa) are V0 and beta_e of eq. (13),
-    assumed.
+    below eq. (15); `engine_inertia` is that of the engine at the pump shaft, `load_inertia`
+    that of the dynamometer at the motor shaft; `oil_volume` (m3) and `bulk_modulus` (Pa) are V0
+    and beta_e of eq. (13). These four are assumed; no steady state depends on them.
     """
 
     ratios: Mapping[int, float] = field(default_factory=_table_1)
@@ -37,7 +37,8 @@ class GearTrain:
     motor_displacement: float = DISPLACEMENT_PER_RADIAN
     pump_inertia: float = 0.0054
     motor_inertia: float = 0.0049
-    carried_inertia: float = 0.06
+    engine_inertia: float = 0.5
+    load_inertia: float = 0.06
     oil_volume: float = 8e-4
     bulk_modulus: float = 1.3e9
 

@@ -10,7 +10,7 @@ of friction is smoothed with tanh.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -24,12 +24,10 @@ from hmcvt_core.blind.train import GearTrain
 TURNING_SPEED = 1.0
 TURNING_TORQUE = 1.0
 #: Governor of the engine: N m per rad/s, N m per rad.
-_GOVERNOR = (0.5, 10.0)
+_GOVERNOR = (10.0, 40.0)
 #: Loop pressure (Pa) at which the relief valves open, output speed (rad/s) that counts as stall.
 _RELIEF = 45e6
 _STALL = 10.0
-#: Shares of the load by which an operator loads a transmission that stalls at once.
-_RAMP = (0.3, 0.5, 0.7, 0.85, 0.93, 0.97, 1.0)
 _SCALE = np.array([1e6, 50.0, 200.0, 50.0])
 
 
@@ -83,11 +81,6 @@ def operating_points(
     )
 
 
-def _at_load(points: OperatingPoints, share: float) -> OperatingPoints:
-    """Return the points at a share of their load."""
-    return replace(points, load_torque=share * points.load_torque)
-
-
 @dataclass(frozen=True)
 class Readings:
     """A steady plant; shape (n,) each.
@@ -139,39 +132,15 @@ class Plant:
         first = self.guess(points) if start is None else start
         # A stalling point runs away; what it overflows to is thrown away.
         with np.errstate(all="ignore"):
-            state, settled = self._rest(first, points)
-            if not np.all(settled):
-                state, settled = self._load_slowly(state, settled, points)
+            state, settled = settle(lambda y: self.rates(y, points), first, _SCALE)
             return self._readings(state, settled, points)
-
-    def _rest(
-        self, start: FloatArray, points: OperatingPoints
-    ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-        """Run to rest; a plant on its relief valves or at a stand has stalled."""
-        state, settled = settle(lambda y: self.rates(y, points), start, _SCALE)
-        speed = self._conditions(state, points).output_speed
-        return state, settled & (state[0] < _RELIEF) & (speed > _STALL)
-
-    def _load_slowly(
-        self, state: FloatArray, settled: npt.NDArray[np.bool_], points: OperatingPoints
-    ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-        """Bring the load up in steps where the full load at once made the plant stall."""
-        index = np.flatnonzero(~settled)
-        state, settled = state.copy(), settled.copy()
-        now = self.guess(_at_load(points.select(index), _RAMP[0]))
-        for share in _RAMP:
-            now, runs = self._rest(now, _at_load(points.select(index), share))
-            index, now = index[runs], now[:, runs]
-            if not len(index):
-                return state, settled
-        state[:, index] = now
-        settled[index] = True
-        return state, settled
 
     def _readings(
         self, state: FloatArray, settled: npt.NDArray[np.bool_], points: OperatingPoints
     ) -> Readings:
         balance = self._balance(state, points)
+        # On its relief valves or at a stand it has stalled.
+        settled = settled & (state[0] < _RELIEF) & (balance.output_speed > _STALL)
         output_power = points.load_torque * points.engine_speed
         shown = MeterReadings(
             balance.input_power / points.engine_speed, output_power / balance.output_speed
@@ -208,13 +177,14 @@ class Plant:
         balance = self._balance(state, points)
         short = points.engine_speed / self.train.ratios[4] - state[2]
         stiffness = self.train.bulk_modulus / self.train.oil_volume
-        inertia = self.train.motor_inertia + self.train.carried_inertia
+        motor_inertia = self.train.motor_inertia + self.train.load_inertia
+        pump_inertia = self.train.pump_inertia + self.train.engine_inertia
         drive = state[3] + _GOVERNOR[0] * short
         return np.stack(
             [
                 balance.flow_excess * stiffness,
-                balance.motor_surplus / inertia,
-                (drive - balance.pump_torque) / self.train.pump_inertia,
+                balance.motor_surplus / motor_inertia,
+                (drive - balance.pump_torque) / pump_inertia,
                 np.broadcast_to(_GOVERNOR[1] * short, state[3].shape),
             ]
         )

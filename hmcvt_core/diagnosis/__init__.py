@@ -3,5 +3,9 @@
 
 from .procedure import diagnose
 from .result import Cause, Diagnosis, Gap, NextTest, Region, ShrinkageSummary
+from .isolability import Isolability, separable
 
-__all__ = ["Cause", "Diagnosis", "Gap", "NextTest", "Region", "ShrinkageSummary", "diagnose"]
+__all__ = [
+    "Cause", "Diagnosis", "Gap", "Isolability", "NextTest", "Region", "ShrinkageSummary",
+    "diagnose", "separable",
+]

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
 Array = NDArray[np.float64]
 _ROUNDS = 8
@@ -90,6 +89,8 @@ def evidence(grams: Array, count: int, spread: Array, trust: Array) -> Evidence:
 
 def one_sided(found: Evidence, index: int) -> Array:
     """Log factor for a coefficient that can only be positive (half-normal prior), shape (m,)."""
+    from scipy.special import log_ndtr
+
     ratio = found.mean[:, index] / np.sqrt(found.covariance[:, index, index])
     return np.asarray(np.log(2.0) + log_ndtr(ratio))
 

@@ -147,13 +147,13 @@ def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
     total = squares.astype(np.float64)
     left = total - np.sum(shadow.astype(np.float64) ** 2, axis=1)
     # A column that the refit absorbs whole can show nothing.
-    return np.sqrt(np.where(left > 1e-6 * total, left, np.inf))
+    return np.asarray(np.sqrt(np.where(left > 1e-6 * total, left, np.inf)), dtype=np.float64)
 
 
 def _top(z: Array) -> Array:
-    return np.abs(z).max(axis=1) if z.shape[1] else np.zeros(len(z))
+    return np.asarray(np.abs(z).max(axis=1) if z.shape[1] else np.zeros(len(z)), dtype=np.float64)
 
 
 def _p_values(null: Array, values: Array) -> Array:
     above = len(null) - np.searchsorted(np.sort(null), values, side="left")
-    return (1.0 + above) / (1.0 + len(null))
+    return np.asarray((1.0 + above) / (1.0 + len(null)), dtype=np.float64)
