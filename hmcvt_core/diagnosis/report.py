@@ -10,6 +10,7 @@ from ..ranges import RPM
 if TYPE_CHECKING:
     from .result import Cause, Diagnosis, NextTest
 
+_VAGUE = 0.3  # probability below which the first cause is one among many
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
 
@@ -70,19 +71,26 @@ def headline(found: Diagnosis) -> str:
             f"{points(gap.noise)} (p = {gap.p_value:.3g}).")
     if found.verdict == "unexplained":
         return f"{size} No listed effect explains it: look at where it lies."
-    cause = found.causes[0]
+    return f"{size} {_named(found)}"
+
+
+def _named(found: Diagnosis) -> str:
+    cause, fraction = found.causes[0], found.shrinkage.fraction
+    if cause.probability < _VAGUE:
+        likely = ", ".join(f"{each.effect.replace('_', ' ')} ({100 * each.probability:.0f} %)"
+                           for each in found.causes[:3])
+        return f"These samples cannot tell the cause; the likeliest are {likely}."
     name = cause.effect.replace("_", " ")
     if cause.together_with:
         name += f" together with {cause.together_with.replace('_', ' ')}"
-    sentence = (f"{size} Cause: {name}" if found.verdict == "cause_found" else
-                f"{size} Most probable cause: {name}")
-    sentence += f" ({100 * cause.probability:.0f} %)"
+    sentence = "Cause: " if found.verdict == "cause_found" else "Most probable cause: "
+    sentence += f"{name} ({100 * cause.probability:.0f} %)"
     if cause.indistinguishable_from:
         twins = " or ".join(other.replace("_", " ") for other in cause.indistinguishable_from)
         sentence += f"; these data cannot rule out {twins}"
-    if found.shrinkage.fraction is not None:
-        sentence += (f". Adding it removes {100 * found.shrinkage.fraction:.0f} % of the squared "
-                     f"gap ({found.shrinkage.on})")
+    if fraction is not None and fraction > 0.0:
+        sentence += (f". Adding it removes {100 * fraction:.0f} % of the squared gap "
+                     f"({found.shrinkage.on})")
     return sentence + "."
 
 
