@@ -241,7 +241,8 @@ class EfficiencyModel:
     def fingerprint(self) -> str:
         """Twelve hexadecimal digits that change when the physics changes, not the provenance."""
         physics = {name: value for name, value in self.to_mapping().items()
-                   if name in ("formulation", "parameters", "transmission", "effects")}
+                   if name in ("formulation", "transmission", "effects")}
+        physics["parameters"] = self.parameters.to_array().tolist()
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 

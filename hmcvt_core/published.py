@@ -155,6 +155,8 @@ def published_efficiency(
     stage: Stage, parameters: HydraulicParameters, points: OperatingPoints
 ) -> Array:
     """eta_total of eq. (18), NaN where the formulas contradict themselves [-]."""
-    hydraulic = hydraulic_efficiency(stage, parameters, points)
-    values = efficiencies(stage, points.displacement_ratio, hydraulic)
-    return np.where(is_consistent(values, points.displacement_ratio), values.total, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # An output at rest divides by zero; what comes of it is inconsistent and ends as NaN.
+        hydraulic = hydraulic_efficiency(stage, parameters, points)
+        values = efficiencies(stage, points.displacement_ratio, hydraulic)
+        return np.where(is_consistent(values, points.displacement_ratio), values.total, np.nan)

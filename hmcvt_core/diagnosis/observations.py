@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..bench import BenchSamples
 from ..errors import InputError
 from ..power_balance import OperatingPoints
-from ..ranges import EFFICIENCY_STD
+from ..ranges import BENCH_COLUMNS, EFFICIENCY_STD
 from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
@@ -118,6 +118,16 @@ def replicate_groups(samples: BenchSamples) -> NDArray[np.intp]:
     key = np.stack([np.round(axis / max(float(np.ptp(axis)), 1e-9), 4) for axis in axes], axis=1)
     _, group = np.unique(key, axis=0, return_inverse=True)
     return np.asarray(group).reshape(-1)
+
+
+def without_copies(samples: BenchSamples) -> BenchSamples:
+    """Keep one of the rows that agree in every column: a copy says nothing about the noise."""
+    columns = [column for item in BENCH_COLUMNS
+               if (column := getattr(samples, item.name)) is not None]
+    rows = list(zip(*(column.tolist() for column in columns), *samples.extra.values(),
+                    strict=True))
+    first = list(dict(zip(reversed(rows), reversed(range(len(rows))), strict=True)).values())
+    return samples if len(first) == len(rows) else samples.select(np.sort(first))
 
 
 def _efficiency_noise(

@@ -19,6 +19,7 @@ from .candidates import Bench, Candidate
 from .hypothesis import BASE_SIZE, Hypothesis
 from .next_tests import next_tests
 from .observations import Observations, replicate_groups
+from .outliers import outliers
 from .ranking import Ranking, rank, single_candidates
 from .regions import Regions, regions
 from .result import Cause, Diagnosis, Gap, Region, ShrinkageSummary
@@ -81,14 +82,19 @@ def diagnose(
     _check(model, samples)
     observed = Observations.of(samples, noise)
     bench = Bench(model, observed)
-    boxes = regions(samples)
+    slips = outliers(observed, bench.base.whitened)
+    if len(slips):
+        observed = observed.select(np.setdiff1d(np.arange(len(samples)), slips))
+        bench = Bench(model, observed)
+    boxes = regions(observed.samples)
     found = _significance(bench, boxes, seed)
     significant = found.p_value <= SIGNIFICANCE
     singles = single_candidates(bench)
     ranking = rank(bench, boxes, singles, paired=False)
     if significant and (ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
         ranking = rank(bench, boxes, singles, paired=True)
-    return _Assembly(bench, boxes, found, significant, ranking, holdout, seed).diagnosis()
+    return _Assembly(bench, boxes, found, significant, ranking, holdout, seed,
+                     _slip_notes(samples, slips)).diagnosis()
 
 
 def _check(model: EfficiencyModel, samples: BenchSamples) -> None:
@@ -102,6 +108,14 @@ def _check(model: EfficiencyModel, samples: BenchSamples) -> None:
     if points <= BASE_SIZE:
         raise InputError(f"{samples.source}: {points} distinct operating points cannot tell a gap "
                          f"from the {BASE_SIZE} parameters that are refitted")
+
+
+def _slip_notes(samples: BenchSamples, slips: NDArray[np.intp]) -> tuple[str, ...]:
+    return tuple(
+        f"sample {i + 1} (displacement ratio {samples.displacement_ratio[i]:.3g}, engine speed "
+        f"{samples.engine_speed[i]:.4g} rad/s, load torque {samples.load_torque[i]:.4g} N m, "
+        f"efficiency {samples.efficiency[i]:.4g}) stands alone against its neighbours and was "
+        "left out: measure it again" for i in slips)
 
 
 def _significance(bench: Bench, boxes: Regions, seed: int) -> Significance:
@@ -125,7 +139,9 @@ class _Assembly:
         ranking: Ranking,
         holdout: BenchSamples | None,
         seed: int,
+        notes: tuple[str, ...],
     ) -> None:
+        self.slip_notes = notes
         self.bench, self.boxes, self.found = bench, boxes, found
         self.significant, self.ranking, self.seed = significant, ranking, seed
         self.holdout = holdout
@@ -318,7 +334,7 @@ class _Assembly:
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
     def _notes(self, verdict: str) -> tuple[str, ...]:
-        notes = []
+        notes = list(self.slip_notes)
         ratio = float(np.sqrt(np.mean(self.noise**2) / np.mean(self.observed.scale[0] ** 2)))
         if not 0.75 < ratio < 1.33:
             notes.append(f"the noise looks {ratio:.2f} times the one stated "

@@ -26,6 +26,7 @@ _RARE = 0.15  # prior of other effects against those that the field meets most
 _BENCH_FIRST = 2.0  # a meter is wrong more often than any one part
 PRIOR_UNLISTED = 0.10
 _PRIOR_PAIR = 0.10  # that a gap has two causes
+_CLEAR = 4.0  # squared gap / squared noise of a channel that certainly shows one
 _LEADERS = 5
 _PAIRS = 8
 
@@ -107,8 +108,8 @@ def _left(bench: Bench, leading: Candidate, nothing: Linear) -> tuple[float, Arr
     leftover = log_mean(np.array([item.log for item in fields])) - leading.linear.log
     pure = np.min([item.found.noise[0] for item in (leading.linear, *fields)], axis=0)
     before, after = nothing.found.noise[0] - pure, leading.plain.found.noise[0] - pure
-    # A channel whose noise hardly grows without the cause had no gap to remove.
-    clear = before > pure
+    # A channel whose scatter hardly grows without the cause had no gap to remove.
+    clear = before > _CLEAR * pure
     return leftover, np.where(clear, 1.0 - after / np.where(clear, before, 1.0), 1.0)
 
 

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers, names and sentences of the page; plain text, nothing is escaped here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...ranges import RPM
+from ..result import Cause, Diagnosis, Region
+from .svg import MINUS
+
+SIGNIFICANT = 0.05
+"""A place with a larger p-value may be chance."""
+
+NOTHING = "\N{EN DASH}"
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNITS = {"m3": "m³", "N m": "N·m", "deg C": "°C", "s Pa": "s·Pa"}
+_WIDE = 0.75  # part of the range from which a place is not special along an axis
+_AXES = {"engine_speed": "engine speed", "load_torque": "load",
+         "displacement_ratio": "displacement ratio"}
+
+
+def fixed(value: float | None, digits: int, sign: bool = False) -> str:
+    """Return a number with so many decimals; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    shown = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+    if float(shown) == 0.0:
+        shown = f"{0.0:.{digits}f}"
+    return shown.replace("-", MINUS)
+
+
+def number(value: float | None) -> str:
+    """Return a number with three significant digits, powers of ten as such."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
+        digits = 0 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
+        return fixed(value, min(digits, 5))
+    mantissa, power = f"{value:.2e}".split("e")
+    return f"{mantissa} × 10{str(int(power)).translate(_SUPERSCRIPT)}".replace("-", MINUS)
+
+
+def interval(limits: Sequence[float] | None) -> str:
+    """Return `a to b`, or nothing."""
+    return "" if limits is None else f"{number(limits[0])} to {number(limits[1])}"
+
+
+def unit(name: str) -> str:
+    """Return a unit as it is printed; nothing for a plain number."""
+    if name == "-":
+        return ""
+    for plain, shown in _UNITS.items():
+        name = name.replace(plain, shown)
+    return name
+
+
+def points(value: float | None, sign: bool = False) -> str:
+    """Return an efficiency difference in points."""
+    return f"{fixed(None if value is None else 100.0 * value, 2, sign)} points"
+
+
+def percent(value: float | None) -> str:
+    """Return a part in percent."""
+    return f"{fixed(None if value is None else 100.0 * value, 0)} %"
+
+
+def chance(value: float | None) -> str:
+    """Return a p-value."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    return "below 0.001" if value < 0.001 else f"{value:.2g}"
+
+
+def rpm(engine_speed: float) -> str:
+    """Return an engine speed [rad/s] in r/min, without the unit."""
+    return fixed(engine_speed / RPM, 0)
+
+
+def plain(name: str) -> str:
+    """Return the name of an effect or parameter in words."""
+    return name.replace("_", " ")
+
+
+def listed(names: Sequence[str], last: str = "or") -> str:
+    """Return `a, b or c`."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def verdict(found: Diagnosis) -> str:
+    """Return the outcome in a sentence or two."""
+    if found.verdict == "no_gap":
+        return (f"No gap is seen: with its three base parameters refitted, the model meets all "
+                f"{found.gap.samples} samples within the noise of {points(found.gap.noise)}.")
+    where = _lies(found)
+    if found.verdict == "unexplained" or not found.causes:
+        return f"{where}. No effect in the library explains it{_best(found)}."
+    return f"{where}; {_explained(found)}. {_removed(found)}"
+
+
+def remark(found: Diagnosis) -> str:
+    """Return what the reader should bear in mind about the verdict."""
+    if found.verdict == "no_gap":
+        return ("Chance alone gives as much disagreement in "
+                f"{_of_hundred(found.gap.p_value)} of 100 campaigns. A gap that is small against "
+                "the noise cannot be seen with these samples.")
+    if found.verdict == "unexplained":
+        return ("Do not add an effect on the strength of these data. Look first at the places "
+                "marked on the map below: a narrow place points to a resonance, a valve that "
+                "switches, or a fault of the bench.")
+    if found.verdict == "ambiguous":
+        return ("More than one cause fits these data. Section 5 says what each would mean, "
+                "section 7 which measurements decide between them.")
+    return "One cause stands out. Section 5 says how large it is and whether that is plausible."
+
+
+def _of_hundred(p_value: float) -> str:
+    return "fewer than 1" if p_value < 0.01 else f"{100 * p_value:.0f}"
+
+
+def _lies(found: Diagnosis) -> str:
+    region = found.where[0] if found.where else None
+    if region is None or region.p_value > SIGNIFICANT:
+        return (f"Bench and model differ by {points(found.shrinkage.before)} beyond the noise, "
+                "and no single place stands out")
+    side = "below" if region.mean_residual < 0.0 else "above"
+    place = region_words(region, found)
+    return (f"The bench lies {points(abs(region.mean_residual))} {side} the refitted model"
+            + (f", mostly at {place}" if place else " over the whole range"))
+
+
+def region_words(region: Region, found: Diagnosis) -> str:
+    """Return where a region lies in words such as `high engine speed and low load`."""
+    words = []
+    for axis, name in _AXES.items():
+        values = getattr(found.samples, axis)
+        lowest, span = float(values.min()), float(np.ptp(values))
+        low, high = getattr(region, axis)
+        if span <= 0.0 or (high - low) / span > _WIDE:
+            continue
+        middle = ((low + high) / 2.0 - lowest) / span
+        degree = "low" if middle < 0.4 else "high" if middle > 0.6 else "medium"
+        words.append(f"{degree} {name}" if axis != "displacement_ratio"
+                     else f"{name} {fixed(low, 2)} to {fixed(high, 2)}")
+    return listed(words, "and")
+
+
+def _explained(found: Diagnosis) -> str:
+    cause = found.causes[0]
+    name, verb = plain(cause.effect), "explains"
+    doubtful = cause
+    if cause.together_with is not None:
+        partner = _named(found, cause.together_with)
+        share = "" if partner is None else f" ({percent(partner.probability)})"
+        name = (f"{name} ({percent(cause.probability)}) together with "
+                f"{plain(cause.together_with)}{share}")
+        verb = "explain"
+        if partner is not None and not cause.indistinguishable_from:
+            doubtful = partner
+    else:
+        name = f"{name} ({percent(cause.probability)})"
+    best = " best" if found.verdict == "ambiguous" else ""
+    sentence = f"{name} {verb} it{best}"
+    twins = [plain(other) for other in doubtful.indistinguishable_from]
+    if twins:
+        it = "it" if doubtful is cause and verb == "explains" else plain(doubtful.effect)
+        sentence += f", but these data cannot tell {it} from {listed(twins)}"
+    return sentence
+
+
+def _named(found: Diagnosis, effect: str) -> Cause | None:
+    return next((cause for cause in found.causes if cause.effect == effect), None)
+
+
+def _removed(found: Diagnosis) -> str:
+    fraction, limits = found.shrinkage.fraction, found.shrinkage.interval
+    if fraction is None:
+        return "How far the gap would shrink cannot be told from these samples."
+    if fraction <= 0.0:
+        return "On samples left out of the fit, adding it does not yet shrink the gap."
+    span = "" if limits is None else f" ({fraction_interval(limits)})"
+    return f"Adding it removes {percent(fraction)} of the squared gap{span}."
+
+
+def fraction_interval(limits: Sequence[float]) -> str:
+    """Return the interval of a fraction in percent; a promise below nothing is `less than 0`."""
+    low = "less than 0" if limits[0] < 0.0 else fixed(100.0 * limits[0], 0)
+    high = "less than 0" if limits[1] < 0.0 else fixed(100.0 * limits[1], 0)
+    return f"{low} to {high} %" if high != "less than 0" else "95 %: below 0 %"
+
+
+def _best(found: Diagnosis) -> str:
+    fraction = found.shrinkage.fraction
+    if fraction is None or fraction <= 0.0:
+        return ""
+    return f": the best of them removes {percent(fraction)} of the squared gap"
