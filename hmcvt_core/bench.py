@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import os
 from collections.abc import Mapping
@@ -16,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .atomic import write_atomically
+from .columns import read_columns
 from .errors import InputError
 from .ranges import BENCH_COLUMNS, REQUIRED_COLUMNS
 
 Array = NDArray[np.float64]
-_MAX_BYTES = 256 * 1024 * 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,67 +94,9 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
         InputError: the file is missing, empty, too large or not CSV, a column is missing or
             doubled, or a value is not a number or outside its range; file, row and field are named.
     """
-    path = Path(path)
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
-        raw = path.read_bytes()
-        text = raw.decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text at byte {error.start}") from None
-    return _parse(text, str(path), hashlib.sha256(raw).hexdigest())
-
-
-def _parse(text: str, source: str, digest: str) -> BenchSamples:
-    try:
-        rows = list(csv.reader(io.StringIO(text), strict=True))
-    except csv.Error as error:
-        raise InputError(f"{source}: not CSV: {error}") from None
-    numbered = [(number, row) for number, row in enumerate(rows, 1)
-                if any(cell.strip() for cell in row)]
-    if not numbered:
-        raise InputError(f"{source}: is empty; needs columns {', '.join(REQUIRED_COLUMNS)}")
-    header = [cell.strip() for cell in numbered[0][1]]
-    for name in header:
-        if header.count(name) > 1:
-            raise InputError(f"{source}: row {numbered[0][0]}: column {name!r} stands there twice")
-    missing = [name for name in REQUIRED_COLUMNS if name not in header]
-    if missing:
-        raise InputError(f"{source}: row {numbered[0][0]}: column {', '.join(missing)} is missing; "
-                         f"there is {', '.join(header)}")
-    body = numbered[1:]
-    if not body:
-        raise InputError(f"{source}: holds a header but no samples")
-    for number, row in body:
-        if len(row) != len(header):
-            raise InputError(f"{source}: row {number}: {len(row)} fields, "
-                             f"the header has {len(header)}")
-    cells = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
-    numbers = [number for number, _ in body]
-    known = {column.name: _numbers(cells.pop(column.name), numbers, column.name, source)
-             for column in BENCH_COLUMNS if column.name in cells}
-    for column in BENCH_COLUMNS:
-        if column.name in known:
-            inside = column.contains(known[column.name])
-            if not inside.all():
-                first = int(np.flatnonzero(~inside)[0])
-                raise InputError(f"{source}: row {numbers[first]}: "
-                                 f"{column.complaint(known[column.name][first])}")
-    extra = {name: tuple(column) for name, column in cells.items()}
-    return BenchSamples(**known, extra=extra, source=source, sha256=digest)
-
-
-def _numbers(cells: list[str], rows: list[int], name: str, source: str) -> Array:
-    values = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        try:
-            values[i] = float(cell)
-        except ValueError:
-            what = f"{cell!r} is not a number" if cell else "is empty"
-            raise InputError(f"{source}: row {rows[i]}: {name} {what}") from None
-    return values
+    found = read_columns(path, REQUIRED_COLUMNS)
+    values: dict[str, Any] = found.known
+    return BenchSamples(**values, extra=found.extra, source=found.source, sha256=found.sha256)
 
 
 def write_bench(path: str | os.PathLike[str], samples: BenchSamples) -> None:

@@ -27,12 +27,13 @@ def report(found: Identification) -> str:
     if found.prediction_error is not None:
         lines.append(f"  error of the prediction  {100 * found.prediction_error:6.2f} % "
                      f"({model.provenance['validation_samples']} samples held back)")
-    lines.append("  sample  displacement  engine      load    measured  predicted")
+    numbers = samples.extra.get("test", tuple(str(i + 1) for i in range(len(samples))))
+    lines.append("    test  displacement  engine      load    measured  predicted")
     lines.append("            ratio [-]  [rad/s]     [N m]         [-]        [-]")
     for i in range(len(samples)):
         measured = samples.efficiency[i]
         lines.append(
-            f"  {i + 1:>6}  {samples.displacement_ratio[i]:12.3f}  "
+            f"  {numbers[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
             f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
             f"{measured:10.4f} {measured + found.residuals[i]:10.4f}")
     doubled = sum(1 for entry in found.roots if entry.rejected)

@@ -1,0 +1,55 @@
+# Everything that a bare machine with python3 (3.10 or newer), pip and make needs to try and to test
+# hmcvt; nothing is installed outside .venv.
+#
+#   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
+#   make test    all tests, the ones over ROS 2 included
+#   make lint types    what CI checks besides
+#   make clean   remove .venv and what tools left behind
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+# The wheels of ROS bring their own libraries; those of a ROS installation that this shell has
+# sourced, or of another environment with such wheels, must not be mixed in.
+unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
+
+.PHONY: demo test lint types clean
+.DELETE_ON_ERROR:
+
+demo: $(VENV)/.ros
+	@$(BIN)/python -m hmcvt_ros.demo
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+
+types: $(VENV)/.dev
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Debian and Ubuntu leave ensurepip to the package python3-venv; pip can fill an environment that
+# has none of its own.
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+		{ echo "hmcvt needs Python 3.10 or newer; try: make PYTHON=python3.12 $(MAKECMDGOALS)"; \
+		  exit 1; }
+	$(PYTHON) -m venv --without-pip $(VENV)
+	$(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install --quiet pip
+
+$(VENV)/.ros: $(BIN)/python pyproject.toml setup.py
+	@echo "Installing hmcvt and ROS 2 from wheels into $(VENV) (about 450 MB, once) ..."
+	$(BIN)/python -m pip --disable-pip-version-check install --quiet --editable '.[ros]'
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.ros
+	@echo "Installing the tools for tests ..."
+	$(BIN)/python -m pip --disable-pip-version-check install --quiet \
+		--editable '.[ros,plot,bag,test,dev]'
+	@touch $@

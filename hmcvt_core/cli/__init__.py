@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: thin commands over the core, one module each.
+
+Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+from ..errors import HmcvtError
+from ..version import __version__
+
+COMMANDS = {
+    "identify": "identify the hydraulic parameters from bench samples",
+    "predict": "predict the efficiency at a point or at every sample of a file",
+    "optimum": "find the displacement ratio that wastes least",
+    "map": "write the efficiency over displacement ratio, engine speed and load",
+    "breakdown": "show where the watts go",
+    "diagnose": "diagnose the gap between model and bench",
+    "separable": "tell which effects a test plan can tell apart",
+    "blind": "run the blind trial of the diagnosis",
+}
+
+
+class _Commands(click.Group):
+    """Loads a command's module only when it is asked for, so that --help stays fast."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"{__name__}.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="hmcvt")
+def cli() -> None:
+    """Efficiency of hydromechanical CVTs: predict, identify, optimise, diagnose.
+
+    Units: rad/s (or write 1400rpm), N m, plain fractions.
+    """
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and exit."""
+    try:
+        code = cli.main(arguments, prog_name="hmcvt", standalone_mode=False)
+    except click.exceptions.Abort:
+        _fail("interrupted", 130)
+    except KeyboardInterrupt:
+        _fail("interrupted", 130)
+    except click.ClickException as error:
+        _fail(error.format_message(), 2)
+    except HmcvtError as error:
+        _fail(str(error), 2)
+    except BrokenPipeError:
+        # The reader (head, say) has seen enough.
+        sys.stderr.close()
+        sys.exit(0)
+    except OSError as error:
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}", 2)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str, code: int) -> None:
+    line = " ".join(message.split())
+    click.echo(f"hmcvt: error: {line}", err=True)
+    sys.exit(code)

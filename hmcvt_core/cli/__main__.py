@@ -1,0 +1,6 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m hmcvt_core.cli` is `hmcvt`."""
+
+from . import main
+
+main()

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt blind`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import click
+
+from ..atomic import write_atomically
+from .common import json_option, print_json
+
+
+@click.command("blind", epilog="""\b
+Examples:
+  hmcvt blind --seeds 2 --reference
+  hmcvt blind --seeds 12 --out docs/blind.md""")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=6, show_default=True,
+              help="Campaigns per effect in the reference conditions.")
+@click.option("--reference", is_flag=True, help="Leave out the grid of conditions and the stress.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1,
+              show_default="cores", help="Diagnoses side by side.")
+@click.option("--results", default="blind-results.jsonl", show_default=True, metavar="FILE",
+              help="Records so far; an interrupted trial goes on from here.")
+@click.option("--out", default=None, metavar="REPORT.md", help="Write the report there too.")
+@json_option
+def command(
+    seeds: int, reference: bool, jobs: int, results: str, out: str | None, as_json: bool
+) -> None:
+    """Run the blind trial: sealed campaigns of the twin, diagnosed through `hmcvt diagnose`."""
+    from ..blind.conditions import REFERENCE, cases
+    from ..blind.scoring import report, summary
+    from ..blind.trial import run
+
+    todo = [case for case in cases(seeds) if not reference or case.condition == REFERENCE]
+    records = []
+    for number, record in enumerate(run(todo, Path(results), jobs), 1):
+        records.append(record)
+        if sys.stderr.isatty() or number % 50 == 0:
+            end = "\r" if sys.stderr.isatty() else "\n"
+            click.echo(f"{number} of {len(todo)} campaigns{end}", err=True, nl=False)
+    text = (f"# Blind trial\n\nWritten by `hmcvt blind --seeds {seeds}"
+            f"{' --reference' if reference else ''}`; rates carry 95 % Wilson intervals.\n\n"
+            + report(records))
+    if out is not None:
+        write_atomically(Path(out), text)
+    if as_json:
+        reference_records = [r for r in records if r["condition"] == REFERENCE]
+        print_json({"campaigns": len(records), "reference": summary(reference_records)})
+    else:
+        click.echo(text)

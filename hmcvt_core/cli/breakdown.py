@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt breakdown`."""
+
+from __future__ import annotations
+
+import click
+
+from ..errors import HmcvtError
+from .common import (
+    json_option,
+    model_from,
+    params_option,
+    point_options,
+    print_json,
+    require,
+    table,
+)
+
+
+@click.command("breakdown", epilog="""\b
+Example:
+  hmcvt breakdown --displacement-ratio -0.5 --engine-speed 1400rpm --load-torque 200""")
+@point_options
+@params_option
+@json_option
+def command(
+    displacement_ratio: float | None, engine_speed: float | None, load_torque: float | None,
+    oil_temperature: float | None, params: str | None, as_json: bool,
+) -> None:
+    """Show where the watts go at one operating point."""
+    require(displacement_ratio=displacement_ratio, engine_speed=engine_speed,
+            load_torque=load_torque)
+    assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
+    model = model_from(params)
+    refusal = model.refusal(displacement_ratio, engine_speed, load_torque, oil_temperature)
+    if refusal is not None:
+        raise HmcvtError(f"no breakdown at this point: {refusal}")
+    found = model.breakdown(displacement_ratio, engine_speed, load_torque, oil_temperature)
+    if as_json:
+        print_json({"input_power": found.input_power, "output_power": found.output_power,
+                    "losses": dict(found.losses)})
+        return
+    losses = sorted(found.losses.items(), key=lambda entry: -entry[1])
+    rows = [("from the engine", found.input_power), *losses, ("to the load", found.output_power)]
+    click.echo(table(("part", "W", "% of input"),
+                     [(name, f"{watts:.0f}", f"{100 * watts / found.input_power:.1f}")
+                      for name, watts in rows]))

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the commands share: options, output, progress."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+import click
+import numpy as np
+
+from ..model import EfficiencyModel
+from ..parameter_file import load_model
+from ..ranges import RPM
+from ..resources import data_path
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+_QUIET = 2.0  # seconds of work before progress is shown
+
+
+class AngularSpeed(click.ParamType):  # type: ignore[type-arg]
+    """An angular speed in rad/s, or in r/min when written `1400rpm`."""
+
+    name = "speed"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return rad/s."""
+        if isinstance(value, float):
+            return value
+        text = str(value).strip().lower()
+        factor = RPM if text.endswith("rpm") else 1.0
+        try:
+            return float(text.removesuffix("rpm")) * factor
+        except ValueError:
+            self.fail(f"{value!r} is not a speed: write 146.6 (rad/s) or 1400rpm", param, ctx)
+
+
+class SampleNumbers(click.ParamType):  # type: ignore[type-arg]
+    """Sample numbers from 1, such as `1,2,4-6`."""
+
+    name = "numbers"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[int]:
+        """Return the numbers in the order written."""
+        if isinstance(value, list):
+            return value
+        numbers: list[int] = []
+        for part in str(value).split(","):
+            first, _, last = part.strip().partition("-")
+            try:
+                low, high = int(first), int(last or first)
+            except ValueError:
+                self.fail(f"{value!r} is not a list of sample numbers such as 1,2,4-6", param, ctx)
+            if not 1 <= low <= high:
+                self.fail(f"{part!r}: sample numbers count up from 1", param, ctx)
+            numbers += range(low, high + 1)
+        if len(set(numbers)) != len(numbers):
+            self.fail(f"{value!r} names a sample twice", param, ctx)
+        return numbers
+
+
+params_option = click.option(
+    "--params", "params", metavar="P.yaml", default=None,
+    help="Parameter file of the model; the shipped params/hm4.yaml when left out.")
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON value and nothing else on stdout.")
+seed_option = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True,
+    help="Of the random numbers.")
+noise_option = click.option(
+    "--noise", type=float, default=None, metavar="STD",
+    help="Standard deviation of the efficiency, a fraction (0.004 for 0.4 points).")
+
+
+def point_options(function: Function) -> Function:
+    """Add the options of one operating point."""
+    for option in (
+        click.option("--oil-temperature", type=float, help="Oil temperature in deg C."),
+        click.option("--load-torque", type=float, help="Output power / engine speed in N m."),
+        click.option("--engine-speed", type=AngularSpeed(), help="In rad/s, or like 1400rpm."),
+        click.option("--displacement-ratio", type=float, help="Pump stroke, -1 to 1."),
+    ):
+        function = option(function)
+    return function
+
+
+def require(**values: Any) -> None:
+    """Raise a usage error that names the options left out."""
+    missing = [f"--{name.replace('_', '-')}" for name, value in values.items() if value is None]
+    if missing:
+        raise click.UsageError(f"{', '.join(missing)} is needed")
+
+
+def model_from(path: str | None) -> EfficiencyModel:
+    """Load the model asked for, or the shipped one."""
+    return load_model(data_path("params/hm4.yaml") if path is None else path)
+
+
+def print_json(value: Any) -> None:
+    """Print plain data as JSON; NaN and infinity become null."""
+    click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
+
+
+def plain(value: Any) -> Any:
+    """Return data that strict JSON can hold."""
+    if isinstance(value, dict):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return right-aligned columns."""
+    lines = [list(head), *(list(row) for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
+                     for line in lines)
+
+
+class Progress:
+    """A line on stderr for work that takes over two seconds, on a terminal only."""
+
+    def __init__(self, what: str) -> None:
+        self.what, self.start, self.shown = what, time.monotonic(), False
+
+    def __call__(self, text: str) -> None:
+        """Show how far the work is."""
+        if sys.stderr.isatty() and time.monotonic() - self.start > _QUIET:
+            click.echo(f"\r\033[K{self.what}: {text}", err=True, nl=False)
+            self.shown = True
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self.shown:
+            click.echo("\r\033[K", err=True, nl=False)

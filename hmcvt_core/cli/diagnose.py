@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt diagnose`."""
+
+from __future__ import annotations
+
+import click
+
+from ..bench import read_bench
+from ..diagnosis import diagnose
+from .common import (
+    json_option,
+    model_from,
+    noise_option,
+    params_option,
+    print_json,
+    seed_option,
+)
+
+
+@click.command("diagnose", epilog="""\b
+Examples:
+  hmcvt diagnose data/table2.csv
+  hmcvt diagnose bench.csv --noise 0.004 --report report.html
+  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""")
+@click.argument("bench", metavar="BENCH.csv")
+@params_option
+@click.option("--holdout", default=None, metavar="H.csv",
+              help="Samples to measure the shrinkage on; cross-validation when left out.")
+@noise_option
+@click.option("--report", "report", default=None, metavar="R.html",
+              help="Write the report page.")
+@click.option("--save-model", default=None, metavar="P.yaml",
+              help="Write the model with the leading cause in it.")
+@seed_option
+@json_option
+def command(
+    bench: str, params: str | None, holdout: str | None, noise: float | None,
+    report: str | None, save_model: str | None, seed: int, as_json: bool,
+) -> None:
+    """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
+    model, samples = model_from(params), read_bench(bench)
+    held = None if holdout is None else read_bench(holdout)
+    found = diagnose(model, samples, held, noise=noise, seed=seed)
+    if save_model is not None:
+        found.model.save(save_model)
+    if report is not None:
+        from ..diagnosis.html_report import write_html
+
+        write_html(found, report)
+    if as_json:
+        print_json(found.to_dict())
+        return
+    click.echo(found.report())
+    if save_model is not None:
+        added = "" if found.model is found.base else f" with {found.causes[0].effect}"
+        click.echo(f"model{added} written to {save_model}")
+    if report is not None:
+        click.echo(f"report written to {report}")

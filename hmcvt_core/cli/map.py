@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt map`."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import click
+import numpy as np
+
+from ..atomic import write_atomically
+from ..ranges import ENGINE_SPEED_LIMITS
+from .common import AngularSpeed, json_option, model_from, params_option, print_json
+
+
+@click.command("map", epilog="""\b
+Examples:
+  hmcvt map --out map.csv
+  hmcvt map --steps 21 11 5 --load-torque 100 400 --json""")
+@click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
+              show_default=True, help="Points over displacement ratio, engine speed, load torque.")
+@click.option("--engine-speed", type=AngularSpeed(), nargs=2, default=ENGINE_SPEED_LIMITS,
+              help="Lowest and highest.  [default: 750rpm 2200rpm]")
+@click.option("--load-torque", type=float, nargs=2, default=(50.0, 400.0), show_default=True,
+              help="Lowest and highest in N m.")
+@click.option("--out", default=None, metavar="MAP.csv", help="Write CSV there, not to stdout.")
+@params_option
+@json_option
+def command(
+    steps: tuple[int, int, int], engine_speed: tuple[float, float],
+    load_torque: tuple[float, float], out: str | None, params: str | None, as_json: bool,
+) -> None:
+    """Write the efficiency over displacement ratio, engine speed and load torque."""
+    found = model_from(params).efficiency_map(
+        np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed, steps[1]),
+        np.linspace(*load_torque, steps[2]))
+    if as_json:
+        print_json({"displacement_ratio": found.displacement_ratio,
+                    "engine_speed": found.engine_speed, "load_torque": found.load_torque,
+                    "efficiency": found.efficiency})
+    if as_json and out is None:
+        return
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(("displacement_ratio", "engine_speed", "load_torque", "efficiency"))
+    for i, j, k in np.ndindex(found.efficiency.shape):
+        # An empty cell: the load cannot be carried there.
+        value = found.efficiency[i, j, k]
+        writer.writerow((f"{found.displacement_ratio[i]:.6g}", f"{found.engine_speed[j]:.6g}",
+                         f"{found.load_torque[k]:.6g}",
+                         f"{value:.6f}" if np.isfinite(value) else ""))
+    if out is None:
+        click.echo(buffer.getvalue(), nl=False)
+    else:
+        write_atomically(Path(out), buffer.getvalue())

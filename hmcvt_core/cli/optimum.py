@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt optimum`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import click
+
+from ..errors import HmcvtError
+from ..optimum import HOLDS
+from ..ranges import ENGINE_SPEED_LIMITS, RPM
+from .common import AngularSpeed, json_option, model_from, params_option, print_json
+
+
+@click.command("optimum", epilog="""\b
+Examples:
+  hmcvt optimum --engine-speed 1400rpm --load-torque 200
+  hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
+                --displacement-ratio -0.8""")
+@click.option("--engine-speed", type=AngularSpeed(), required=True, help="Now: rad/s or 1400rpm.")
+@click.option("--load-torque", type=float, required=True,
+              help="Now: output power / engine speed in N m.")
+@click.option("--hold", type=click.Choice(HOLDS), default="engine_speed", show_default=True,
+              help="What must stay; output_speed looks for the best engine speed too.")
+@click.option("--displacement-ratio", type=float, help="Now; tells the output speed to hold.")
+@click.option("--output-speed", type=AngularSpeed(), help="To hold: rad/s or 1400rpm.")
+@click.option("--engine-speed-limits", type=AngularSpeed(), nargs=2, default=ENGINE_SPEED_LIMITS,
+              help="Lowest and highest engine speed.  [default: 750rpm 2200rpm]")
+@params_option
+@json_option
+def command(
+    engine_speed: float, load_torque: float, hold: str, displacement_ratio: float | None,
+    output_speed: float | None, engine_speed_limits: tuple[float, float], params: str | None,
+    as_json: bool,
+) -> None:
+    """Find the displacement ratio that wastes least."""
+    best = model_from(params).optimal_displacement_ratio(
+        engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,
+        output_speed=output_speed, engine_speed_limits=engine_speed_limits)
+    if as_json:
+        print_json(asdict(best))
+        return
+    if best.efficiency != best.efficiency:
+        raise HmcvtError("no working point: the output speed and power cannot be held within the "
+                         "engine speed limits")
+    click.echo(f"displacement ratio  {best.displacement_ratio:+.4f}")
+    click.echo(f"efficiency          {best.efficiency:.4f}")
+    click.echo(f"engine speed        {best.engine_speed:.2f} rad/s "
+               f"({best.engine_speed / RPM:.0f} r/min)")
+    click.echo(f"load torque         {best.load_torque:.2f} N m")
+    click.echo(f"output speed        {best.output_speed:.2f} rad/s")
+    if best.limit is not None:
+        click.echo(f"limited by          {best.limit}")

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt separable`."""
+
+from __future__ import annotations
+
+import click
+
+from ..diagnosis import separable
+from ..plan import read_plan
+from .common import json_option, model_from, noise_option, params_option, print_json
+
+
+@click.command("separable", epilog="""\b
+Examples:
+  hmcvt separable data/table2.csv
+  hmcvt separable plan.csv --noise 0.004 --output-speed""")
+@click.argument("plan", metavar="PLAN.csv")
+@noise_option
+@click.option("--output-speed", "output_speed", is_flag=True,
+              help="As if the output speed were read too.")
+@params_option
+@json_option
+def command(
+    plan: str, noise: float | None, output_speed: bool, params: str | None, as_json: bool
+) -> None:
+    """Tell which effects a test plan can show and tell apart, before any test is run.
+
+    PLAN.csv needs displacement_ratio, engine_speed and load_torque; an efficiency in it is not
+    used. Column oil_temperature counts as read, column output_speed too.
+    """
+    model = model_from(params)
+    found = separable(model, read_plan(plan, model, output_speed), noise=noise)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        click.echo(found.report())

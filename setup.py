@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What colcon has to find here; dependencies, extras and tools stand in pyproject.toml."""
+
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "hmcvt_ros"
+ROOT = Path(__file__).parent
+VERSION = re.search(
+    r'__version__ = "([^"]+)"', (ROOT / "hmcvt_core" / "version.py").read_text(encoding="utf-8")
+).group(1)
+# The folders data/ and params/ lie at the root for the reader and in the package for the user.
+# `colcon build --symlink-install` links the packages alone to its build folder; the links lead back
+# to the checkout, where hmcvt_core finds the two folders.
+SHIPPED = {f"hmcvt_core.{name}": name for name in ("data", "params") if (ROOT / name).is_dir()}
+
+setup(
+    name=NAME,
+    version=VERSION,
+    license="Apache-2.0",
+    python_requires=">=3.10",
+    packages=[*find_packages(include=["hmcvt_core*", "hmcvt_ros*"]), *SHIPPED],
+    package_dir=SHIPPED,
+    include_package_data=False,
+    package_data={
+        "hmcvt_core": ["py.typed"],
+        "hmcvt_core.data": ["*.csv", "*.md"],
+        "hmcvt_core.params": ["*.yaml", "*.md"],
+        "hmcvt_ros": ["py.typed", "config/*.yaml", "launch/*.launch.py"],
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["hmcvt_ros/resource/hmcvt_ros"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", ["hmcvt_ros/launch/hmcvt.launch.py"]),
+        (f"share/{NAME}/config", ["hmcvt_ros/config/hmcvt.yaml"]),
+    ],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "hmcvt = hmcvt_core.cli:main",
+            "hmcvt-node = hmcvt_ros.efficiency_node:main",
+            # The name that `ros2 run hmcvt_ros efficiency_node` looks for.
+            "efficiency_node = hmcvt_ros.efficiency_node:main",
+        ],
+    },
+)
