@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client of the node: holds operating points on the inputs, sends bench samples, calls services.
+
+For the demonstration and the tests; also the shortest example of how to talk to the node.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, String
+from std_srvs.srv import Trigger
+
+from . import messages, qos
+from .inputs import INPUT_RANGES, OperatingPoint
+
+ROUND = 0.05
+"""Time between two rounds of the three inputs [s]."""
+SERVICES = ("reidentify", "diagnose", "revert", "clear_samples")
+
+
+class Answer(NamedTuple):
+    """What the node answered last; None where it was silent."""
+
+    efficiency: float | None
+    optimal_displacement_ratio: float | None
+
+
+class Reply(NamedTuple):
+    """Reply of a service: success, and the JSON object of `message`."""
+
+    success: bool
+    data: dict[str, Any]
+
+
+class BenchPlayer(Node):
+    """Talks to a node `hmcvt` in the same namespace.
+
+    Attributes:
+        efficiencies, optima: values received since the last `hold`.
+        model_text: last YAML of `~/model`, None before the first.
+        map: last efficiency map, None before the first.
+        statuses: last diagnostics by the last word of the name (`inputs`, `model`), each with
+            `level`, `message` and `values`.
+    """
+
+    def __init__(self, context: Context | None = None, namespace: str = "") -> None:
+        super().__init__("bench_player", context=context, namespace=namespace)
+        self.efficiencies: list[float] = []
+        self.optima: list[float] = []
+        self.model_text: str | None = None
+        self.map: Any = None
+        self.statuses: dict[str, Any] = {}
+        self._spinner = SingleThreadedExecutor(context=context)
+        self._spinner.add_node(self)
+        self._inputs = [self.create_publisher(Float64, limits.name, qos.INPUT)
+                        for limits in INPUT_RANGES]
+        self._samples = self.create_publisher(JointState, "bench_sample", qos.BENCH_SAMPLE)
+        self.create_subscription(
+            Float64, "efficiency", lambda m: self.efficiencies.append(m.data), qos.OUTPUT)
+        self.create_subscription(
+            Float64, "optimal_displacement_ratio", lambda m: self.optima.append(m.data), qos.OUTPUT)
+        self.create_subscription(
+            DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS)
+        # These last: what arrives on them tells that the node knows the subscriptions before.
+        self.create_subscription(String, "hmcvt/model", self._on_model, qos.LATCHED)
+        self.create_subscription(
+            Float64MultiArray, "hmcvt/efficiency_map", self._on_map, qos.LATCHED)
+        self._triggers = {name: self.create_client(Trigger, f"hmcvt/{name}") for name in SERVICES}
+
+    def close(self) -> None:
+        """End the client."""
+        self._spinner.shutdown()
+        self.destroy_node()
+
+    # --- waiting ------------------------------------------------------------------------------
+
+    def spin_for(self, seconds: float) -> None:
+        """Take messages for a while."""
+        self.wait_until(lambda: False, seconds)
+
+    def wait_until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Take messages until a condition holds; False when it does not in time."""
+        end = time.monotonic() + timeout
+        while not condition():
+            left = end - time.monotonic()
+            if left <= 0.0:
+                return False
+            self._spinner.spin_once(timeout_sec=min(left, ROUND))
+        return True
+
+    def wait_for_node(
+        self, timeout: float = 20.0, running: Callable[[], bool] = lambda: True
+    ) -> bool:
+        """Wait until every topic and service is connected and the latched messages are here.
+
+        Args:
+            timeout: [s].
+            running: tells whether the node's process still runs; no need to wait when it does not.
+        """
+        def connected() -> bool:
+            return (all(publisher.get_subscription_count() for publisher in self._inputs)
+                    and self._samples.get_subscription_count() > 0
+                    and all(client.service_is_ready() for client in self._triggers.values())
+                    and self.count_publishers("efficiency") > 0
+                    and self.count_publishers("optimal_displacement_ratio") > 0
+                    and self.model_text is not None and self.map is not None)
+
+        self.wait_until(lambda: connected() or not running(), timeout)
+        return connected()
+
+    # --- talking ------------------------------------------------------------------------------
+
+    def send_inputs(self, point: OperatingPoint) -> None:
+        """Publish the three inputs once."""
+        for publisher, value in zip(self._inputs, point, strict=True):
+            publisher.publish(messages.float64(value))
+
+    def hold(self, point: OperatingPoint, rounds: int = 6, patience: float = 5.0) -> Answer:
+        """Hold an operating point as a bench would, and return the last answer of the node.
+
+        Args:
+            point: the operating point.
+            rounds: how often the three inputs are sent.
+            patience: how much longer to hold when there is no answer [s].
+        """
+        end = time.monotonic() + rounds * ROUND + patience
+        number = 0
+        while number < rounds or (not self.optima and time.monotonic() < end):
+            self.send_inputs(point)
+            self.spin_for(ROUND if number else 3 * ROUND)
+            if number == 0:
+                # In the first round the node meets mixtures of this point and the one before.
+                self.efficiencies.clear()
+                self.optima.clear()
+            number += 1
+        count = -1
+        while count != len(self.optima):  # a busy machine lags behind
+            count = len(self.optima)
+            self.spin_for(2 * ROUND)
+        return Answer(self.efficiencies[-1] if self.efficiencies else None,
+                      self.optima[-1] if self.optima else None)
+
+    def send_sample(self, message: JointState) -> None:
+        """Publish one bench sample."""
+        self._samples.publish(message)
+
+    def wait_for_logged(self, count: int, timeout: float = 10.0) -> bool:
+        """Wait until diagnostics say that the log holds at least `count` samples."""
+        def logged() -> bool:
+            status = self.statuses.get("model")
+            return status is not None and int(status["values"]["bench samples logged"]) >= count
+
+        return self.wait_until(logged, timeout)
+
+    def request(self, service: str) -> Any:
+        """Call a service and return the future of its reply."""
+        return self._triggers[service].call_async(Trigger.Request())
+
+    def call(self, service: str, timeout: float = 30.0) -> Reply:
+        """Call a service and wait for its reply.
+
+        Raises:
+            TimeoutError: it did not come.
+        """
+        future = self.request(service)
+        if not self.wait_until(future.done, timeout):
+            raise TimeoutError(f"~/{service} did not reply within {timeout:g} s")
+        response = future.result()
+        return Reply(response.success, json.loads(response.message))
+
+    # --- callbacks ----------------------------------------------------------------------------
+
+    def _on_model(self, message: String) -> None:
+        self.model_text = message.data
+
+    def _on_map(self, message: Float64MultiArray) -> None:
+        self.map = messages.map_from_message(message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        mine = f"{self.get_namespace()}/hmcvt: ".replace("//", "/").lstrip("/")
+        for status in message.status:
+            if status.name.startswith(mine):
+                self.statuses[status.name.removeprefix(mine)] = {
+                    "level": status.level, "message": status.message,
+                    "values": {pair.key: pair.value for pair in status.values}}

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node `hmcvt`: efficiency and optimal displacement ratio as topics.
+
+It computes nothing itself. It takes messages, checks ages and ranges, asks the model of
+`hmcvt_core`, and publishes the answers. A plain node and a single-threaded executor: a lookup takes
+a millisecond, and the rest runs in a process of its own.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, String
+
+from hmcvt_core.errors import HmcvtError, InputError
+from hmcvt_core.ranges import DISPLACEMENT_RATIO
+from hmcvt_core.resources import data_path
+
+from . import messages, parameters, qos
+from .bench_log import BenchLog
+from .diagnostics import Activity, inputs_status, model_status
+from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint
+from .model_store import ModelStore
+from .services import Services
+
+TICK = 0.1
+DIAGNOSTICS_EVERY = 10  # ticks: 1 Hz
+QUIET = 5.0  # seconds between two warnings of one kind
+
+
+class EfficiencyNode(Node):
+    """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
+
+    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `bench_sample`;
+    outputs `efficiency` [-], `optimal_displacement_ratio` [-], `~/model`, `~/efficiency_map`,
+    `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/revert`, `~/clear_samples`.
+
+    Raises:
+        InputError: a parameter is wrong or the model file cannot be used.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("hmcvt")
+        self._settings = parameters.declare(self)
+        self.add_on_set_parameters_callback(
+            lambda changes: parameters.check_changes(self, changes))
+        self.add_post_set_parameters_callback(self._take_settings)
+        folder = self._state_folder()
+        self._store = ModelStore(
+            Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
+        self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
+        self._inputs, self._activity = Inputs(), Activity()
+        self._warned: dict[str, float] = {}
+        self._last_output = -math.inf
+        self._output_due = False
+        self._ticks = 0
+        # Ages follow the node's clock, which a simulation may drive; the timer must run even when
+        # a simulated clock stands still.
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._create_publishers()
+        self._create_subscriptions()
+        self._service_handlers = Services(self, self._store, self._log, self._activity,
+                                  lambda: self._settings, self._model_changed)
+        self.create_timer(TICK, self._guarded(self._tick), clock=self._steady)
+        self._model_changed()
+        self._report_start()
+
+    def close(self) -> None:
+        """End what runs beside the node."""
+        self._service_handlers.close()
+
+    # --- set-up -------------------------------------------------------------------------------
+
+    def _state_folder(self) -> Path:
+        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
+        named = self._settings.state_folder
+        folder = Path(named) if named else home / self.get_fully_qualified_name().strip("/")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            # Without it nothing can be logged or refitted; what is there can still be served.
+            self.get_logger().error(f"state_folder: {error}")
+        return folder
+
+    def _create_publishers(self) -> None:
+        def create(kind: Any, topic: str, profile: Any) -> Any:
+            return self.create_publisher(kind, topic, profile,
+                                         qos_overriding_options=qos.overridable())
+
+        self._efficiency_publisher = create(Float64, "efficiency", qos.OUTPUT)
+        self._optimum_publisher = create(Float64, "optimal_displacement_ratio", qos.OUTPUT)
+        self._model_publisher = create(String, "~/model", qos.LATCHED)
+        self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED)
+        self._diagnostics_publisher = create(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
+
+    def _create_subscriptions(self) -> None:
+        for limits in INPUT_RANGES:
+            self.create_subscription(
+                Float64, limits.name, self._guarded(self._input_callback(limits.name)), qos.INPUT,
+                qos_overriding_options=qos.overridable())
+        self.create_subscription(
+            JointState, "bench_sample", self._guarded(self._on_bench_sample), qos.BENCH_SAMPLE,
+            qos_overriding_options=qos.overridable())
+
+    def _report_start(self) -> None:
+        logger = self.get_logger()
+        for name in parameters.undeclared(self):
+            logger.warning(f"parameter {name} is unknown and has no effect")
+        for complaint in filter(None, (self._store.complaint, self._log.recovered)):
+            logger.warning(complaint)
+        logger.info(f"serving {self._store.path}, {len(self._log)} bench samples in "
+                    f"{self._log.path}")
+
+    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """Keep an exception of a callback, which would end the node, to a line in the log."""
+        def guarded(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except InvalidHandle:
+                raise  # shutting down
+            except Exception as error:
+                self._warn(type(error).__name__, f"{type(error).__name__}: {error}")
+        return guarded
+
+    def _warn(self, about: str, text: str) -> None:
+        # The throttle of the logger is one for each line of code, not one for each input.
+        now = self._steady_seconds()
+        if now - self._warned.get(about, -math.inf) >= QUIET:
+            self._warned[about] = now
+            self.get_logger().warning(text)
+
+    # --- parameters ---------------------------------------------------------------------------
+
+    def _take_settings(self, changes: Sequence[Parameter]) -> None:
+        before = self._settings
+        self._settings = parameters.Settings.of(parameters.current_values(self))
+        if self._settings.engine_speed_limits != before.engine_speed_limits:
+            self._publish_map()
+
+    # --- inputs -> outputs --------------------------------------------------------------------
+
+    def _input_callback(self, name: str) -> Callable[[Float64], None]:
+        def take(message: Float64) -> None:
+            item = self._inputs.by_name[name]
+            if item.take(float(message.data), self._now()):
+                self._output_due = True
+                self._publish_outputs()
+            else:
+                self._warn(name, item.complaint)
+        return take
+
+    def _publish_outputs(self) -> None:
+        """Answer the inputs as they stand, unless the rate limit says later."""
+        steady = self._steady_seconds()
+        rate = self._settings.max_output_rate
+        if rate > 0.0 and steady - self._last_output < 1.0 / rate:
+            return
+        self._output_due = False
+        point = self._inputs.point(self._now(), self._settings.input_timeout)
+        if point is None:
+            return
+        self._last_output = steady
+        self._answer(point)
+
+    def _answer(self, point: OperatingPoint) -> None:
+        model = self._store.model
+        efficiency = model.efficiency(*point)
+        best = model.optimal_displacement_ratio(
+            point.engine_speed, point.load_torque, hold=self._settings.optimum_hold,
+            displacement_ratio=point.displacement_ratio,
+            engine_speed_limits=self._settings.engine_speed_limits).displacement_ratio
+        # No answer is silence: a controller takes a number for what it is.
+        if math.isfinite(efficiency):
+            self._efficiency_publisher.publish(messages.float64(efficiency))
+            self._activity.refusal = ""
+        else:
+            self._activity.refusal = model.refusal(*point) or ""
+            self._warn("no answer", self._activity.refusal)
+        if math.isfinite(best):
+            self._optimum_publisher.publish(messages.float64(best))
+        self._activity.outputs += math.isfinite(efficiency)
+
+    # --- bench samples ------------------------------------------------------------------------
+
+    def _on_bench_sample(self, message: JointState) -> None:
+        activity = self._activity
+        try:
+            self._log.append(messages.bench_sample_from_message(
+                message, self._now() * NANOSECONDS))
+            activity.bench_complaint = ""
+        except InputError as error:
+            activity.bench_refused["invalid"] += 1
+            activity.bench_complaint = str(error)
+        except OSError as error:
+            activity.bench_refused["not written"] += 1
+            activity.bench_complaint = f"bench log: {error}"
+        if activity.bench_complaint:
+            self._warn("bench_sample", activity.bench_complaint)
+
+    # --- model --------------------------------------------------------------------------------
+
+    def _model_changed(self) -> None:
+        store = self._store
+        self._model_publisher.publish(messages.model_to_message(store.model, {
+            "file": str(store.path), "since": store.since,
+            "fingerprint": store.model.fingerprint}))
+        self._publish_map()
+        self._publish_outputs()
+
+    def _publish_map(self) -> None:
+        settings = self._settings
+        intervals = ((DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high),
+                     settings.engine_speed_limits, settings.map_load_torque_limits)
+        axes = (np.linspace(low, high, count)
+                for (low, high), count in zip(intervals, settings.map_points, strict=True))
+        self._map_publisher.publish(messages.map_to_message(self._store.model.efficiency_map(*axes)))
+
+    # --- time ---------------------------------------------------------------------------------
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _steady_seconds(self) -> float:
+        return float(self._steady.now().nanoseconds) * NANOSECONDS
+
+    def _tick(self) -> None:
+        self._service_handlers.poll()
+        if self._output_due:
+            self._publish_outputs()
+        self._ticks += 1
+        if self._ticks % DIAGNOSTICS_EVERY == 0:
+            self._publish_diagnostics()
+
+    def _publish_diagnostics(self) -> None:
+        now, timeout = self._now(), self._settings.input_timeout
+        name = self.get_fully_qualified_name().strip("/")
+        array = DiagnosticArray(status=[
+            inputs_status(name, self._inputs, self._activity, now, timeout),
+            model_status(name, self._store, self._activity, len(self._log),
+                         self._inputs.point(now, timeout)),
+        ])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_publisher.publish(array)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM.
+
+    Returns:
+        Exit code: 0, or 2 when an argument, a parameter or the model file is wrong.
+    """
+    given = list(sys.argv if arguments is None else arguments)
+    try:
+        other = remove_ros_args(given)[1:]
+        if other:
+            return _answer_other(other[0])
+        rclpy.init(args=given)
+        node = EfficiencyNode()
+    except (HmcvtError, OSError) as error:
+        return _failed(str(error))
+    except RuntimeError as error:
+        # What rclpy raises on a parameter file or ROS argument that it cannot read.
+        return _failed(f"{type(error).__name__}: {error}")
+    _spin(node)
+    return 0
+
+
+def _spin(node: EfficiencyNode) -> None:
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except Exception:
+        # A message that arrives during shutdown meets destroyed handles.
+        if rclpy.ok():
+            raise
+    finally:
+        node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _answer_other(argument: str) -> int:
+    if argument in ("-h", "--help"):
+        print(parameters.usage())
+        return 0
+    return _failed(f"unknown argument {argument}; see --help")
+
+
+def _failed(text: str) -> int:
+    print(f"hmcvt: error: {' '.join(text.split())}", file=sys.stderr)
+    rclpy.try_shutdown()
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

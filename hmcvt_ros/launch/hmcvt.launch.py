@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start the node: `ros2 launch hmcvt_ros hmcvt.launch.py params_file:=my.yaml`."""
+
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+# Installed and in a checkout, config/ lies beside launch/.
+DEFAULTS = Path(__file__).resolve().parent.parent / "config" / "hmcvt.yaml"
+
+ARGUMENTS = {
+    "params_file": (str(DEFAULTS), "YAML with parameters of the node"),
+    "namespace": ("", "namespace of the node and its topics"),
+    "use_sim_time": ("false", "follow /clock"),
+    "log_level": ("info", "debug, info, warn or error"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the launch description."""
+    declarations = [DeclareLaunchArgument(name, default_value=default, description=text)
+                    for name, (default, text) in ARGUMENTS.items()]
+    node = Node(
+        package="hmcvt_ros",
+        executable="efficiency_node",
+        name="hmcvt",
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[
+            LaunchConfiguration("params_file"),
+            {"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"),
+                                            value_type=bool)},
+        ],
+        arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
+        output="screen",
+    )
+    return LaunchDescription([*declarations, node])

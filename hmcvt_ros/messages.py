@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between ROS messages and values of the core.
+
+Every number goes through `float`: the generated message classes send a NumPy scalar or an int as
+garbage without a word.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import yaml
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
+
+from hmcvt_core.bench import BenchSamples
+from hmcvt_core.efficiency_map import EfficiencyMap
+from hmcvt_core.errors import InputError
+from hmcvt_core.model import EfficiencyModel
+
+JOINTS = ("engine", "output", "displacement")
+MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
+_SOURCE = "bench_sample"
+
+
+def float64(value: float) -> Float64:
+    """Return a number as a message."""
+    return Float64(data=float(value))
+
+
+def bench_sample_from_message(message: JointState, now: float) -> BenchSamples:
+    """Read one bench sample from shaft speeds [rad/s], torques [N m] and displacement ratio.
+
+    Args:
+        message: joints `engine`, `output`, `displacement` in any order, others are ignored;
+            `velocity` and `effort` of the shafts, `position` of `displacement`.
+        now: time of the sample when the header has none [s].
+
+    Returns:
+        One sample; efficiency = output power / engine power, load torque = output power / engine
+        speed.
+
+    Raises:
+        InputError: a joint or field is missing or doubled, or a value is out of range.
+    """
+    for joint in JOINTS:
+        if message.name.count(joint) != 1:
+            raise InputError(f"{_SOURCE}: joint {joint!r} stands {message.name.count(joint)} times "
+                             f"in name; needs {', '.join(JOINTS)}")
+    engine_speed = _value(message, "engine", "velocity")
+    output_speed = _value(message, "output", "velocity")
+    engine_power = _value(message, "engine", "effort") * engine_speed
+    output_power = _value(message, "output", "effort") * output_speed
+    if not (engine_speed > 0.0 and engine_power > 0.0):
+        raise InputError(f"{_SOURCE}: engine speed {engine_speed:g} rad/s and engine power "
+                         f"{engine_power:g} W must be positive")
+    stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+    return BenchSamples(
+        displacement_ratio=np.array(_value(message, "displacement", "position")),
+        engine_speed=np.array(engine_speed),
+        load_torque=np.array(output_power / engine_speed),
+        efficiency=np.array(output_power / engine_power),
+        output_speed=np.array(output_speed),
+        stamp=np.array(stamp if stamp > 0.0 else now),
+        source=_SOURCE,
+    )
+
+
+def _value(message: JointState, joint: str, field: str) -> float:
+    values = getattr(message, field)
+    if len(values) != len(message.name):
+        raise InputError(f"{_SOURCE}: {field} has {len(values)} values for "
+                         f"{len(message.name)} joints")
+    return float(values[message.name.index(joint)])
+
+
+def bench_sample_to_message(
+    displacement_ratio: float,
+    engine_speed: float,
+    engine_torque: float,
+    output_speed: float,
+    output_torque: float,
+) -> JointState:
+    """Return what a bench measures [-, rad/s, N m] as a message without a stamp."""
+    nan = math.nan
+    return JointState(
+        name=list(JOINTS),
+        position=[nan, nan, float(displacement_ratio)],
+        velocity=[float(engine_speed), float(output_speed), nan],
+        effort=[float(engine_torque), float(output_torque), nan],
+    )
+
+
+def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> String:
+    """Return a model as YAML; a file with this text is a parameter file.
+
+    Args:
+        model: the model in service.
+        served: what the node adds, under the key `served`.
+    """
+    data = {**model.to_mapping(), "served": dict(served)}
+    return String(data=yaml.safe_dump(data, sort_keys=False))
+
+
+def map_to_message(grid: EfficiencyMap) -> Float64MultiArray:
+    """Return an efficiency map as a message.
+
+    `data` holds the three axes one after the other, then, from `layout.data_offset` on, the
+    efficiencies in the order of `layout.dim`; NaN where the model has no answer.
+    """
+    axes = [getattr(grid, name) for name in MAP_AXES]
+    message = Float64MultiArray()
+    strides = np.cumprod([len(axis) for axis in reversed(axes)])[::-1]
+    message.layout.dim = [
+        MultiArrayDimension(label=name, size=len(axis), stride=int(stride))
+        for name, axis, stride in zip(MAP_AXES, axes, strides, strict=True)
+    ]
+    message.layout.data_offset = sum(len(axis) for axis in axes)
+    message.data = np.concatenate([*axes, grid.efficiency.ravel()]).tolist()
+    return message
+
+
+def map_from_message(message: Float64MultiArray) -> EfficiencyMap:
+    """Read what `map_to_message` gives.
+
+    Raises:
+        InputError: the layout is another.
+    """
+    sizes = [dimension.size for dimension in message.layout.dim]
+    labels = tuple(dimension.label for dimension in message.layout.dim)
+    data = np.asarray(message.data, dtype=float)
+    if labels != MAP_AXES or len(data) != sum(sizes) + math.prod(sizes):
+        raise InputError(f"efficiency map: layout {labels} with {len(data)} values; "
+                         f"needs {MAP_AXES}")
+    first, second, third, efficiency = np.split(data, np.cumsum(sizes))
+    return EfficiencyMap(first, second, third, efficiency.reshape(sizes))

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The models of a node: the one it starts from, those refitted, and which one is in service.
+
+    <state folder>/models/0001.yaml ...   every refitted model, never overwritten
+    <state folder>/in_service.json        the models put into service one after the other
+
+The second file is replaced as a whole, so that a crash at any moment leaves the model before or
+the one after in service.
+"""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime, timezone
+from pathlib import Path
+
+from hmcvt_core.atomic import write_atomically
+from hmcvt_core.errors import HmcvtError
+from hmcvt_core.model import EfficiencyModel
+from hmcvt_core.parameter_file import load_model
+
+
+class ModelStore:
+    """Which model is in service, and the way back.
+
+    Attributes:
+        base: the parameter file that the node was given.
+        model: the model in service.
+        since: when it was put into service, UTC.
+        complaint: why a refitted model of an earlier run was not taken up; empty when it was.
+    """
+
+    def __init__(self, base: Path, folder: Path) -> None:
+        """Take up the state in `folder` for a node that starts from the file `base`.
+
+        Raises:
+            InputError: the file `base` is missing or damaged.
+        """
+        self.base = base.resolve()
+        self.complaint = ""
+        self._folder = folder
+        self._models = folder / "models"
+        self._state = folder / "in_service.json"
+        base_model = load_model(base)
+        self._base_fingerprint = base_model.fingerprint
+        self._stack: list[str] = []
+        self.model = self._resumed() or base_model
+        self.since = _now()
+
+    @property
+    def path(self) -> Path:
+        """The parameter file in service."""
+        return self._models / self._stack[-1] if self._stack else self.base
+
+    def new_path(self) -> Path:
+        """Return a free name for a refitted model.
+
+        Raises:
+            OSError: the folder cannot be made.
+        """
+        self._models.mkdir(parents=True, exist_ok=True)
+        taken = [int(path.stem) for path in self._models.glob("*.yaml") if path.stem.isdigit()]
+        return self._models / f"{max(taken, default=0) + 1:04d}.yaml"
+
+    def adopt(self, path: Path) -> EfficiencyModel:
+        """Put a model written under `new_path` into service.
+
+        Raises:
+            InputError: the file is damaged; the model before stays.
+            OSError: the state cannot be written; the model before stays.
+        """
+        model = load_model(path)
+        self._commit([*self._stack, path.name], model)
+        return model
+
+    def revert(self) -> EfficiencyModel:
+        """Put the model before into service.
+
+        Raises:
+            HmcvtError: there is none.
+            InputError, OSError: it cannot be loaded or the state not be written; nothing changes.
+        """
+        if not self._stack:
+            raise HmcvtError("the model in service is the one of model_file; there is none before")
+        stack = self._stack[:-1]
+        model = load_model(self._models / stack[-1] if stack else self.base)
+        self._commit(stack, model)
+        return model
+
+    def _commit(self, stack: list[str], model: EfficiencyModel) -> None:
+        state = {"base": str(self.base), "base_fingerprint": self._base_fingerprint,
+                 "in_service": stack}
+        write_atomically(self._state, json.dumps(state, indent=1) + "\n")
+        self._stack, self.model, self.since = stack, model, _now()
+
+    def _resumed(self) -> EfficiencyModel | None:
+        try:
+            state = json.loads(self._state.read_text(encoding="utf-8"))
+            stack = [str(name) for name in state["in_service"]]
+            fingerprint = state["base_fingerprint"]
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            self.complaint = f"{self._state}: cannot be read ({error!r})"
+            return None
+        if fingerprint != self._base_fingerprint:
+            # Whoever starts the node from another model wants that one, not an old refit.
+            self.complaint = f"{self._state}: is of another model_file ({state.get('base')})"
+            return None
+        while stack:
+            try:
+                model = load_model(self._models / stack[-1])
+            except HmcvtError as error:
+                self.complaint = str(error)
+                stack.pop()
+            else:
+                self._stack = stack
+                return model
+        return None
+
+
+def _now() -> str:
+    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the node: one table that declares, checks and documents them."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from hmcvt_core.errors import InputError
+from hmcvt_core.optimum import HOLDS
+from hmcvt_core.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, Range
+
+MAP_POINTS_LIMIT = 100_000
+"""Most points of the efficiency map (0.8 MB as a message)."""
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """One parameter.
+
+    Attributes:
+        name: as in YAML.
+        default: also tells the type.
+        unit: empty where there is none.
+        description: what it does, for a person.
+        limits: closed interval of the value, or of each element of an array.
+        read_only: settled at start.
+    """
+
+    name: str
+    default: Any
+    unit: str
+    description: str
+    limits: tuple[float, float] | None = None
+    read_only: bool = False
+
+    def range(self) -> Range:
+        """Return the range of the value, for a parameter that has limits."""
+        low, high = self.limits or (-math.inf, math.inf)
+        return Range(self.name, low, high, self.unit or "-")
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what `ros2 param describe` shows."""
+        text = f"{self.description} [{self.unit}]" if self.unit else self.description
+        descriptor = ParameterDescriptor(description=text, read_only=self.read_only)
+        if self.limits is None or isinstance(self.default, list):
+            return descriptor
+        low, high = self.limits
+        if isinstance(self.default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high))
+            ]
+        return descriptor
+
+
+PARAMETERS: tuple[Declaration, ...] = (
+    Declaration(
+        "model_file", "", "",
+        "Parameter file of the model to start from; empty for the paper's stage, params/hm4.yaml. "
+        "A model refitted from it in an earlier run is taken up again from the state folder.",
+        read_only=True),
+    Declaration(
+        "state_folder", "", "",
+        "Folder for the bench log and refitted models; empty for $ROS_HOME (else ~/.ros) / name of "
+        "the node with its namespace.",
+        read_only=True),
+    Declaration(
+        "samples_file", "", "",
+        "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for the "
+        "log of bench_sample."),
+    Declaration(
+        "input_timeout", 0.5, "s", "Age at which an input is stale and the outputs fall silent.",
+        (0.01, 60.0)),
+    Declaration(
+        "max_output_rate", 0.0, "Hz",
+        "Limit to the rate of the outputs, the last input is always answered; 0 answers every "
+        "arrival.", (0.0, 1000.0)),
+    Declaration(
+        "optimum_hold", HOLDS[0], "",
+        f"What stays the same when the displacement ratio is optimised: {' or '.join(HOLDS)} (and "
+        "output power)."),
+    Declaration(
+        "engine_speed_limits", [round(limit, 2) for limit in ENGINE_SPEED_LIMITS], "rad/s",
+        "Engine speeds that the optimum may use and the map covers.",
+        (ENGINE_SPEED.low, ENGINE_SPEED.high)),
+    Declaration(
+        "map_load_torque_limits", [50.0, 400.0], "N m", "Load torques that the map covers.",
+        (LOAD_TORQUE.low, LOAD_TORQUE.high), read_only=True),
+    Declaration(
+        "map_points", [41, 17, 15], "",
+        "Points of the map along displacement ratio, engine speed, load torque.", (2, 500),
+        read_only=True),
+    Declaration(
+        "reidentify_min_samples", 4, "", "Fewest samples that ~/reidentify accepts.", (1, 100_000)),
+    Declaration(
+        "reidentify_seed", 0, "", "Seed of the annealing, so that a refit can be repeated.",
+        (0, 2**31 - 1)),
+    Declaration(
+        "bench_log_limit", 100_000, "", "Samples that the bench log holds before it refuses more.",
+        (1, 10_000_000)),
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The values of `PARAMETERS`, checked.
+
+    Raises:
+        InputError: a value is out of range; the parameter is named.
+    """
+
+    model_file: str
+    state_folder: str
+    samples_file: str
+    input_timeout: float
+    max_output_rate: float
+    optimum_hold: str
+    engine_speed_limits: tuple[float, float]
+    map_load_torque_limits: tuple[float, float]
+    map_points: tuple[int, int, int]
+    reidentify_min_samples: int
+    reidentify_seed: int
+    bench_log_limit: int
+
+    def __post_init__(self) -> None:
+        for declaration in PARAMETERS:
+            _check_range(declaration, getattr(self, declaration.name))
+        if self.optimum_hold not in HOLDS:
+            raise InputError(f"optimum_hold = {self.optimum_hold!r}; there is {', '.join(HOLDS)}")
+        for name in ("engine_speed_limits", "map_load_torque_limits"):
+            limits = getattr(self, name)
+            if len(limits) != 2 or not limits[0] < limits[1]:
+                raise InputError(f"{name} = {list(limits)}; needs two rising numbers")
+        if len(self.map_points) != 3 or math.prod(self.map_points) > MAP_POINTS_LIMIT:
+            raise InputError(f"map_points = {list(self.map_points)}; needs three counts whose "
+                             f"product is at most {MAP_POINTS_LIMIT}")
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Settings:
+        """Take the fields from a mapping of parameter values, ignoring the rest."""
+        return cls(**{field.name: values[field.name] for field in fields(cls)})
+
+
+def _check_range(declaration: Declaration, value: Any) -> None:
+    if declaration.limits is not None:
+        # The middleware checks single numbers too, but lets NaN through and skips arrays.
+        declaration.range().check(value)
+
+
+def declare(node: Node) -> Settings:
+    """Declare all parameters on a node, refuse bad values from then on, and return the first.
+
+    Raises:
+        InputError: a value given at start is of the wrong type or out of range.
+    """
+    for declaration in PARAMETERS:
+        try:
+            node.declare_parameter(declaration.name, declaration.default, declaration.descriptor())
+        except InvalidParameterTypeException:
+            raise InputError(_type_complaint(node, declaration)) from None
+        except InvalidParameterValueException as error:
+            given = node._parameter_overrides[declaration.name].value
+            raise InputError(f"parameter {declaration.name} = {given!r}: "
+                             f"allowed {declaration.range()}") from error
+    return Settings.of(current_values(node))
+
+
+def _type_complaint(node: Node, declaration: Declaration) -> str:
+    given = node._parameter_overrides[declaration.name].value
+    message = f"parameter {declaration.name} = {given!r}: needs one like {declaration.default!r}"
+    if isinstance(declaration.default, float) and isinstance(given, int):
+        message += f"; write {float(given)!r}, a whole number is another type in ROS"
+    return message
+
+
+def current_values(node: Node) -> dict[str, Any]:
+    """Return the values of `PARAMETERS` as the node holds them; arrays as tuples."""
+    values = {}
+    for declaration in PARAMETERS:
+        value = node.get_parameter(declaration.name).value
+        values[declaration.name] = tuple(value) if isinstance(declaration.default, list) else value
+    return values
+
+
+def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
+    """Tell whether changed values fit together with the rest; for the on-set callback."""
+    proposed = current_values(node) | {
+        change.name: tuple(change.value) if isinstance(change.value, array) else change.value
+        for change in changes}
+    try:
+        Settings.of(proposed)
+    except (InputError, TypeError) as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)
+
+
+def undeclared(node: Node) -> list[str]:
+    """Return the parameters given at start that no one declared: typing errors, as a rule."""
+    # No public way to see them; ROS drops them without a word.
+    return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
+
+
+def usage() -> str:
+    """Return what `--help` prints: how to give parameters, and which there are."""
+    lines = ["usage: hmcvt-node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]",
+             "", "The ROS 2 node hmcvt: efficiency of a hydromechanical CVT. Parameters:", ""]
+    for declaration in PARAMETERS:
+        unit = f" [{declaration.unit}]" if declaration.unit else ""
+        limits = f"; {declaration.range()}" if declaration.limits else ""
+        lines.append(f"  {declaration.name}{unit}, default {declaration.default!r}{limits}")
+        lines += textwrap.wrap(declaration.description, 88, initial_indent=" " * 6,
+                               subsequent_indent=" " * 6)
+    return "\n".join(lines)

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of service of every topic; reliability and depth can be overridden by parameter."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+# Best effort also hears reliable publishers; a reliable subscription would miss best-effort ones.
+# No deadline: a subscription that asks for one refuses every publisher that offers none.
+INPUT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# Bench samples come in bursts and none may be lost.
+BENCH_SAMPLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+OUTPUT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+# A subscriber that joins late gets the last one.
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+DIAGNOSTICS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def overridable() -> QoSOverridingOptions:
+    """Let `qos_overrides.<topic>.<publisher|subscription>.<policy>` change a profile at start."""
+    return QoSOverridingOptions.with_default_policies()

@@ -1,0 +1,384 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identification: the paper's split, known truth from synthetic samples, what stays open."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import hmcvt_core as hmcvt
+from hmcvt_core.annealing import Schedule
+from hmcvt_core.identification import identify_gear_efficiency
+from hmcvt_core.parameters import PARAMETER_NAMES
+
+from .conftest import FIT, HELD_BACK
+
+QUICK = Schedule(chains=4, moves=5)
+TRUTH = hmcvt.HydraulicParameters(2e-11, 0.15, 0.1)
+NOISE = 0.004
+
+
+def synthetic(stage, n, seed, noise=NOISE):
+    """Samples of a known truth over the working range, and their exact efficiency."""
+    rng = np.random.default_rng(seed)
+    stroke = rng.uniform(-1.0, 1.0, n)
+    speed = rng.uniform(80.0, 230.0, n)
+    torque = rng.uniform(80.0, 400.0, n)
+    exact = hmcvt.EfficiencyModel(stage, TRUTH).efficiency(stroke, speed, torque)
+    measured = exact + noise * rng.standard_normal(n)
+    return hmcvt.BenchSamples(stroke, speed, torque, measured,
+                              efficiency_std=np.full(n, max(noise, 1e-6)))
+
+
+# --- Table 2 --------------------------------------------------------------------------------------
+
+
+def test_power_balance_meets_the_targets(fitted, table2):
+    # Issue 2: at or below 2.05 % (fit) and 1.65 % (prediction); design.md found 2.02 and 1.60.
+    assert fitted.fit_error <= 0.0205
+    assert fitted.prediction_error <= 0.0165
+    assert fitted.fit_error == pytest.approx(0.0202, abs=5e-5)
+    assert fitted.prediction_error == pytest.approx(0.0160, abs=5e-5)
+    assert relative_error(fitted.model, table2.select(FIT)) == pytest.approx(fitted.fit_error)
+    assert relative_error(fitted.model, table2.select(HELD_BACK)) == pytest.approx(
+        fitted.prediction_error, rel=1e-5)
+
+
+def test_published_meets_the_targets(fitted_published, table2):
+    # Issue 2: at or below 1.35 % and 1.70 %; differential evolution found 1.32 and 1.62
+    # (design.md, section 3); the paper states 2.16 and 1.90.
+    assert fitted_published.fit_error <= 0.0135
+    assert fitted_published.prediction_error <= 0.0170
+    assert fitted_published.fit_error == pytest.approx(0.0132, abs=5e-5)
+    assert fitted_published.prediction_error == pytest.approx(0.0162, abs=5e-5)
+    # Objective (21) by hand: predicted against measured, over predicted against the mean.
+    measured = table2.select(FIT).efficiency
+    predicted = measured + fitted_published.residuals
+    rsq = 1.0 - (np.sum((predicted - measured) ** 2)
+                 / np.sum((predicted - measured.mean()) ** 2))
+    assert 1.0 - fitted_published.objective == pytest.approx(rsq, rel=1e-9)
+
+
+def relative_error(model, samples):
+    predicted = model.efficiency(samples.displacement_ratio, samples.engine_speed,
+                                 samples.load_torque)
+    return np.mean(np.abs(predicted - samples.efficiency) / samples.efficiency)
+
+
+@pytest.mark.parametrize("formulation", ["power_balance", "published"])
+def test_ten_seeds_agree(table2, formulation):
+    """Three digits of the objective; the local minimum that predicts test 3 as 63 % is missed."""
+    found = [hmcvt.identify(table2.select(FIT), formulation=formulation, seed=seed)
+             for seed in range(10)]
+    values = [fit.objective for fit in found]
+    assert max(values) / min(values) - 1.0 < 5e-4
+    for fit in found:
+        assert fit.model.efficiency(0.73, 78.54, 267.38) == pytest.approx(0.808, abs=0.02)
+        for name in PARAMETER_NAMES:
+            error = found[0].standard_errors[name]
+            assert getattr(fit.parameters, name) == pytest.approx(
+                getattr(found[0].parameters, name), abs=0.01 * error)
+
+
+def test_power_balance_optimum_is_a_minimum_for_scipy_too(fitted, hm4, table2):
+    """Least squares from elsewhere, written without the code under test, ends no lower."""
+    samples = table2.select(FIT)
+
+    def residuals(x):
+        model = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(10.0 ** x[0], x[1], x[2]))
+        predicted = model.efficiency(samples.displacement_ratio, samples.engine_speed,
+                                     samples.load_torque)
+        return (predicted - samples.efficiency) / (0.0112 * samples.efficiency)
+
+    bounds = ([-13.0, 0.0, 0.0], [-10.0, 1.0, 1.5])
+    best = min((least_squares(residuals, start, bounds=bounds, x_scale=(1.0, 0.1, 0.1))
+                for start in ((-11.0, 0.05, 0.3), (-10.5, 0.3, 0.05), (-12.0, 0.1, 0.5))),
+               key=lambda found: found.cost)
+    assert fitted.objective == pytest.approx(2.0 * best.cost / len(samples), rel=1e-6)
+
+
+def test_parameter_at_its_bound_is_named(fitted_published):
+    assert fitted_published.parameters.motor_damping == pytest.approx(0.0, abs=1e-4)
+    assert any(sentence.startswith("motor_damping is not determined by these samples: its best "
+                                   "value lies at the lower bound 0 N m s/rad")
+               for sentence in fitted_published.warnings)
+
+
+def test_loose_parameters_are_named(fitted):
+    loose = [name for name in PARAMETER_NAMES
+             if fitted.standard_errors[name] > 0.5 * getattr(fitted.parameters, name)]
+    assert loose
+    for name in loose:
+        assert any(sentence.startswith(f"{name} is not determined by these samples")
+                   for sentence in fitted.warnings)
+
+
+def test_result_is_whole(fitted, table2):
+    assert len(fitted.residuals) == 5
+    assert fitted.correlation.shape == (3, 3)
+    assert np.diag(fitted.correlation) == pytest.approx(1.0)
+    assert (np.diff(fitted.history) <= 1e-12).all()
+    assert fitted.history[-1] == fitted.objective
+    assert (fitted.seed, fitted.stop_reason) == (0, "cooled")
+    assert fitted.model.domain.engine_speed == (78.54, 146.61)
+    again = hmcvt.identify(table2.select(FIT), seed=0)
+    assert again.parameters == fitted.parameters
+
+
+def test_gear_efficiency_enumerated_as_in_table_3(table2):
+    """Mean error of all eight tests by gear efficiency, in percent.
+
+    From differential evolution over a plain transcription of the paper (that of test_published).
+    Table 3 and design.md call 0.98 best; with these readings 0.99 is, by the samples alone.
+    """
+    expected = {0.99: 0.73, 0.98: 1.43, 0.97: 2.08, 0.96: 3.18}
+    found = identify_gear_efficiency(
+        table2.select(FIT), list(expected), validation=table2.select(HELD_BACK),
+        formulation="published")
+    for fit, (gear_efficiency, percent) in zip(found, expected.items(), strict=True):
+        assert {pair.efficiency for pair in fit.model.stage.gear_pairs} == {gear_efficiency}
+        overall = (5.0 * fit.fit_error + 3.0 * fit.prediction_error) / 8.0
+        assert 100.0 * overall == pytest.approx(percent, abs=0.006)
+
+
+# --- part 1 of the paper's method: two roots ------------------------------------------------------
+
+
+def roots_of_equation_18(displacement_ratio, efficiency, gear=0.98):
+    """eta_H from eqs (8), (11), (12), (18) made one cubic, solved by the companion matrix.
+
+    By hand: with q = x g^2 (x = eta_H), r = (1 + A) / i_HM and e = e_H < 0, (12) gives
+    1 / eta_HM = (q (r - 1) + 1) / r, and (18) becomes
+    g^2 [(1 - a_1) g^2 + a_1] r = efficiency (q (r - 1) + 1).
+    """
+    i2, i3, i4, i5, i6, i11, k = 0.969, 1.484, 0.678, 1.96, 0.982, 0.823, 2.56
+    ratio = ((1 + k) * i4 * i5 + displacement_ratio * i2 * i3) / (k * i2 * i3 * i4 * i5 * i6 * i11)
+    r, g2 = ratio * k / (1 + k), gear**2
+    e = 1.0 - 1.0 / r
+    inverse = np.poly1d([g2 * (r - 1.0) / r, 1.0 / r])
+    below = (inverse - e) * np.poly1d([1.0, 0.0]) + e  # denominator of a_1: eta_2 eta_3 cancels g^2
+    # a_1 = e / below; multiply (18) by it.
+    cubic = ((below - e) * g2 + e) * g2 - efficiency * inverse * below
+    return sorted(float(root.real) for root in cubic.roots
+                  if abs(root.imag) < 1e-12 and 0.0 < root.real < 1.0)
+
+
+@pytest.mark.parametrize(("test", "efficiency", "expected"), [
+    # design.md, section 3.5, test 1.
+    (1, 0.643, (0.163, 0.526)),
+    # The same section gives 0.120, 0.494 for test 2 and 0.150, 0.512 for test 5: those belong to
+    # the efficiencies *estimated* in Table 4 (69.23 %, 63.52 %), see below; measured they are these
+    # (confirmed with SymPy).
+    (2, 0.698, (0.130, 0.508)),
+    (5, 0.588, (0.040, 0.441)),
+])
+def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, expected):
+    from hmcvt_core.identification.two_part import hydraulic_roots
+
+    samples = table2.select([test - 1])
+    assert samples.efficiency[0] == efficiency
+    roots = hydraulic_roots(hm4, samples)[0]
+    by_hand = roots_of_equation_18(samples.displacement_ratio[0], efficiency)
+    assert by_hand == pytest.approx(expected, abs=6e-4)
+    assert sorted(roots.consistent + roots.rejected) == pytest.approx(by_hand, abs=1e-9)
+    # The lower one lies beyond the pole of (11), where a_1 > 1 contradicts e_H < 0.
+    assert (len(roots.consistent), len(roots.rejected)) == (1, 1)
+    assert roots.consistent[0] > roots.rejected[0]
+
+
+@pytest.mark.parametrize(("stroke", "estimated", "expected"), [
+    (-0.73, 0.6923, (0.120, 0.494)), (-1.0, 0.6352, (0.150, 0.512)),
+])
+def test_roots_of_design_belong_to_table_4(stroke, estimated, expected):
+    assert roots_of_equation_18(stroke, estimated) == pytest.approx(expected, abs=1.1e-3)
+
+
+def test_rejected_roots_are_reported(fitted_published):
+    assert [len(entry.rejected) for entry in fitted_published.roots] == [1, 1, 0, 1, 0]
+    assert "3 samples have a second root for eta_H, beyond the pole" in fitted_published.report()
+
+
+# --- a known truth --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_truth_is_recovered_from_noisy_samples(hm4, seed):
+    found = hmcvt.identify(synthetic(hm4, 60, seed), stage=hm4, schedule=QUICK, seed=seed)
+    for name in PARAMETER_NAMES:
+        miss = getattr(found.parameters, name) - getattr(TRUTH, name)
+        assert abs(miss) < 3.0 * found.standard_errors[name], name
+        assert found.standard_errors[name] < 0.25 * getattr(TRUTH, name), name
+
+
+def test_truth_is_recovered_exactly_without_noise(hm4):
+    found = hmcvt.identify(synthetic(hm4, 30, 0, noise=0.0), stage=hm4, schedule=QUICK)
+    np.testing.assert_allclose(found.parameters.to_array(), TRUTH.to_array(), rtol=1e-5)
+    assert found.fit_error < 1e-7
+
+
+def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
+    """Monte Carlo: 200 noisy repetitions of the same 40 points, each fitted by SciPy."""
+    base = synthetic(hm4, 40, 11, noise=0.0)
+    exact, rng = base.efficiency, np.random.default_rng(5)
+    points = (base.displacement_ratio, base.engine_speed, base.load_torque)
+
+    def fit(measured):
+        def residuals(x):
+            found = hmcvt.HydraulicParameters(10.0 ** x[0], *np.abs(x[1:]))
+            predicted = hmcvt.EfficiencyModel(hm4, found).efficiency(*points)
+            return (predicted - measured) / NOISE
+
+        return least_squares(residuals, (np.log10(2e-11), 0.15, 0.1), x_scale=(0.1, 0.1, 0.1)).x
+
+    fitted = np.array([fit(exact + NOISE * rng.standard_normal(40)) for _ in range(200)])
+    scatter = fitted.std(axis=0) * [np.log(10.0) * 2e-11, 1.0, 1.0]
+    noisy = replace(base, efficiency=exact + NOISE * rng.standard_normal(40),
+                    efficiency_std=np.full(40, NOISE))
+    stated = hmcvt.identify(noisy, stage=hm4, schedule=QUICK).standard_errors
+    # 200 repetitions know the scatter to 5 %, one bench its own noise to 12 %.
+    np.testing.assert_allclose([stated[name] for name in PARAMETER_NAMES], scatter, rtol=0.3)
+    correlation = np.corrcoef(fitted.T)
+    model = hmcvt.identify(noisy, stage=hm4, schedule=QUICK).correlation
+    np.testing.assert_allclose(model, correlation, atol=0.2)
+
+
+def test_weights_follow_the_stated_deviation(hm4):
+    """A sample known ten times better counts a hundred times more."""
+    samples = synthetic(hm4, 40, 3, noise=0.0)
+    spoiled = samples.efficiency.copy()
+    spoiled[:10] -= 0.05
+    deviation = np.full(40, 0.002)
+    trusted = hmcvt.identify(
+        replace(samples, efficiency=spoiled, efficiency_std=deviation), stage=hm4, schedule=QUICK)
+    deviation = np.where(np.arange(40) < 10, 0.2, 0.002)
+    doubted = hmcvt.identify(
+        replace(samples, efficiency=spoiled, efficiency_std=deviation), stage=hm4, schedule=QUICK)
+    np.testing.assert_allclose(doubted.parameters.to_array(), TRUTH.to_array(), rtol=0.02)
+    misses = [abs(found.parameters.pump_damping - 0.1) for found in (trusted, doubted)]
+    assert misses[0] > 5.0 * misses[1]
+
+
+# --- what the samples leave open ------------------------------------------------------------------
+
+
+def test_fewer_samples_than_parameters(table2):
+    found = hmcvt.identify(table2.select([0, 3]), schedule=QUICK)
+    assert "2 samples cannot determine 3 parameters: the values are one choice among many" \
+        in found.warnings
+
+
+def test_one_sign_of_stroke_only(hm4):
+    samples = synthetic(hm4, 40, 2)
+    half = samples.select(samples.displacement_ratio > 0.1)
+    found = hmcvt.identify(half, stage=hm4, schedule=QUICK)
+    assert "no sample has a negative displacement ratio: the model is unchecked there" \
+        in found.warnings
+    assert not any("positive displacement" in sentence for sentence in found.warnings)
+    other = hmcvt.identify(samples.select(samples.displacement_ratio < -0.1), stage=hm4,
+                           schedule=QUICK)
+    assert "no sample has a positive displacement ratio: the model is unchecked there" \
+        in other.warnings
+
+
+def test_all_samples_at_one_point(hm4):
+    rng = np.random.default_rng(0)
+    ones = np.ones(20)
+    exact = hmcvt.EfficiencyModel(hm4, TRUTH).efficiency(0.5, 150.0, 200.0)
+    samples = hmcvt.BenchSamples(0.5 * ones, 150.0 * ones, 200.0 * ones,
+                                 exact + 0.002 * rng.standard_normal(20))
+    found = hmcvt.identify(samples, stage=hm4, schedule=QUICK)
+    open_ = " ".join(found.warnings)
+    undetermined = [name for name in PARAMETER_NAMES
+                    if f"{name} is not determined by these samples" in open_]
+    # One point gives one number: at least two of three parameters stay open, and it is said.
+    assert len(undetermined) >= 2 or "only a combination is determined" in open_
+    assert undetermined
+
+
+def test_well_determined_parameters_raise_no_warning(hm4):
+    assert hmcvt.identify(synthetic(hm4, 60, 0), stage=hm4, schedule=QUICK).warnings == ()
+
+
+def test_no_answer_within_the_bounds(hm4):
+    # 320 rad/s x 5000 N m is 1.6 MW: at this stroke the mildest leakage stalls.
+    samples = hmcvt.BenchSamples([-1.0], [10.0], [5000.0], [0.5])
+    leaky = replace(hm4, pump_motor=hmcvt.PumpMotor(1e-7, 1e-7))
+    with pytest.raises(hmcvt.IdentificationError,
+                       match="no parameters within the bounds give an efficiency at every sample"):
+        hmcvt.identify(samples, stage=leaky, schedule=QUICK)
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"formulation": "magic"}, "formulation = 'magic'; there is"),
+    ({"gear_efficiency": 98.0}, r"gear_efficiency\.2 = 98\.0 is not allowed; allowed: 0\.5 to 1"),
+    ({"gear_efficiency": float("nan")}, r"gear_efficiency\.2 = nan is not allowed"),
+])
+def test_bad_options(table2, options, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        hmcvt.identify(table2, **options)
+
+
+def test_progress_is_told_and_may_cancel(table2):
+    class CancelledError(Exception):
+        pass
+
+    seen = []
+
+    def watch(state):
+        seen.append(state)
+        if len(seen) == 4:
+            raise CancelledError
+
+    with pytest.raises(CancelledError):
+        hmcvt.identify(table2, schedule=QUICK, progress=watch)
+    assert [state.generation for state in seen] == [1, 2, 3, 4]
+    assert seen[-1].evaluations == 4 + 4 * 4 * 5
+
+
+# --- report and file ------------------------------------------------------------------------------
+
+
+def test_report_reads(fitted):
+    text = fitted.report()
+    for needle in ("power_balance, stage HM4: fitted to 5 samples",
+                   "which is assumed", "error of the fit           2.02 %",
+                   "error of the prediction    1.60 % (3 samples held back)",
+                   "note: leakage is not"):
+        assert needle in text
+    assert len(text.splitlines()) > 12
+
+
+def test_plain_data_is_json(fitted, fitted_published):
+    for found in (fitted, fitted_published):
+        again = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+        assert again["fit_error"] == found.fit_error
+        assert again["parameters"]["leakage"]["unit"] == "m3/(s Pa)"
+
+
+def plain(value):
+    """Replace the lists and mappings of a file by one flat mapping from place to value."""
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    flat = {}
+    for key, item in items:
+        if isinstance(item, (dict, list, tuple)):
+            flat |= {f"{key}.{place}": found for place, found in plain(item).items()}
+        else:
+            flat[str(key)] = item
+    return flat
+
+
+def test_shipped_parameter_file_is_what_identification_gives(fitted):
+    """`hmcvt identify data/table2.csv --fit 1,2,4,5,6`, all but the date."""
+    shipped = plain(hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).to_mapping())
+    made = plain(fitted.model.to_mapping())
+    assert shipped.keys() == made.keys()
+    for place, value in made.items():
+        if place == "provenance.date":
+            continue
+        if isinstance(value, float):
+            # Other processors round otherwise; the search ends at 1e-9 of the bounds.
+            assert shipped[place] == pytest.approx(value, rel=1e-4), place
+        else:
+            assert shipped[place] == value, place

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model as users hold it: shapes, input checks, standard errors, domain, map."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.parameters import PARAMETER_NAMES
+from hmcvt_core.ranges import RPM
+
+POINT = (0.5, 150.0, 200.0)
+
+
+def test_floats_give_floats_and_arrays_broadcast(model):
+    assert isinstance(model.efficiency(*POINT), float)
+    assert isinstance(model.output_speed(*POINT), float)
+    stroke, speed = np.linspace(-1.0, 1.0, 5)[:, None], np.array([80.0, 150.0, 230.0])
+    found = model.efficiency(stroke, speed, 100.0)
+    assert found.shape == (5, 3)
+    for i in range(5):
+        for j in range(3):
+            assert found[i, j] == pytest.approx(
+                model.efficiency(stroke[i, 0], speed[j], 100.0), rel=1e-13)
+    assert model.efficiency([0.0, 1.0], 100.0, 100.0).shape == (2,)
+    assert model.efficiency(np.empty((0,)), 100.0, 100.0).shape == (0,)
+
+
+@pytest.mark.parametrize(("point", "message"), [
+    ((1.3, 150.0, 200.0), r"displacement_ratio = 1\.3 is outside -1 to 1 \(a fraction of full"),
+    ((0.5, 1500.0, 200.0), r"engine_speed = 1500 is outside 10 to 320 rad/s \(is it in r/min\?\)"),
+    ((0.5, 150.0, -5.0), r"load_torque = -5 is outside 1 to 5000 N m"),
+    ((math.nan, 150.0, 200.0), r"displacement_ratio = nan is not finite; allowed -1 to 1"),
+    ((0.5, math.inf, 200.0), r"engine_speed = inf is not finite; allowed 10 to 320 rad/s"),
+    ((0.5, 150.0, -math.inf), r"load_torque = -inf is not finite"),
+    (([0.0, 0.1, 1.3], 150.0, 200.0), r"displacement_ratio\[2\] = 1\.3 is outside"),
+    ((0.5, "fast", 200.0), r"engine_speed = 'fast' is not a number"),
+    ((0.5, None, 200.0), r"engine_speed = nan is not finite"),
+    (([0.1, 0.2], [100.0, 110.0, 120.0], 200.0), r"shapes \(2,\), \(3,\), \(\) do not broadcast"),
+])
+@pytest.mark.parametrize("method", ["efficiency", "output_speed", "predict", "breakdown"])
+def test_bad_points_are_named(model, method, point, message):
+    with pytest.raises(hmcvt.InputError, match=message) as caught:
+        getattr(model, method)(*point)
+    assert "\n" not in str(caught.value)
+
+
+def test_oil_temperature_is_checked(model):
+    with pytest.raises(hmcvt.InputError, match=r"oil_temperature = 333 .*is it in kelvin\?"):
+        model.efficiency(*POINT, oil_temperature=333.0)
+    # Without an effect of the oil it changes nothing.
+    assert model.efficiency(*POINT, oil_temperature=20.0) == model.efficiency(*POINT)
+
+
+def test_unknown_formulation(model):
+    with pytest.raises(hmcvt.InputError, match="formulation = 'magic'; there is power_balance, pu"):
+        replace(model, formulation="magic")
+
+
+@pytest.mark.parametrize(("values", "message"), [
+    ((0.0, 0.1, 0.1), "parameters: leakage = 0 is outside 1e-16 to 1e-08"),
+    ((1e-11, -0.1, 0.1), "parameters: motor_damping = -0.1 is outside 0 to 10 N m s/rad"),
+    ((1e-11, 0.1, math.nan), "parameters: pump_damping = nan is not finite"),
+])
+def test_parameters_are_checked(values, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        hmcvt.HydraulicParameters(*values)
+
+
+def test_standard_error_is_the_propagated_covariance(model):
+    """Against the spread of the efficiency under parameters drawn from that covariance."""
+    small = {name: 0.02 * error for name, error in model.standard_errors.items()}  # linear range
+    careful = replace(model, standard_errors=small)
+    errors = np.array([small[name] for name in PARAMETER_NAMES])
+    covariance = careful.correlation * np.outer(errors, errors)
+    rng = np.random.default_rng(0)
+    scale = np.diag(1.0 / errors)  # SVD of a matrix that spans twenty decades loses its small end
+    drawn = rng.multivariate_normal(np.zeros(3), scale @ covariance @ scale, size=4000) * errors
+    stroke = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    spread = np.std([
+        replace(model, parameters=hmcvt.HydraulicParameters(*(model.parameters.to_array() + step)))
+        .efficiency(stroke, 120.0, 180.0) for step in drawn], axis=0)
+    stated = careful.predict(stroke, 120.0, 180.0).standard_error
+    # The spread of 4000 draws is known to 1.1 %; the band is five times that.
+    np.testing.assert_allclose(stated, spread, rtol=0.055)
+
+
+def test_prediction_says_whether_the_data_cover_the_point(model):
+    # Box of tests 1, 2, 4, 5, 6: eps -1..1, 78.54..146.61 rad/s, 101.86..292.85 N m.
+    inside = model.predict([-1.0, 1.0, 0.0, 0.0], [78.54, 146.61, 100.0, 100.0],
+                           [101.86, 292.85, 100.0, 300.0]).inside_domain
+    np.testing.assert_array_equal(inside, [True, True, False, False])
+    found = model.predict(0.0, 100.0, 200.0)
+    assert found.inside_domain is True
+    assert found.efficiency == model.efficiency(0.0, 100.0, 200.0)
+    assert found.standard_error > 0.0
+
+
+def test_without_covariance_no_standard_error(model):
+    bare = hmcvt.EfficiencyModel(model.stage, model.parameters)
+    found = bare.predict(*POINT)
+    assert math.isnan(found.standard_error)
+    assert found.inside_domain is False
+
+
+def test_fingerprint_follows_the_physics(model, hm4):
+    bare = hmcvt.EfficiencyModel(model.stage, model.parameters)
+    assert bare.fingerprint == model.fingerprint
+    other = replace(model.parameters, pump_damping=model.parameters.pump_damping * 1.001)
+    assert replace(bare, parameters=other).fingerprint != model.fingerprint
+    assert replace(bare, stage=hm4.with_gear_efficiency(0.97)).fingerprint != model.fingerprint
+
+
+def test_efficiency_map(model):
+    axes = ([-1.0, 0.0, 1.0], [100.0, 200.0], [50.0, 100.0, 150.0, 200.0])
+    found = model.efficiency_map(*axes)
+    assert found.efficiency.shape == (3, 2, 4)
+    for (i, j, k), value in np.ndenumerate(found.efficiency):
+        point = (axes[0][i], axes[1][j], axes[2][k])
+        assert value == pytest.approx(model.efficiency(*point), rel=1e-13)
+    np.testing.assert_array_equal(found.engine_speed, axes[1])
+
+
+@pytest.mark.parametrize(("axes", "message"), [
+    (([], [100.0], [100.0]), r"map axis displacement_ratio has shape \(0,\)"),
+    (([0.0], [[100.0]], [100.0]), r"map axis engine_speed has shape \(1, 1\)"),
+    (([0.0], [100.0], [9999.0]), r"load_torque\[0\] = 9999 is outside"),
+])
+def test_map_axes_are_checked(model, axes, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        model.efficiency_map(*axes)
+
+
+@pytest.mark.parametrize(("pair", "message"), [
+    ((2.0, 1.0), r"domain\.engine_speed = \[2\.0, 1\.0\]: needs two rising numbers"),
+    ((math.nan, 1.0), r"domain\.engine_speed = \[nan, 1\.0\]: needs two rising numbers"),
+])
+def test_domain_is_checked(pair, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        hmcvt.Domain((-1.0, 1.0), pair, (1.0, 2.0))
+
+
+def test_one_revolution_a_minute():
+    revolution_a_second = 60.0 * RPM
+    assert revolution_a_second == pytest.approx(2.0 * math.pi)
+
+
+def test_shipped_files_are_found():
+    assert hmcvt.data_path("data/table2.csv").is_file()
+    with pytest.raises(hmcvt.InputError, match=r"data/table9\.csv does not ship with hmcvt"):
+        hmcvt.data_path("data/table9.csv")

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Optimal displacement ratio against brute force, for both things that may be held."""
+
+import math
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.ranges import ENGINE_SPEED_LIMITS
+
+POINTS = [(78.54, 101.86), (78.54, 292.85), (150.0, 60.0), (230.0, 400.0), (120.0, 900.0)]
+
+
+@pytest.mark.parametrize(("engine_speed", "load_torque"), POINTS)
+def test_held_engine_speed(model, engine_speed, load_torque):
+    found = model.optimal_displacement_ratio(engine_speed, load_torque)
+    grid = np.linspace(-1.0, 1.0, 40001)
+    efficiency = model.efficiency(grid, engine_speed, load_torque)
+    best = np.nanargmax(efficiency)
+    assert found.efficiency >= efficiency[best] - 1e-12
+    # Next to the top the curve is flat to second order, but the standstill of the motor is a kink.
+    assert found.displacement_ratio == pytest.approx(grid[best], abs=1e-3)
+    assert found.efficiency == pytest.approx(
+        model.efficiency(found.displacement_ratio, engine_speed, load_torque), rel=1e-12)
+    assert found.output_speed == pytest.approx(
+        model.output_speed(found.displacement_ratio, engine_speed, load_torque), rel=1e-12)
+    assert (found.engine_speed, found.load_torque) == (engine_speed, load_torque)
+    assert (found.hold, found.limit) == ("engine_speed", None)
+    # design.md, section 4: next to the full-mechanical point, where the motor stands. Eq. (5) with
+    # eps = 0 gives 1.19658; under load it takes some stroke to make up for the leakage.
+    assert found.output_speed / engine_speed == pytest.approx(1.19658, rel=0.02)
+
+
+def brute_force(model, output_speed, power, limits):
+    """Best of 1501 engine speeds; the stroke of each by bisection on the output speed."""
+    speed = np.linspace(*limits, 1501)
+    low, high = np.full(speed.shape, -1.0), np.full(speed.shape, 1.0)
+
+    def reached(stroke):
+        return model.output_speed(stroke, speed, power / speed)
+
+    with np.errstate(invalid="ignore"):
+        feasible = (reached(low) <= output_speed) & (reached(high) >= output_speed)
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        below = reached(middle) < output_speed
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    efficiency = np.where(feasible, model.efficiency(low, speed, power / speed), np.nan)
+    best = np.nanargmax(efficiency)
+    return speed[best], low[best], efficiency[best]
+
+
+@pytest.mark.parametrize(("engine_speed", "load_torque", "stroke"), [
+    (150.0, 150.0, -0.5), (150.0, 150.0, 0.9), (200.0, 80.0, 0.0), (120.0, 350.0, 0.6),
+])
+def test_held_output_speed(model, engine_speed, load_torque, stroke):
+    found = model.optimal_displacement_ratio(
+        engine_speed, load_torque, hold="output_speed", displacement_ratio=stroke)
+    output_speed = model.output_speed(stroke, engine_speed, load_torque)
+    power = engine_speed * load_torque
+    speed, best_stroke, efficiency = brute_force(model, output_speed, power, ENGINE_SPEED_LIMITS)
+    assert found.efficiency >= efficiency - 1e-9
+    assert found.efficiency == pytest.approx(efficiency, abs=1e-5)
+    assert found.engine_speed == pytest.approx(speed, rel=2e-3)
+    assert found.displacement_ratio == pytest.approx(best_stroke, abs=5e-3)
+    # What is held is held, and the answer is no worse than where the tractor works now.
+    at = (found.displacement_ratio, found.engine_speed, found.load_torque)
+    assert model.output_speed(*at) == pytest.approx(output_speed, rel=1e-9)
+    assert found.output_speed == pytest.approx(output_speed, rel=1e-12)
+    assert found.engine_speed * found.load_torque == pytest.approx(power, rel=1e-12)
+    assert found.efficiency == pytest.approx(model.efficiency(*at), rel=1e-9)
+    assert found.efficiency >= model.efficiency(stroke, engine_speed, load_torque)
+    assert (found.hold, found.limit) == ("output_speed", None)
+
+
+def test_output_speed_may_be_given_instead_of_the_stroke(model):
+    now = model.output_speed(0.5, 150.0, 150.0)
+    one = model.optimal_displacement_ratio(150.0, 150.0, hold="output_speed", output_speed=now)
+    two = model.optimal_displacement_ratio(
+        150.0, 150.0, hold="output_speed", displacement_ratio=0.5)
+    assert one.displacement_ratio == pytest.approx(two.displacement_ratio, abs=1e-9)
+    assert one.engine_speed == pytest.approx(two.engine_speed, rel=1e-9)
+
+
+@pytest.mark.parametrize(("output_speed", "limits", "limit", "held"), [
+    # Far below the full-mechanical ratio at idle, far above it at full speed: the engine limit.
+    (75.0, ENGINE_SPEED_LIMITS, "engine_speed low", 78.5398),
+    (310.0, ENGINE_SPEED_LIMITS, "engine_speed high", 230.3835),
+    (150.0, (140.0, 200.0), "engine_speed low", 140.0),
+    (220.0, (100.0, 150.0), "engine_speed high", 150.0),
+])
+def test_limit_that_binds_is_said(model, output_speed, limits, limit, held):
+    found = model.optimal_displacement_ratio(
+        120.0, 150.0, hold="output_speed", output_speed=output_speed, engine_speed_limits=limits)
+    assert found.limit == limit
+    assert found.engine_speed == pytest.approx(held, rel=1e-5)
+    assert model.output_speed(found.displacement_ratio, found.engine_speed,
+                              found.load_torque) == pytest.approx(output_speed, rel=1e-9)
+    efficiency = brute_force(model, output_speed, 120.0 * 150.0, limits)[2]
+    assert found.efficiency == pytest.approx(efficiency, abs=1e-5)
+
+
+def test_stroke_limit_that_binds_is_said(model):
+    """A pump without mechanical path worth the name: more stroke is always better."""
+    pairs = model.stage.mechanical.gear_pairs
+    lossy = [hmcvt.GearPair(pair.name, pair.ratio, 0.5) for pair in pairs]
+    stage = hmcvt.Stage(**{**vars_of(model.stage), "mechanical": hmcvt.Path(tuple(lossy))})
+    other = hmcvt.EfficiencyModel(stage, hmcvt.HydraulicParameters(1e-13, 0.0, 0.0))
+    grid = np.linspace(-1.0, 1.0, 2001)
+    assert np.nanargmax(other.efficiency(grid, 150.0, 150.0)) == 2000
+    found = other.optimal_displacement_ratio(150.0, 150.0)
+    assert found.displacement_ratio == pytest.approx(1.0, abs=1e-6)
+    assert found.limit == "displacement_ratio high"
+
+
+def vars_of(stage):
+    return {name: getattr(stage, name) for name in stage.__dataclass_fields__}
+
+
+def test_out_of_reach_is_nan(model):
+    found = model.optimal_displacement_ratio(
+        120.0, 150.0, hold="output_speed", output_speed=900.0)
+    for value in (found.efficiency, found.displacement_ratio, found.engine_speed):
+        assert math.isnan(value)
+    assert found.limit is None
+
+
+def test_stalled_everywhere_is_nan(hm4):
+    leaky = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(1e-8, 0.0, 0.0))
+    found = leaky.optimal_displacement_ratio(20.0, 2000.0)
+    assert math.isnan(found.efficiency)
+    assert math.isnan(found.displacement_ratio)
+    assert math.isnan(found.output_speed)
+
+
+def test_published_optimum_keeps_off_the_pole(fitted_published):
+    model = fitted_published.model
+    found = model.optimal_displacement_ratio(150.0, 200.0)
+    assert 0.0 < found.efficiency < 1.0
+    assert found.efficiency == pytest.approx(
+        model.efficiency(found.displacement_ratio, 150.0, 200.0), rel=1e-12)
+
+
+@pytest.mark.parametrize("hold", ["engine_speed", "output_speed"])
+def test_arrays_equal_scalars(model, hold):
+    now = {} if hold == "engine_speed" else {"displacement_ratio": np.array([[-0.3], [0.6]])}
+    speeds, torque = np.array([100.0, 150.0, 200.0]), 180.0
+    found = model.optimal_displacement_ratio(speeds, torque, hold=hold, **now)
+    shape = (3,) if hold == "engine_speed" else (2, 3)
+    for name in ("displacement_ratio", "efficiency", "engine_speed", "load_torque",
+                 "output_speed", "limit"):
+        assert np.shape(getattr(found, name)) == shape, name
+    for index in np.ndindex(shape):
+        point = {} if hold == "engine_speed" else {
+            "displacement_ratio": float(now["displacement_ratio"][index[0], 0])}
+        one = model.optimal_displacement_ratio(speeds[index[-1]], torque, hold=hold, **point)
+        assert found.displacement_ratio[index] == pytest.approx(one.displacement_ratio, abs=1e-6)
+        assert found.efficiency[index] == pytest.approx(one.efficiency, rel=1e-12)
+        assert found.limit[index] == one.limit
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"hold": "nothing"}, "hold = 'nothing'; there is engine_speed, output_speed"),
+    ({"hold": "output_speed"}, r"needs displacement_ratio \(now\) or output_speed"),
+    ({"hold": "output_speed", "output_speed": 5000.0}, r"output_speed = 5000 .*is it in r/min\?"),
+    ({"hold": "output_speed", "displacement_ratio": 1.3}, "displacement_ratio = 1.3 is outside"),
+    ({"hold": "output_speed", "output_speed": 100.0, "engine_speed_limits": (200.0, 100.0)},
+     "engine_speed_limits = 200, 100: the first must be lower"),
+    ({"hold": "output_speed", "output_speed": 100.0, "engine_speed_limits": (750.0, 2200.0)},
+     r"engine_speed_limits: engine_speed\[0\] = 750 is outside"),
+])
+def test_bad_requests(model, options, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        model.optimal_displacement_ratio(120.0, 150.0, **options)
+
+
+def test_bad_points(model):
+    with pytest.raises(hmcvt.InputError, match="engine_speed = nan is not finite"):
+        model.optimal_displacement_ratio(math.nan, 150.0)
+    with pytest.raises(hmcvt.InputError, match="load_torque = 0 is outside 1 to 5000 N m"):
+        model.optimal_displacement_ratio(150.0, 0.0)

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files: round trip, refusal by the name of the field, and damage of every field."""
+
+import copy
+import math
+import stat
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+
+import hmcvt_core as hmcvt
+from hmcvt_core.effects import library
+from hmcvt_core.parameter_file import TRANSMISSION_SCHEMA
+
+from .strategies import parameters, stages
+
+STROKES = np.linspace(-1.0, 1.0, 21)
+
+
+@pytest.fixture
+def saved(model, tmp_path):
+    path = tmp_path / "model.yaml"
+    model.save(path)
+    return path
+
+
+def edited(path, change):
+    """Change the file as a person would: without its checksum."""
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    del data["checksum"]
+    change(data)
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return path
+
+
+def test_round_trip(model, saved):
+    again = hmcvt.load_model(saved)
+    assert again.parameters == model.parameters
+    assert again.standard_errors == model.standard_errors
+    assert again.domain == model.domain
+    assert again.provenance == model.provenance
+    assert again.formulation == model.formulation
+    assert again.fingerprint == model.fingerprint
+    np.testing.assert_allclose(again.correlation, model.correlation, atol=1e-6)  # six digits
+    np.testing.assert_array_equal(again.efficiency(STROKES, 120.0, 180.0),
+                                  model.efficiency(STROKES, 120.0, 180.0))
+    assert again.to_mapping() == model.to_mapping()
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(stages(), parameters)
+def test_round_trip_of_any_stage(tmp_path, stage, found):
+    model = hmcvt.EfficiencyModel(stage, found)
+    model.save(tmp_path / "any.yaml")
+    again = hmcvt.load_model(tmp_path / "any.yaml")
+    assert again.parameters == found
+    np.testing.assert_allclose(again.efficiency(STROKES, 120.0, 50.0),
+                               model.efficiency(STROKES, 120.0, 50.0), rtol=1e-8)
+
+
+@pytest.mark.parametrize("kind", library(), ids=lambda kind: f"{kind.name} {kind.form}".strip())
+def test_round_trip_of_every_effect(model, tmp_path, kind):
+    sizes = {parameter.name: 0.5 * parameter.typical for parameter in kind.sizes()}
+    base = hmcvt.EfficiencyModel(model.stage, model.parameters, effects=(kind(**sizes),))
+    base.save(tmp_path / "effect.yaml")
+    assert hmcvt.load_model(tmp_path / "effect.yaml").effects == base.effects
+
+
+def test_file_carries_units_provenance_and_schema(saved, table2):
+    data = yaml.safe_load(saved.read_text(encoding="utf-8"))
+    assert data["schema"] == "hmcvt-model/1"
+    assert {name: entry["unit"] for name, entry in data["parameters"].items()} == {
+        "leakage": "m3/(s Pa)", "motor_damping": "N m s/rad", "pump_damping": "N m s/rad"}
+    assert all(entry["standard_error"] > 0.0 for entry in data["parameters"].values())
+    assert data["provenance"]["data"] == "table2.csv"
+    assert data["provenance"]["data_sha256"] == table2.sha256
+    assert data["provenance"]["seed"] == 0
+    assert data["provenance"]["date"].endswith("Z")
+    assert set(data["transmission"]["gear_pairs"]) == {"2", "3", "4", "5", "6", "11"}
+
+
+def test_saving_replaces_the_whole_file(model, saved):
+    saved.write_text("x" * 100_000, encoding="utf-8")
+    model.save(saved)
+    assert hmcvt.load_model(saved).fingerprint == model.fingerprint
+    assert [path.name for path in saved.parent.iterdir()] == ["model.yaml"]
+    assert stat.S_IMODE(saved.stat().st_mode) & 0o444 == 0o444 & ~_umask()
+
+
+def _umask():
+    import os
+
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
+
+
+def test_failed_save_leaves_the_old_file(model, tmp_path):
+    with pytest.raises(OSError):
+        model.save(tmp_path / "absent" / "model.yaml")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_changed_value_is_noticed(saved):
+    text = saved.read_text(encoding="utf-8")
+    assert "value: 0." in text
+    saved.write_text(text.replace("value: 0.", "value: 0.1", 1), encoding="utf-8")
+    assert_refused(saved, r"checksum does not match: the file is damaged or was edited; .*remove")
+
+
+def test_edit_on_purpose_is_allowed(saved):
+    def change(data):
+        data["parameters"]["pump_damping"]["value"] = 0.25
+
+    assert hmcvt.load_model(edited(saved, change)).parameters.pump_damping == 0.25
+
+
+def test_numbers_as_people_write_them(saved):
+    # YAML 1.1 reads 3e-11 as text.
+    text = edited(saved, lambda data: data["parameters"]["leakage"].update(value=1.0))
+    text.write_text(text.read_text(encoding="utf-8").replace("value: 1.0", "value: 3e-11"),
+                    encoding="utf-8")
+    assert hmcvt.load_model(saved).parameters.leakage == 3e-11
+
+
+def put(*path):
+    """Return a change that sets the last item of `path` at the place the others lead to."""
+    *place, key, value = path
+
+    def change(data):
+        for step in place:
+            data = data[step]
+        if value is KeyError:
+            del data[key]
+        else:
+            data[key] = value
+    return change
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (put("schema", "hmcvt-model/9"), r"schema = 'hmcvt-model/9'; this version reads 'hmcvt-model/"),
+    (put("schema", TRANSMISSION_SCHEMA), r"schema = 'hmcvt-transmission/1'; this version reads"),
+    (put("formulation", "magic"), r"formulation = 'magic'; there is power_balance, published"),
+    (put("formulation", KeyError), r"formulation is missing"),
+    (put("parameters", KeyError), r"parameters is missing"),
+    (put("parameters", "leakage", KeyError), r"parameters\.leakage is missing"),
+    (put("parameters", "leakage", "value", KeyError), r"parameters\.leakage\.value is missing"),
+    (put("parameters", "leakage", "value", math.nan), r"parameters\.leakage\.value = nan is not"),
+    (put("parameters", "leakage", "value", math.inf), r"parameters\.leakage\.value = inf is not"),
+    (put("parameters", "leakage", "value", "much"), r"parameters\.leakage\.value = 'much' is not"),
+    (put("parameters", "leakage", "value", True), r"parameters\.leakage\.value = True is not"),
+    (put("parameters", "leakage", "value", 3.0),
+     r"parameters: leakage = 3 is outside 1e-16 to 1e-08 m3/\(s Pa\)"),
+    (put("parameters", "leakage", "unit", "l/(min bar)"),
+     r"parameters\.leakage\.unit = 'l/\(min bar\)'; needs 'm3/\(s Pa\)'"),
+    (put("parameters", "pump_damping", "standard_error", -1.0),
+     r"pump_damping\.standard_error = -1\.0 is not a finite number of at least 0"),
+    (put("correlation", [[1.0, 0.0], [0.0, 1.0]]), r"correlation = .* is not a 3 x 3 matrix"),
+    (put("correlation", 0, 1, 2.0), r"correlation = .* is not a 3 x 3 matrix of -1 to 1"),
+    (put("domain", "engine_speed", [2.0]), r"domain\.engine_speed = \[2\.0\] is not \[low, high\]"),
+    (put("domain", "engine_speed", [2.0, 1.0]), r"domain\.engine_speed = \[2\.0, 1\.0\]: needs"),
+    (put("effects", "none"), r"effects = 'none' is not a list"),
+    (put("effects", [{"effect": "magic"}]), r"effects\[0\]: effect = 'magic'.* is not known;"),
+    (put("effects", ["charge_pump"]), r"effects\[0\] = 'charge_pump' is not a mapping"),
+    (put("transmission", KeyError), r"transmission is missing"),
+    (put("transmission", "gear_pairs", "2", KeyError), r"gear_pairs\.2 is missing; there is 11,"),
+])
+def test_wrong_field_is_named(saved, change, message):
+    assert_refused(edited(saved, change), message)
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    (b"", r"holds no mapping; is it empty or cut off\?"),
+    (b"- 1\n- 2\n", r"holds no mapping"),
+    (b"schema: [1,\n  b: }", r"not YAML at line 2: "),
+    (b"schema: x\n\ty: 1\n", r"not YAML at line 2: "),
+    (b"\x00\x01", r"not YAML: unacceptable character #x0000"),
+    (bytes(range(256)), r"not UTF-8 text at byte 128"),
+    (b"schema: 2020-13-45", r"not YAML: month must be in 1\.\.12"),
+    (b"schema: " + b"9" * 5000, r"not YAML: Exceeds the limit"),
+    (b"[" * 5000, r"not YAML"),
+    (b"!!python/object:os.system {}", r"not YAML at line 1: could not determine a constructor"),
+    (b"schema: " + b"x" * 5000, r"schema = 'x+ \.\.\.$"),
+    (b"#" * 5_000_000, r"larger than 4 MiB, not a parameter file"),
+])
+@pytest.mark.parametrize("load", [hmcvt.load_model, hmcvt.load_stage])
+def test_wrong_file_is_named(tmp_path, load, content, message):
+    path = tmp_path / "wrong.yaml"
+    path.write_bytes(content)
+    assert_refused(path, message, load)
+
+
+@pytest.mark.parametrize("load", [hmcvt.load_model, hmcvt.load_stage])
+def test_missing_file_and_directory(tmp_path, load):
+    assert_refused(tmp_path / "absent.yaml", "No such file or directory", load)
+    assert_refused(tmp_path, "Is a directory", load)
+
+
+def test_transmission_file_is_no_model_and_the_other_way_round(saved):
+    assert_refused(hmcvt.data_path("params/transmission.yaml"), "reads 'hmcvt-model/1'")
+    assert_refused(saved, "this version reads 'hmcvt-transmission/1'", hmcvt.load_stage)
+
+
+def test_truncated_at_any_byte(saved):
+    """No cut is read as another model: the last line is the checksum."""
+    whole = saved.read_bytes()
+    for length in range(0, len(whole) - 1, 97):
+        saved.write_bytes(whole[:length])
+        try:
+            hmcvt.load_model(saved)
+        except hmcvt.InputError as error:
+            assert str(error).startswith(f"{saved}: ")
+            assert len(str(error).splitlines()) == 1
+        else:
+            # Cut within the last line, where nothing but the checksum stands.
+            assert whole[:length].rstrip().splitlines()[-1].startswith(b"checksum")
+
+
+JUNK = [None, True, -1, 0, math.inf, math.nan, "x", "", [], {}, [1], [[2, 3]], {"a": 1}, [None],
+        1e-300, 10**400, {1: 2}, [{}], KeyError]
+
+
+def places(data, path=()):
+    """Every place in nested lists and mappings."""
+    if path:
+        yield path
+    items = data.items() if isinstance(data, dict) else enumerate(data) \
+        if isinstance(data, list) else ()
+    for key, value in items:
+        yield from places(value, (*path, key))
+
+
+def test_damage_of_any_field_is_an_input_error_or_harmless(model):
+    """Every field of a model file replaced by every kind of junk."""
+    from hmcvt_core.parameter_file import _from_mapping
+
+    whole = model.to_mapping() | {"effects": [
+        {"effect": "charge_pump", "parameters": {"torque": {"value": 1.0}}}]}
+    assert _from_mapping(whole).effects
+    refused = 0
+    for place in places(whole):
+        for junk in JUNK:
+            data = copy.deepcopy(whole)
+            put(*place, junk)(data)
+            try:
+                read = _from_mapping(data)
+            except hmcvt.InputError:
+                refused += 1
+            else:
+                assert read.to_mapping()
+                assert 0.0 < read.efficiency(0.5, 120.0, 180.0) < 1.0
+    assert refused > 500
+
+
+def test_damage_of_any_transmission_field_is_an_input_error_or_harmless():
+    whole = yaml.safe_load(
+        hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
+    refused = 0
+    for place in places(whole):
+        for junk in JUNK:
+            data = copy.deepcopy(whole)
+            put(*place, junk)(data)
+            try:
+                read = hmcvt.Stage.from_mapping(data)
+            except hmcvt.InputError:
+                refused += 1
+            else:
+                assert read.mechanical_speed_ratio > 0.0
+    assert refused > 200
+
+
+def assert_refused(path, message, load=hmcvt.load_model):
+    with pytest.raises(hmcvt.InputError, match=message) as caught:
+        load(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert len(text.splitlines()) == 1
+    assert len(text) <= 1000

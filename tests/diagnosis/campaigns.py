@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bench campaigns simulated from the served model, with effects that the diagnoser is not told."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis.candidates import Bench
+from hmcvt_core.diagnosis.observations import Observations
+from hmcvt_core.power_balance import OperatingPoints
+
+STAGE = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
+BASE = hmcvt.EfficiencyModel(STAGE, hmcvt.HydraulicParameters(2e-11, 0.12, 0.2))
+NOISE = 0.003
+SPEED_NOISE = 0.001
+
+
+def random_points(seed, n=96, temperature=False):
+    """Operating points all over the working range of the paper's tractor."""
+    rng = np.random.default_rng(seed)
+    stroke, speed = rng.uniform(-1.0, 1.0, n), rng.uniform(78.5, 230.0, n)
+    torque = np.clip(rng.uniform(18e3, 85e3, n) / speed, 40.0, 600.0)
+    oil = rng.uniform(45.0, 85.0, n) if temperature else None
+    return OperatingPoints(stroke, speed, torque, oil)
+
+
+def factorial_points(levels=(5, 5, 4)):
+    axes = (np.linspace(-0.9, 0.9, levels[0]), np.linspace(80.0, 225.0, levels[1]),
+            np.linspace(100.0, 320.0, levels[2]))
+    return OperatingPoints(*(axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")))
+
+
+def measure(points, effects=(), seed=0, noise=NOISE, speed_noise=SPEED_NOISE, loss=None):
+    """What a bench reads at points; `loss(points)` is taken from the efficiency besides."""
+    rng = np.random.default_rng([seed, 7])
+    truth = replace(BASE, effects=tuple(effects))
+    efficiency = truth.efficiency_at(points)
+    efficiency = efficiency + noise * rng.standard_normal(efficiency.shape)
+    if loss is not None:
+        efficiency = efficiency - loss(points)
+    speed = truth.output_speed_at(points)
+    speed = speed * (1.0 + (speed_noise or 0.0) * rng.standard_normal(speed.shape))
+    carried = np.isfinite(efficiency)
+    return hmcvt.BenchSamples(
+        points.displacement_ratio[carried], points.engine_speed[carried],
+        points.load_torque[carried], efficiency[carried],
+        output_speed=None if speed_noise is None else speed[carried],
+        oil_temperature=None if points.oil_temperature is None
+        else points.oil_temperature[carried], source="simulated")
+
+
+def campaign(effects=(), seed=0, n=96, temperature=False, **bench):
+    return measure(random_points(seed, n, temperature), effects, seed, **bench)
+
+
+def joined(first, second):
+    """Samples of two campaigns with the same columns."""
+    names = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed",
+             "oil_temperature")
+    return hmcvt.BenchSamples(**{
+        name: None if getattr(first, name) is None
+        else np.concatenate([getattr(first, name), getattr(second, name)]) for name in names})
+
+
+def with_column(samples, **columns):
+    return replace(samples, **columns)
+
+
+def bench_of(samples, noise=NOISE, model=BASE):
+    return Bench(model, Observations.of(samples, noise))

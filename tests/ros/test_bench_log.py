@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench log on disk."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_ros.bench_log import BenchLog
+
+
+def sample(number: int) -> hmcvt.BenchSamples:
+    return hmcvt.BenchSamples(
+        displacement_ratio=np.array([0.1]), engine_speed=np.array([100.0 + number / 3.0]),
+        load_torque=np.array([200.0]), efficiency=np.array([0.8]), output_speed=np.array([90.0]),
+        stamp=np.array([float(number)]))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "log.csv"
+
+
+def filled(path, count):
+    log = BenchLog(path, limit=100)
+    for number in range(count):
+        log.append(sample(number))
+    return log
+
+
+def test_what_is_appended_is_read_back_exactly(path):
+    assert len(filled(path, 5)) == 5
+    read = hmcvt.read_bench(path)
+    np.testing.assert_array_equal(read.engine_speed, 100.0 + np.arange(5) / 3.0)
+    np.testing.assert_array_equal(read.stamp, np.arange(5.0))
+
+
+def test_reopened_log_goes_on(path):
+    filled(path, 2)
+    log = BenchLog(path, limit=100)
+    assert len(log) == 2 and log.recovered == ""
+    log.append(sample(2))
+    assert len(hmcvt.read_bench(path)) == 3
+
+
+def test_every_cut_of_the_file_leaves_the_whole_samples(path):
+    filled(path, 3)
+    whole = path.read_bytes()
+    ends = [i for i, byte in enumerate(whole, 1) if byte == ord("\n")]
+    for cut in range(len(whole)):
+        path.write_bytes(whole[:cut])
+        log = BenchLog(path, limit=100)
+        kept = max(sum(end <= cut for end in ends) - 1, 0)
+        assert len(log) == kept, cut
+        assert (log.recovered == "") == (cut in ends), cut
+        log.append(sample(9))
+        read = hmcvt.read_bench(path)
+        assert len(read) == kept + 1
+        np.testing.assert_array_equal(read.stamp, [*range(kept), 9.0])
+        for damaged in path.parent.glob("*damaged*"):
+            assert damaged.read_bytes() == whole[:cut]
+            damaged.unlink()
+
+
+def test_damage_in_the_middle_is_taken_out_and_kept_aside(path):
+    filled(path, 4)
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[2] = b"\x00" * 40 + b"\n"
+    lines[3] = lines[3].replace(b"0.8", b"80.")
+    path.write_bytes(b"".join(lines))
+    log = BenchLog(path, limit=100)
+    assert len(log) == 2
+    assert "2 damaged lines" in log.recovered
+    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, [0.0, 3.0])
+    assert path.with_name("log.damaged-1.csv").read_bytes() == b"".join(lines)
+
+
+def test_full_log_refuses_and_set_aside_makes_room(path):
+    log = BenchLog(path, limit=2)
+    log.append(sample(0))
+    log.append(sample(1))
+    with pytest.raises(hmcvt.InputError, match="2 samples and takes no more"):
+        log.append(sample(2))
+    count, kept = log.set_aside()
+    assert count == 2 and len(hmcvt.read_bench(kept)) == 2
+    assert log.set_aside() == (0, None)
+    log.append(sample(2))
+    log.append(sample(3))
+    assert log.set_aside()[1] != kept
+    assert len(hmcvt.read_bench(kept)) == 2
+
+
+def test_log_changed_by_someone_else_is_taken_up(path):
+    log = filled(path, 3)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:2]))
+    log.append(sample(7))
+    assert len(log) == 2
+    path.unlink()
+    log.append(sample(8))
+    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, [8.0])
+    assert len(log) == 1
+
+
+def test_failed_write_leaves_the_log_as_it_was(path):
+    # /dev/full takes no byte; a log there is the nearest thing to a full disk.
+    import resource
+
+    log = filled(path, 3)
+    before = path.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    import signal
+
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
+    try:
+        with pytest.raises(OSError):
+            log.append(sample(3))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, handler)
+    assert path.read_bytes() == before
+    log.append(sample(3))
+    assert len(hmcvt.read_bench(path)) == len(log) == 4

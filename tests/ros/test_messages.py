@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to values of the core and back."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from std_msgs.msg import Float64MultiArray
+
+import hmcvt_core as hmcvt
+from hmcvt_ros import messages
+from hmcvt_ros.json_text import json_text
+
+
+def shafts(**changes):
+    values = {"displacement_ratio": -0.5, "engine_speed": 100.0, "engine_torque": 250.0,
+              "output_speed": 80.0, "output_torque": 250.0, **changes}
+    return messages.bench_sample_to_message(**values)
+
+
+def test_bench_sample_by_hand():
+    # 250 N m x 100 rad/s = 25 kW in, 250 N m x 80 rad/s = 20 kW out.
+    message = shafts()
+    message.header.stamp.sec, message.header.stamp.nanosec = 12, 500_000_000
+    sample = messages.bench_sample_from_message(message, now=99.0)
+    assert sample.efficiency.tolist() == [0.8]
+    assert sample.load_torque.tolist() == [200.0]
+    assert sample.engine_speed.tolist() == [100.0]
+    assert sample.displacement_ratio.tolist() == [-0.5]
+    assert sample.output_speed.tolist() == [80.0]
+    assert sample.stamp.tolist() == [12.5]
+
+
+def test_sample_without_stamp_takes_the_time_of_receipt():
+    assert messages.bench_sample_from_message(shafts(), now=99.0).stamp.tolist() == [99.0]
+
+
+def test_joints_may_stand_in_any_order_among_others():
+    message = shafts()
+    for name in ("name", "position", "velocity", "effort"):
+        values = list(getattr(message, name))
+        extra = "wheel" if name == "name" else 1.0
+        setattr(message, name, [values[2], extra, values[1], values[0]])
+    assert messages.bench_sample_from_message(message, now=1.0).efficiency.tolist() == [0.8]
+
+
+@pytest.mark.parametrize(("changes", "word"), [
+    ({"engine_speed": 1000.0}, "r/min"),
+    ({"engine_speed": 0.0}, "must be positive"),
+    ({"engine_speed": math.nan}, "must be positive"),
+    ({"engine_torque": -250.0}, "must be positive"),
+    ({"engine_torque": math.inf}, "efficiency"),
+    ({"output_torque": 400.0}, "efficiency = 1.28 is outside"),
+    ({"output_torque": -250.0}, "load_torque"),
+    ({"output_speed": math.nan}, "load_torque"),
+    ({"displacement_ratio": 50.0}, "displacement_ratio"),
+])
+def test_bad_sample_is_refused_with_the_reason(changes, word):
+    with pytest.raises(hmcvt.InputError, match=r"^bench_sample") as caught:
+        messages.bench_sample_from_message(shafts(**changes), now=1.0)
+    assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(("field", "value", "word"), [
+    ("name", ["engine", "output"], "'displacement' stands 0 times"),
+    ("name", ["engine", "engine", "displacement"], "'engine' stands 2 times"),
+    ("name", [], "stands 0 times"),
+    ("velocity", [], "velocity has 0 values for 3 joints"),
+    ("effort", [1.0], "effort has 1 values"),
+    ("position", [], "position has 0 values"),
+])
+def test_malformed_joint_state_is_refused(field, value, word):
+    message = shafts()
+    setattr(message, field, value)
+    with pytest.raises(hmcvt.InputError, match=word):
+        messages.bench_sample_from_message(message, now=1.0)
+
+
+def test_numpy_numbers_and_ints_become_floats():
+    assert messages.float64(np.float32(2.5)).data == 2.5
+    assert messages.float64(1).data == 1.0
+
+
+def test_map_goes_there_and_back(paper_file):
+    model = hmcvt.load_model(paper_file)
+    grid = model.efficiency_map([-1.0, 0.0, 1.0], [80.0, 200.0], [50.0, 100.0, 200.0, 400.0])
+    message = messages.map_to_message(grid)
+    assert [(d.label, d.size, d.stride) for d in message.layout.dim] == [
+        ("displacement_ratio", 3, 24), ("engine_speed", 2, 8), ("load_torque", 4, 4)]
+    assert message.layout.data_offset == 9
+    # The documented way to one value, by hand: (i, j, k) = (2, 1, 3).
+    assert message.data[9 + 2 * 8 + 1 * 4 + 3] == grid.efficiency[2, 1, 3]
+    back = messages.map_from_message(message)
+    for name in ("displacement_ratio", "engine_speed", "load_torque", "efficiency"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(grid, name))
+
+
+def test_map_of_another_layout_is_refused():
+    with pytest.raises(hmcvt.InputError, match="efficiency map"):
+        messages.map_from_message(Float64MultiArray(data=[1.0]))
+
+
+def test_model_text_is_a_parameter_file(paper_file, tmp_path):
+    model = hmcvt.load_model(paper_file)
+    message = messages.model_to_message(model, {"file": "x"})
+    path = tmp_path / "copy.yaml"
+    path.write_text(message.data)
+    assert hmcvt.load_model(path).fingerprint == model.fingerprint
+
+
+def test_json_has_no_nan():
+    assert json.loads(json_text({"a": [1.0, math.nan, (math.inf, "x")], "b": {"c": None}})) == {
+        "a": [1.0, None, [None, "x"]], "b": {"c": None}}

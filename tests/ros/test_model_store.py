@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which model is in service, over refits, reverts, restarts and damage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_ros.model_store import ModelStore
+
+
+@pytest.fixture
+def base(paper_file):
+    return hmcvt.load_model(paper_file)
+
+
+def refit(store: ModelStore, leakage: float) -> str:
+    changed = replace(store.model, parameters=replace(store.model.parameters, leakage=leakage))
+    path = store.new_path()
+    changed.save(path)
+    return store.adopt(path).fingerprint
+
+
+def test_reverts_in_the_order_of_refits(paper_file, base, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    first, second = refit(store, 1e-12), refit(store, 2e-12)
+    assert store.model.fingerprint == second
+    assert store.revert().fingerprint == first
+    third = refit(store, 3e-12)
+    assert store.path.name == "0003.yaml"
+    assert [store.model.fingerprint, store.revert().fingerprint, store.revert().fingerprint] == [
+        third, first, base.fingerprint]
+    assert store.path == paper_file.resolve()
+    with pytest.raises(hmcvt.HmcvtError, match="none before"):
+        store.revert()
+
+
+def test_restart_takes_up_the_model_in_service(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    first = refit(store, 1e-12)
+    refit(store, 2e-12)
+    store.revert()
+    again = ModelStore(paper_file, tmp_path)
+    assert again.model.fingerprint == first and again.complaint == ""
+
+
+def test_refit_of_another_model_file_is_not_taken_up(paper_file, base, tmp_path):
+    refit(ModelStore(paper_file, tmp_path), 1e-12)
+    other_file = tmp_path / "other.yaml"
+    other = replace(base, parameters=replace(base.parameters, leakage=9e-12))
+    other.save(other_file)
+    store = ModelStore(other_file, tmp_path)
+    assert store.model.fingerprint == other.fingerprint
+    assert "another model_file" in store.complaint
+
+
+def test_damaged_refit_falls_back_to_the_one_before(paper_file, base, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    first = refit(store, 1e-12)
+    refit(store, 2e-12)
+    store.path.write_text("schema: hmcvt")
+    again = ModelStore(paper_file, tmp_path)
+    assert again.model.fingerprint == first and "0002.yaml" in again.complaint
+    again.path.unlink()
+    assert ModelStore(paper_file, tmp_path).model.fingerprint == base.fingerprint
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"in_service": 3, "base_fingerprint": ""}',
+                                  '{"base_fingerprint": "x"}'])
+def test_damaged_state_falls_back_to_the_model_file(paper_file, base, tmp_path, text):
+    (tmp_path / "in_service.json").write_text(text)
+    store = ModelStore(paper_file, tmp_path)
+    assert store.model.fingerprint == base.fingerprint
+    assert "in_service.json" in store.complaint
+
+
+def test_damaged_candidate_changes_nothing(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    first = refit(store, 1e-12)
+    candidate = store.new_path()
+    candidate.write_text("")
+    with pytest.raises(hmcvt.InputError):
+        store.adopt(candidate)
+    assert store.model.fingerprint == first
+    assert ModelStore(paper_file, tmp_path).model.fingerprint == first
