@@ -22,13 +22,13 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 import hmcvt_core as hmcvt
-from hmcvt_core.parameters import PAPER_PARAMETERS
 from hmcvt_core.published import speed_ratio
 
 from .bench_player import Answer, BenchPlayer
 from .inputs import OperatingPoint
 from .messages import bench_sample_to_message
 
+MODEL_FILE = "params/paper.yaml"
 FITTED, HELD_BACK = (1, 2, 4, 5, 6), (3, 7, 8)
 """Tests of Table 2 that identify the model, and those it has to predict (section 4.2)."""
 
@@ -43,8 +43,8 @@ def main() -> int:
     try:
         with tempfile.TemporaryDirectory(prefix="hmcvt-demo-") as folder:
             _loopback_only(Path(folder))
-            with _node(Path(folder)) as (process, model_file), _player(process) as player:
-                return _tell(player, model_file)
+            with _node(Path(folder)) as process, _player(process) as player:
+                return _tell(player)
     except KeyboardInterrupt:
         print("\nInterrupted; the node has been stopped.")
         return 130
@@ -56,15 +56,14 @@ def main() -> int:
 # --- the story ------------------------------------------------------------------------------------
 
 
-def _tell(player: BenchPlayer, model_file: Path) -> int:
+def _tell(player: BenchPlayer) -> int:
     samples = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
     print(f"""
 hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it on ROS 2.
 
 1. The node runs as a process of its own (ROS domain {os.environ["ROS_DOMAIN_ID"]}, loopback only).
-   It serves the hydraulic parameters printed in the paper, which were not identified with this
-   model and fit its bench tests badly:
-   {model_file}
+   It starts from {MODEL_FILE}, the hydraulic parameters printed in the paper, which were not
+   identified with this model and fit its bench tests badly.
 
 2. The eight bench tests of the paper (Table 2) are played through the topics engine_speed,
    load_torque and displacement_ratio; the node answers on efficiency and
@@ -199,19 +198,17 @@ def _loopback_only(folder: Path) -> None:
 
 
 @contextmanager
-def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-    """Run the node; yield it and the parameter file that it starts from."""
-    model_file = folder / "paper.yaml"
-    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
-    hmcvt.EfficiencyModel(stage, PAPER_PARAMETERS[0.98]).save(model_file)
+def _node(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the node as a process of its own."""
     output = folder / "node.log"
     with output.open("w") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "hmcvt_ros.efficiency_node", "--ros-args",
-             "-p", f"model_file:={model_file}", "-p", f"state_folder:={folder / 'state'}"],
+             "-p", f"model_file:={hmcvt.data_path(MODEL_FILE)}",
+             "-p", f"state_folder:={folder / 'state'}"],
             stdout=log, stderr=log, start_new_session=True)
         try:
-            yield process, model_file
+            yield process
         except (TimeoutError, RuntimeError):
             print(f"The node said:\n{output.read_text()}", file=sys.stderr)
             raise

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,10 +20,10 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
@@ -131,8 +132,6 @@ class EfficiencyNode(Node):
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
-            except InvalidHandle:
-                raise  # shutting down
             except Exception as error:
                 self._warn(type(error).__name__, f"{type(error).__name__}: {error}")
         return guarded
@@ -265,32 +264,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code: 0, or 2 when an argument, a parameter or the model file is wrong.
     """
     given = list(sys.argv if arguments is None else arguments)
+    stop = _StopSignals()
     try:
         other = remove_ros_args(given)[1:]
         if other:
             return _answer_other(other[0])
-        rclpy.init(args=given)
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         node = EfficiencyNode()
     except (HmcvtError, OSError) as error:
         return _failed(str(error))
     except RuntimeError as error:
         # What rclpy raises on a parameter file or ROS argument that it cannot read.
         return _failed(f"{type(error).__name__}: {error}")
-    _spin(node)
+    _spin(node, stop)
     return 0
 
 
-def _spin(node: EfficiencyNode) -> None:
+class _StopSignals:
+    """SIGINT and SIGTERM as a request that is looked at between two callbacks.
+
+    The handlers of rclpy raise in the middle of whatever runs, which ends in tracebacks now and
+    then. A second signal ends the process the hard way.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, number: int, frame: object) -> None:
+        self.asked = True
+        signal.signal(number, signal.SIG_DFL)
+
+
+def _spin(node: EfficiencyNode, stop: _StopSignals) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except Exception:
-        # A message that arrives during shutdown meets destroyed handles.
-        if rclpy.ok():
-            raise
+        while not stop.asked:
+            executor.spin_once()  # the node's timer wakes it up every TICK
     finally:
         node.close()
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
 

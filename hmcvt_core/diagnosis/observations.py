@@ -120,14 +120,18 @@ def replicate_groups(samples: BenchSamples) -> NDArray[np.intp]:
     return np.asarray(group).reshape(-1)
 
 
-def without_copies(samples: BenchSamples) -> BenchSamples:
-    """Keep one of the rows that agree in every column: a copy says nothing about the noise."""
+def distinct_rows(samples: BenchSamples) -> NDArray[np.intp]:
+    """Indices of the samples without those that copy an earlier one in every column.
+
+    A copy says nothing new, least of all about the noise. Readings repeated at one point differ.
+    """
     columns = [column for item in BENCH_COLUMNS
                if (column := getattr(samples, item.name)) is not None]
-    rows = list(zip(*(column.tolist() for column in columns), *samples.extra.values(),
-                    strict=True))
-    first = list(dict(zip(reversed(rows), reversed(range(len(rows))), strict=True)).values())
-    return samples if len(first) == len(rows) else samples.select(np.sort(first))
+    rows = zip(*(column.tolist() for column in columns), *samples.extra.values(), strict=True)
+    first: dict[tuple[object, ...], int] = {}
+    for i, row in enumerate(rows):
+        first.setdefault(row, i)
+    return np.array(list(first.values()), dtype=np.intp)
 
 
 def _efficiency_noise(

@@ -18,7 +18,7 @@ from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
 from .candidates import Bench, Candidate
 from .hypothesis import BASE_SIZE, Hypothesis
 from .next_tests import next_tests
-from .observations import Observations, replicate_groups
+from .observations import Observations, distinct_rows, replicate_groups
 from .outliers import outliers
 from .ranking import Ranking, rank, single_candidates
 from .regions import Regions, regions
@@ -79,12 +79,13 @@ def diagnose(
     Raises:
         InputError: samples cannot carry a diagnosis, or the formulation is another.
     """
-    _check(model, samples)
-    observed = Observations.of(samples, noise)
+    rows = distinct_rows(samples)
+    _check(model, samples.select(rows))
+    observed = Observations.of(samples.select(rows), noise)
     bench = Bench(model, observed)
     slips = outliers(observed, bench.base.whitened)
     if len(slips):
-        observed = observed.select(np.setdiff1d(np.arange(len(samples)), slips))
+        observed = observed.select(np.setdiff1d(np.arange(len(rows)), slips))
         bench = Bench(model, observed)
     boxes = regions(observed.samples)
     found = _significance(bench, boxes, seed)
@@ -93,21 +94,27 @@ def diagnose(
     ranking = rank(bench, boxes, singles, paired=False)
     if significant and (ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
         ranking = rank(bench, boxes, singles, paired=True)
-    return _Assembly(bench, boxes, found, significant, ranking, holdout, seed,
-                     _slip_notes(samples, slips)).diagnosis()
+    notes = (*_copy_notes(len(samples), len(rows)), *_slip_notes(samples, rows[slips]))
+    return _Assembly(bench, boxes, found, significant, ranking, holdout, seed, notes).diagnosis()
 
 
 def _check(model: EfficiencyModel, samples: BenchSamples) -> None:
     if model.formulation != "power_balance":
         raise InputError(f"diagnosis needs formulation power_balance, not {model.formulation!r}")
     if len(samples) < LEAST_SAMPLES:
-        raise InputError(f"{samples.source}: {len(samples)} samples cannot tell a gap from the "
-                         f"{BASE_SIZE} parameters that are refitted; at least {LEAST_SAMPLES} "
-                         "are needed")
+        raise InputError(f"{samples.source}: {len(samples)} samples (rows that differ) cannot tell "
+                         f"a gap from the {BASE_SIZE} parameters that are refitted; at least "
+                         f"{LEAST_SAMPLES} are needed")
     points = len(np.unique(replicate_groups(samples)))
     if points <= BASE_SIZE:
         raise InputError(f"{samples.source}: {points} distinct operating points cannot tell a gap "
                          f"from the {BASE_SIZE} parameters that are refitted")
+
+
+def _copy_notes(given: int, kept: int) -> tuple[str, ...]:
+    if kept == given:
+        return ()
+    return (f"{given - kept} of {given} rows copy another one in every column and were left out",)
 
 
 def _slip_notes(samples: BenchSamples, slips: NDArray[np.intp]) -> tuple[str, ...]:
@@ -221,6 +228,9 @@ class _Assembly:
             self.holdout.displacement_ratio, self.holdout.engine_speed, self.holdout.load_torque,
             self.holdout.oil_temperature) for model in (base, after)]
         usable = np.isfinite(errors[0]) & np.isfinite(errors[1])
+        if not usable.any():
+            raise InputError(f"{self.holdout.source}: the model has no answer at any of the "
+                             "operating points held out")
         noise = float(np.sqrt(np.mean(self.noise**2)))
         return shrinkage(errors[0][usable], errors[1][usable], np.array(noise), "holdout",
                          self.seed, self.significant)

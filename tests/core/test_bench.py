@@ -151,6 +151,7 @@ def assert_refused(path, message):
         hmcvt.read_bench(path)
     text = str(caught.value)
     assert text.startswith(f"{path}: ")
+    assert text.count(str(path)) == 1
     assert len(text.splitlines()) == 1
     assert len(text) <= 1000
 

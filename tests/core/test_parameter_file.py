@@ -183,7 +183,7 @@ def test_wrong_field_is_named(saved, change, message):
     (b"[" * 5000, r"not YAML"),
     (b"!!python/object:os.system {}", r"not YAML at line 1: could not determine a constructor"),
     (b"schema: " + b"x" * 5000, r"schema = 'x+ \.\.\.$"),
-    (b"#" * 5_000_000, r"larger than 4 MiB, not a parameter file"),
+    (b"#" * 5_000_000, r"wrong\.yaml: larger than 4 MiB, not a parameter file"),
 ])
 @pytest.mark.parametrize("load", [hmcvt.load_model, hmcvt.load_stage])
 def test_wrong_file_is_named(tmp_path, load, content, message):
@@ -276,5 +276,6 @@ def assert_refused(path, message, load=hmcvt.load_model):
         load(path)
     text = str(caught.value)
     assert text.startswith(f"{path}: ")
+    assert text.count(str(path)) == 1
     assert len(text.splitlines()) == 1
     assert len(text) <= 1000

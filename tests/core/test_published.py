@@ -81,7 +81,8 @@ def test_identified_parameters_answer_at_all_eight_tests(hm4, table2):
 def test_poles_are_masked(hm4, found, engine_speed):
     points = OperatingPoints(GRID, np.full(GRID.shape, engine_speed), np.full(GRID.shape, 200.0))
     hydraulic = published.hydraulic_efficiency(hm4, found, points)
-    bare = published.efficiencies(hm4, GRID, hydraulic).total
+    found_at = published.efficiencies(hm4, GRID, hydraulic)
+    bare = found_at.total
     # design.md, section 3.5: unguarded, every one of these nine cases has a pole.
     assert np.nanmax(np.abs(bare)) > 1.0
     model = hmcvt.EfficiencyModel(hm4, found, "published")
@@ -91,6 +92,11 @@ def test_poles_are_masked(hm4, found, engine_speed):
     np.testing.assert_array_equal(served[answered], bare[answered])
     assert np.isnan(served[~answered]).all()
     assert 0.3 < answered.mean() < 1.0  # the mask reaches from eps = 0 to the pole
+    # Between the two a share a_1 > 1 of the engine power contradicts power that circulates
+    # (e_H < 0), also where eta_total happens to fall into (0, 1).
+    beyond = (found_at.engine_share > 1.0) & (found_at.split_ratio < 0.0) & (GRID != 0.0)
+    assert ((bare[beyond] > 0.0) & (bare[beyond] < 1.0)).any()
+    assert np.isnan(served[beyond]).all()
 
 
 @given(stages(), parameters, engine_speeds, load_torques)

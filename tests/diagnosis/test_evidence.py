@@ -86,7 +86,7 @@ def test_a_column_that_is_there_is_worth_it_and_one_that_is_not_costs():
         target = strength * columns[..., 1] + rng.standard_normal((1, 60))
         without = _weigh(columns[..., :1], target, np.array([1.0]), trust=8.0)
         beside = _weigh(columns, target, np.array([1.0, 1.0]), trust=8.0)
-        assert (beside.log[0] > without.log[0]) is better
+        assert bool(beside.log[0] > without.log[0]) is better
 
 
 @pytest.mark.parametrize("index", [0, 2])

@@ -32,7 +32,6 @@ else:
     from ros_bench import command
 
     import hmcvt_core as hmcvt
-    from hmcvt_core.parameters import PAPER_PARAMETERS
     from hmcvt_ros.bench_player import BenchPlayer
 
 _numbers = itertools.count(1)
@@ -55,6 +54,10 @@ class NodeUnderTest:
     @property
     def log(self) -> str:
         return self.log_file.read_text()
+
+    def says(self, text: str) -> bool:
+        """Wait for a text in what the node logs."""
+        return self.player.wait_until(lambda: text in self.log, 5.0)
 
     @property
     def bench_file(self) -> Path:
@@ -132,12 +135,9 @@ def start_node(
 
 
 @pytest.fixture(scope="session")
-def paper_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A parameter file with the triple printed in the paper, which fits the bench badly."""
-    path = tmp_path_factory.mktemp("params") / "paper.yaml"
-    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
-    hmcvt.EfficiencyModel(stage, PAPER_PARAMETERS[0.98]).save(path)
-    return path
+def paper_file() -> Path:
+    """The parameter file with the triple printed in the paper, which fits the bench badly."""
+    return hmcvt.data_path("params/paper.yaml")
 
 
 @pytest.fixture(scope="session")

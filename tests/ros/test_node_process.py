@@ -81,7 +81,7 @@ def test_signal_ends_it_with_code_0(start_node, paper_file, number, busy):
 
 def test_unknown_parameter_is_told(start_node, paper_file):
     node = start_node(paper_file, inputtimeout=1.0)
-    assert "parameter inputtimeout is unknown and has no effect" in node.log
+    assert node.says("parameter inputtimeout is unknown and has no effect")
 
 
 def test_shipped_model_is_the_default(start_node):
@@ -94,14 +94,14 @@ def test_damaged_state_does_not_stop_the_node(start_node, paper_file, tmp_path):
     (tmp_path / "in_service.json").write_text('{"base": ')
     (tmp_path / "bench_samples.csv").write_text("stamp,displ")
     node = start_node(paper_file, state=tmp_path)
-    assert "in_service.json: cannot be read" in node.log
-    assert "damaged lines taken out" in node.log
+    assert node.says("in_service.json: cannot be read")
+    assert node.says("damaged lines taken out")
     assert node.player.hold(GOOD).efficiency is not None
 
 
 def test_unusable_state_folder_does_not_stop_the_node(start_node, paper_file, tmp_path):
     (tmp_path / "file").write_text("")
     node = start_node(paper_file, state=tmp_path / "file" / "state")
-    assert "state_folder" in node.log
+    assert node.says("state_folder")
     assert node.player.hold(GOOD).efficiency is not None
     assert not node.player.call("reidentify").success

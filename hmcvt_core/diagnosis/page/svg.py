@@ -158,5 +158,13 @@ def dot(x: float, y: float, size: float, kind: str, title: str = "") -> str:
     return element("circle", _tip(title), class_=kind, cx=x, cy=y, r=size)
 
 
+def legend(entries: Sequence[tuple[str, str]]) -> str:
+    """Return a list of marks; each entry is its text and its drawing in a box of 20 by 20."""
+    return element("ul", *(element(
+        "li", element("svg", icon, viewBox="0 0 20 20", class_="icon", aria_hidden="true",
+                      width=20, height=20), text(label)) for label, icon in entries),
+        class_="legend")
+
+
 def _tip(title: str) -> str:
     return element("title", text(title)) if title else ""

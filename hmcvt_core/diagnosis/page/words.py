@@ -19,6 +19,7 @@ NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {"m3": "m³", "N m": "N·m", "deg C": "°C", "s Pa": "s·Pa"}
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
+_OUTSTANDING = 0.4  # a leading cause less probable than this is one among many
 _AXES = {"engine_speed": "engine speed", "load_torque": "load",
          "displacement_ratio": "displacement ratio"}
 
@@ -41,7 +42,8 @@ def number(value: float | None) -> str:
         digits = 0 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
         return fixed(value, min(digits, 5))
     mantissa, power = f"{value:.2e}".split("e")
-    return f"{mantissa} × 10{str(int(power)).translate(_SUPERSCRIPT)}".replace("-", MINUS)
+    exponent = str(int(power)).translate(_SUPERSCRIPT)
+    return f"{mantissa} \N{MULTIPLICATION SIGN} 10{exponent}".replace("-", MINUS)
 
 
 def interval(limits: Sequence[float] | None) -> str:
@@ -66,6 +68,13 @@ def points(value: float | None, sign: bool = False) -> str:
 def percent(value: float | None) -> str:
     """Return a part in percent."""
     return f"{fixed(None if value is None else 100.0 * value, 0)} %"
+
+
+def probability(value: float) -> str:
+    """Return a probability in percent; none is quite 0 or 1."""
+    if 0.0 < value < 0.01:
+        return "< 1 %"
+    return "> 99 %" if value > 0.99 else percent(value)
 
 
 def chance(value: float | None) -> str:
@@ -95,8 +104,9 @@ def listed(names: Sequence[str], last: str = "or") -> str:
 def verdict(found: Diagnosis) -> str:
     """Return the outcome in a sentence or two."""
     if found.verdict == "no_gap":
-        return (f"No gap is seen: with its three base parameters refitted, the model meets all "
-                f"{found.gap.samples} samples within the noise of {points(found.gap.noise)}.")
+        return (f"No gap is seen: with its three base parameters refitted, the model differs from "
+                f"the {found.gap.samples} samples by no more than their noise of "
+                f"{points(found.gap.noise)} explains.")
     where = _lies(found)
     if found.verdict == "unexplained" or not found.causes:
         return f"{where}. No effect in the library explains it{_best(found)}."
@@ -114,9 +124,12 @@ def remark(found: Diagnosis) -> str:
                 "marked on the map below: a narrow place points to a resonance, a valve that "
                 "switches, or a fault of the bench.")
     if found.verdict == "ambiguous":
-        return ("More than one cause fits these data. Section 5 says what each would mean, "
-                "section 7 which measurements decide between them.")
-    return "One cause stands out. Section 5 says how large it is and whether that is plausible."
+        return ("More than one cause fits these data. Section 3 says what each would mean, "
+                "section 5 which measurements decide between them.")
+    if found.causes and found.causes[0].together_with is not None:
+        return ("Two effects act together; each has its own probability. Section 3 says how large "
+                "they are and whether that is plausible.")
+    return "One cause stands out. Section 3 says how large it is and whether that is plausible."
 
 
 def _of_hundred(p_value: float) -> str:
@@ -152,18 +165,23 @@ def region_words(region: Region, found: Diagnosis) -> str:
 
 def _explained(found: Diagnosis) -> str:
     cause = found.causes[0]
+    if found.verdict == "ambiguous" and cause.probability < _OUTSTANDING:
+        first = [f"{plain(item.effect)} ({probability(item.probability)})"
+                 for item in found.causes[:3]]
+        more = " among them " if len(found.causes) > 3 else " "
+        return f"several causes remain possible,{more}{listed(first, 'and')}"
     name, verb = plain(cause.effect), "explains"
     doubtful = cause
     if cause.together_with is not None:
         partner = _named(found, cause.together_with)
-        share = "" if partner is None else f" ({percent(partner.probability)})"
-        name = (f"{name} ({percent(cause.probability)}) together with "
+        share = "" if partner is None else f" ({probability(partner.probability)})"
+        name = (f"{name} ({probability(cause.probability)}) together with "
                 f"{plain(cause.together_with)}{share}")
         verb = "explain"
         if partner is not None and not cause.indistinguishable_from:
             doubtful = partner
     else:
-        name = f"{name} ({percent(cause.probability)})"
+        name = f"{name} ({probability(cause.probability)})"
     best = " best" if found.verdict == "ambiguous" else ""
     sentence = f"{name} {verb} it{best}"
     twins = [plain(other) for other in doubtful.indistinguishable_from]
@@ -181,17 +199,20 @@ def _removed(found: Diagnosis) -> str:
     fraction, limits = found.shrinkage.fraction, found.shrinkage.interval
     if fraction is None:
         return "How far the gap would shrink cannot be told from these samples."
+    lead = found.causes[0]
+    them = ("both" if lead.together_with is not None else
+            "the first" if found.verdict == "ambiguous" and lead.probability < _OUTSTANDING
+            else "it")
     if fraction <= 0.0:
-        return "On samples left out of the fit, adding it does not yet shrink the gap."
+        return f"On samples left out of the fit, adding {them} does not yet shrink the gap."
     span = "" if limits is None else f" ({fraction_interval(limits)})"
-    return f"Adding it removes {percent(fraction)} of the squared gap{span}."
+    return f"Adding {them} removes {percent(fraction)} of the squared gap{span}."
 
 
 def fraction_interval(limits: Sequence[float]) -> str:
-    """Return the interval of a fraction in percent; a promise below nothing is `less than 0`."""
-    low = "less than 0" if limits[0] < 0.0 else fixed(100.0 * limits[0], 0)
-    high = "less than 0" if limits[1] < 0.0 else fixed(100.0 * limits[1], 0)
-    return f"{low} to {high} %" if high != "less than 0" else "95 %: below 0 %"
+    """Return the interval of a fraction in percent; less than nothing is `below 0`."""
+    low, high = ("below 0" if end < 0.0 else fixed(100.0 * end, 0) for end in limits)
+    return "below 0 %" if low == high else f"{low} to {high} %"
 
 
 def _best(found: Diagnosis) -> str:

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A real browser without a window, and what it measures on pages."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+_FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-dev-shm-usage", "--enable-logging=stderr",
+)
+_SECONDS = 100
+
+# Each page is put into a frame of the width to be tried; the frame around it measures.
+_MEASURE = """
+function crossing(a, b) {
+  return Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 &&
+         Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
+}
+function measure(frame) {
+  const page = frame.contentDocument, view = frame.contentWindow;
+  const found = {width: view.innerWidth, scroll: page.documentElement.scrollWidth,
+                 beyond: [], crossing: [], clipped: [], smallest: 1e9, figures: 0};
+  for (const item of page.body.querySelectorAll('*')) {
+    const box = item.getBoundingClientRect();
+    if (box.width && box.right > view.innerWidth + 0.5 && !item.closest('.scroll'))
+      found.beyond.push(item.tagName + ': ' + item.textContent.slice(0, 40));
+  }
+  for (const svg of page.querySelectorAll('svg[role=img]')) {
+    found.figures += 1;
+    const edge = svg.getBoundingClientRect();
+    const texts = [...svg.querySelectorAll('text')];
+    const boxes = texts.map(item => item.getBoundingClientRect());
+    boxes.forEach((box, i) => {
+      found.smallest = Math.min(found.smallest, Math.min(box.width, box.height));
+      const says = svg.id + ': ' + texts[i].textContent;
+      if (box.left < edge.left - 0.5 || box.right > edge.right + 0.5 ||
+          box.top < edge.top - 0.5 || box.bottom > edge.bottom + 0.5) found.clipped.push(says);
+      for (let j = 0; j < i; j++)
+        if (crossing(box, boxes[j])) found.crossing.push(says + ' | ' + texts[j].textContent);
+    });
+  }
+  return found;
+}
+window.onload = () => {
+  const all = {};
+  for (const frame of document.querySelectorAll('iframe')) all[frame.name] = measure(frame);
+  document.querySelector('pre').textContent = JSON.stringify(all);
+};
+"""
+
+
+class Browsed(NamedTuple):
+    """What the browser says: document after loading, lines of its console."""
+
+    document: str
+    console: list[str]
+
+
+def browse(page: Path, scratch: Path) -> Browsed:
+    """Load a file in a browser."""
+    program = next((found for name in _NAMES if (found := shutil.which(name))), None)
+    if program is None:
+        pytest.fail("these tests look at the page in a real browser and found none: "
+                    "apt-get install chromium")
+    command = [program, *_FLAGS, f"--user-data-dir={scratch / 'profile'}",
+               "--window-size=1400,2000", "--dump-dom", page.as_uri()]
+    # A session of its own, so that its helpers end with it.
+    browser = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               encoding="utf-8", errors="replace", start_new_session=True)
+    try:
+        document, errors = browser.communicate(timeout=_SECONDS)
+    except subprocess.TimeoutExpired:
+        os.killpg(browser.pid, signal.SIGKILL)
+        browser.communicate()
+        pytest.fail(f"{program} did not load {page.name} in {_SECONDS} s")
+    assert browser.returncode == 0, errors
+    return Browsed(document, [line for line in errors.splitlines() if "CONSOLE" in line])
+
+
+def measured(
+    pages: Mapping[str, str], widths: tuple[int, ...], scratch: Path
+) -> dict[str, dict[str, Any]]:
+    """Lay pages out at widths; the keys of the answer are `name@width`."""
+    frames = "".join(
+        f'<iframe name="{name}@{width}" style="border:0;width:{width}px;height:2000px" '
+        f'srcdoc="{html.escape(page)}"></iframe>' for name, page in pages.items()
+        for width in widths)
+    around = scratch / "around.html"
+    around.write_text(f'<!DOCTYPE html><meta charset="utf-8"><script>{_MEASURE}</script>'
+                      f"<body>{frames}<pre></pre></body>", encoding="utf-8")
+    document = browse(around, scratch).document
+    answer = re.search(r"<pre>(.+?)</pre>", document, re.DOTALL)
+    assert answer is not None, "the page around the frames gave no measures"
+    result: dict[str, dict[str, Any]] = json.loads(html.unescape(answer[1]))
+    return result

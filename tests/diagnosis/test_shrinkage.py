@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shrinkage of the gap: folds, the formula, and errors at samples left out."""
+
+import numpy as np
+import pytest
+
+from hmcvt_core.diagnosis.candidates import Linear
+from hmcvt_core.diagnosis.evidence import evidence, gram
+from hmcvt_core.diagnosis.observations import Channel, Observations, replicate_groups
+from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, folds, shrinkage
+
+from .campaigns import campaign, measure, random_points
+
+
+def _observed(samples, trust=1e8):
+    channel = Channel("efficiency", samples.efficiency, np.full(len(samples), 0.01), trust)
+    return Observations(samples, (channel,), "made up")
+
+
+def _linear(columns, target, spread, positive=None):
+    found = evidence(gram(columns, target)[None], target.shape[1], spread[None], np.array([1e8]))
+    return Linear(columns, target, spread, positive, float(found.log[0]), found)
+
+
+# --- folds ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [5, 24, 96])
+def test_every_sample_is_left_out_once(n):
+    parts = folds(_observed(campaign(n=n, seed=1)), seed=0)
+    assert sorted(np.concatenate(parts).tolist()) == list(range(n))
+    sizes = [len(part) for part in parts]
+    assert max(sizes) - min(sizes) <= 1
+    assert len(parts) > 2
+
+
+def test_repeated_points_are_left_out_together():
+    points = random_points(2, 20)
+    thrice = type(points)(*(None if axis is None else np.repeat(axis, 3) for axis in points))
+    observed = _observed(measure(thrice, seed=2))
+    group = replicate_groups(observed.samples)
+    assert len(np.unique(group)) == 20
+    for part in folds(observed, seed=3):
+        inside = np.isin(np.arange(60), part)
+        assert not set(group[inside]) & set(group[~inside])
+
+
+def test_points_at_different_oil_temperatures_are_no_replicates():
+    points = random_points(2, 10)
+    twice = [None if axis is None else np.repeat(axis, 2) for axis in points[:3]]
+    warm = type(points)(*twice, np.tile([50.0, 80.0], 10))
+    assert len(np.unique(replicate_groups(measure(warm)))) == 20
+
+
+def test_folds_follow_the_seed():
+    observed = _observed(campaign(seed=1))
+    same = [[part.tolist() for part in folds(observed, seed=seed)] for seed in (4, 4, 5)]
+    assert same[0] == same[1]
+    assert same[0] != same[2]
+
+
+# --- the formula ----------------------------------------------------------------------------------
+
+
+def test_fraction_is_of_squares_above_noise():
+    before, after = np.array([0.02, -0.02] * 10), np.array([-0.01, 0.01] * 10)
+    found = shrinkage(before, after, np.array(0.005), "holdout", seed=0)
+    assert found.before == pytest.approx(np.sqrt(4e-4 - 0.25e-4))
+    assert found.after == pytest.approx(np.sqrt(1e-4 - 0.25e-4))
+    assert found.fraction == pytest.approx(0.8)
+    assert found.interval == pytest.approx((0.8, 0.8)), "all samples say the same"
+    assert found.on == "holdout"
+
+
+def test_noise_may_differ_from_sample_to_sample():
+    before, after = np.full(4, 0.02), np.full(4, 0.01)
+    found = shrinkage(before, after, np.array([0.0, 0.01, 0.0, 0.01]), "cross-validation", seed=0)
+    assert found.fraction == pytest.approx(1.0 - 0.5e-4 / 3.5e-4)
+
+
+def test_below_the_noise_all_is_gone_and_no_more():
+    found = shrinkage(np.full(30, 0.02), np.full(30, 1e-4), np.array(0.005), "holdout", seed=0)
+    assert found.after == 0.0
+    assert found.fraction == 1.0
+
+
+def test_an_effect_that_makes_it_worse_shrinks_by_less_than_nothing():
+    found = shrinkage(np.full(30, 0.02), np.full(30, 0.03), np.array(0.005), "holdout", seed=0)
+    assert found.fraction == pytest.approx(1.0 - 8.75 / 3.75)
+
+
+def test_interval_covers_the_fraction():
+    rng = np.random.default_rng(0)
+    before = 0.02 * rng.standard_normal(60)
+    after = before * rng.uniform(0.0, 0.8, 60)
+    found = shrinkage(before, after, np.array(0.002), "holdout", seed=0)
+    low, high = found.interval
+    assert low < found.fraction < high
+    assert 0.0 < high - low < 1.0
+
+
+@pytest.mark.parametrize(("before", "real"), [(0.02, False), (0.004, True)],
+                         ids=["not significant", "below the noise"])
+def test_without_a_gap_there_is_no_fraction(before, real):
+    found = shrinkage(np.full(20, before), np.full(20, 0.001), np.array(0.005),
+                      "cross-validation", seed=0, real=real)
+    assert found.fraction is None
+    assert found.interval is None
+
+
+# --- errors of prediction -------------------------------------------------------------------------
+
+
+def _problem(seed=0, n=30, p=3):
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((1, n, p))
+    return columns, columns @ np.array([1.0, -1.0, 0.5]) + rng.standard_normal((1, n))
+
+
+def test_errors_are_those_of_a_fit_to_the_others():
+    samples = campaign(n=30, seed=1)
+    observed = _observed(samples)
+    columns, target = _problem()
+    spread = np.array([1.0, 2.0, 3.0])
+    parts = folds(observed, seed=0)
+    errors = cross_validated_errors([_linear(columns, target, spread)], observed, parts)
+    for part in parts:
+        others = np.setdiff1d(np.arange(30), part)
+        own = columns[0, others]
+        mean = np.linalg.solve(own.T @ own + np.diag(spread**-2.0), own.T @ target[0, others])
+        expected = (target[0, part] - columns[0, part] @ mean) * 0.01
+        np.testing.assert_allclose(errors[part], expected, rtol=1e-5, atol=1e-9)
+
+
+def test_the_rival_is_chosen_on_the_others():
+    """An outlier that only a column of its own explains is not predicted by that column."""
+    samples = campaign(n=30, seed=1)
+    observed = _observed(samples)
+    columns, target = _problem()
+    target = target.copy()
+    target[0, 7] += 30.0
+    spike = np.zeros((1, 30, 1))
+    spike[0, 7] = 1.0
+    plain = _linear(columns, target, np.ones(3))
+    spiked = _linear(np.concatenate([columns, spike], axis=-1), target, np.array([1, 1, 1, 30.0]))
+    assert spiked.log > plain.log
+    parts = folds(observed, seed=0)
+    errors = cross_validated_errors([plain, spiked], observed, parts)
+    assert abs(errors[7]) > 0.2, "nothing learnt elsewhere foretells it"
+
+
+def test_a_size_that_goes_negative_is_held_at_zero():
+    samples = campaign(n=30, seed=1)
+    observed = _observed(samples)
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((1, 30, 2))
+    target = columns @ np.array([1.0, -3.0])
+    parts = folds(observed, seed=0)
+    held = cross_validated_errors([_linear(columns, target, np.ones(2), positive=1)], observed,
+                                  parts)
+    without = cross_validated_errors([_linear(columns[..., :1], target, np.ones(1))], observed,
+                                     parts)
+    np.testing.assert_allclose(held, without, rtol=1e-5)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search for a gap: p values that mean what they say."""
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from hmcvt_core.diagnosis.regions import regions
+from hmcvt_core.diagnosis.significance import basis, significance
+from hmcvt_core.effects.drag import ChargePump
+
+from .campaigns import NOISE, bench_of, campaign
+
+REPLICATES = 199
+LEVEL = 0.05
+CAMPAIGNS = [campaign(seed=1000 + seed, n=48) for seed in range(40)]
+
+
+def _search(samples, stated=NOISE, replicates=REPLICATES, seed=0):
+    bench = bench_of(samples, stated)
+    columns, spread = bench.shared(bench.base)
+    screened = bench.screen(bench.kinds, bench.base)
+    signatures = np.stack([linear.columns[..., -1] for _, _, linear in screened])
+    noise = bench.base.noise
+    return significance(basis(columns, spread, noise), bench.target(bench.base), noise,
+                        bench.observed, regions(samples), signatures, seed, replicates)
+
+
+@pytest.fixture(scope="module")
+def without_gap():
+    return np.array([_search(samples).p_value for samples in CAMPAIGNS])
+
+
+def test_p_values_without_a_gap_are_uniform(without_gap):
+    assert kstest(without_gap, "uniform").pvalue > 0.01
+    # At most 2 expected; 7 or more would come up once in 300 times.
+    assert np.sum(without_gap <= LEVEL) < 7
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_noise_stated_wrongly_raises_no_alarm(factor, without_gap):
+    p = np.array([_search(samples, factor * NOISE).p_value for samples in CAMPAIGNS])
+    assert np.sum(p <= LEVEL) < 7
+    assert np.median(np.abs(p - without_gap)) < 0.2, "nor does it hide much"
+
+
+def test_a_planted_gap_gives_the_smallest_p():
+    found = _search(campaign((ChargePump(10.0),), seed=4, n=48))
+    assert found.p_value == pytest.approx(1.0 / (REPLICATES + 1))
+
+
+def test_a_loss_in_one_place_is_found_there():
+    def loss(points):
+        return 0.015 * (np.abs(points.engine_speed - 150.0) < 12.0)
+
+    samples = campaign(seed=4, loss=loss)
+    found = _search(samples)
+    boxes = regions(samples)
+    assert found.p_value <= 0.02
+    first = int(np.argmax(np.abs(found.region_z)))
+    assert found.region_z[first] < 0.0, "a loss: measured below predicted"
+    inside = np.abs(samples.engine_speed - 150.0) < 12.0
+    common = (boxes.members[first] & inside).sum()
+    assert common / (boxes.members[first] | inside).sum() > 0.5
+    assert found.region_p[first] <= 0.02
+
+
+def test_family_wise_p_values_follow_the_size_and_stay_above_zero():
+    found = _search(CAMPAIGNS[0])
+    order = np.argsort(-np.abs(found.region_z))
+    assert (np.diff(found.region_p[order]) >= 0.0).all()
+    assert found.region_p.min() >= 1.0 / (REPLICATES + 1)
+    assert found.region_p.max() <= 1.0
+    assert 0.0 < found.p_value <= 1.0
+
+
+def test_the_same_seed_gives_the_same_p():
+    first, again = (_search(CAMPAIGNS[0], replicates=99) for _ in range(2))
+    assert first.p_value == again.p_value
+    np.testing.assert_array_equal(first.region_p, again.region_p)
+
+
+def test_few_samples_far_off_the_noise_stated_are_a_gap():
+    """Below sixteen samples the size of the scatter counts, believed as stated."""
+    quiet = campaign(seed=6, n=8, speed_noise=None)
+    assert _search(quiet).p_value > LEVEL
+    loud = campaign(seed=6, n=8, speed_noise=None, noise=4.0 * NOISE)
+    assert _search(loud).p_value <= LEVEL
