@@ -9,6 +9,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# setuptools warns at length that an editable installation is editable.
+INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 # The wheels of ROS bring their own libraries; those of a ROS installation that this shell has
 # sourced, or of another environment with such wheels, must not be mixed in.
@@ -40,16 +42,15 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 		{ echo "hmcvt needs Python 3.10 or newer; try: make PYTHON=python3.12 $(MAKECMDGOALS)"; \
 		  exit 1; }
-	$(PYTHON) -m venv --without-pip $(VENV)
-	$(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install --quiet pip
+	@$(PYTHON) -m venv --without-pip $(VENV)
+	@$(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install --quiet pip
 
 $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py
 	@echo "Installing hmcvt and ROS 2 from wheels into $(VENV) (about 450 MB, once) ..."
-	$(BIN)/python -m pip --disable-pip-version-check install --quiet --editable '.[ros]'
+	@$(INSTALL) --editable '.[ros]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
-	$(BIN)/python -m pip --disable-pip-version-check install --quiet \
-		--editable '.[ros,plot,bag,test,dev]'
+	@$(INSTALL) --editable '.[ros,plot,bag,test,dev]'
 	@touch $@

@@ -11,9 +11,24 @@ from pathlib import Path
 def write_atomically(path: Path, text: str) -> None:
     """Replace `path` by `text` so that a crash leaves the old file or the new one.
 
+    A link stays a link, and what is no regular file (a device, a pipe) is written to.
+
     Raises:
         OSError: the folder cannot be written or is full; the old file is untouched.
     """
+    target = Path(os.path.realpath(path))
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_text(text, encoding="utf-8")
+            return
+        _replace(target, text)
+    except OSError as error:
+        # The user knows the file asked for, not the temporary one beside it.
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    _sync_folder(target.parent)
+
+
+def _replace(path: Path, text: str) -> None:
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     temporary = Path(name)
     try:
@@ -29,7 +44,6 @@ def write_atomically(path: Path, text: str) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    _sync_folder(path.parent)
 
 
 def _sync_folder(folder: Path) -> None:

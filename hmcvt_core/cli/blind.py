@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from ..atomic import write_atomically
-from .common import json_option, print_json
+from .common import OutputFile, json_option, print_json
 
 
 @click.command("blind", epilog="""\b
@@ -24,7 +24,8 @@ Examples:
               show_default="cores", help="Diagnoses side by side.")
 @click.option("--results", default="blind-results.jsonl", show_default=True, metavar="FILE",
               help="Records so far; an interrupted trial goes on from here.")
-@click.option("--out", default=None, metavar="REPORT.md", help="Write the report there too.")
+@click.option("--out", type=OutputFile(), default=None, metavar="REPORT.md",
+              help="Write the report there too.")
 @json_option
 def command(
     seeds: int, reference: bool, jobs: int, results: str, out: str | None, as_json: bool

@@ -38,6 +38,7 @@ def command(
     found = model.breakdown(displacement_ratio, engine_speed, load_torque, oil_temperature)
     if as_json:
         print_json({"input_power": found.input_power, "output_power": found.output_power,
+                    "efficiency": found.output_power / found.input_power,
                     "losses": dict(found.losses)})
         return
     losses = sorted(found.losses.items(), key=lambda entry: -entry[1])

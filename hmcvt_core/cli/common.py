@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -20,6 +22,8 @@ from ..resources import data_path
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
+_SPEED_UNITS = {"rpm": RPM, "r/min": RPM, "rad/s": 1.0}
+_MOST_SAMPLES = 1_000_000
 
 
 class AngularSpeed(click.ParamType):  # type: ignore[type-arg]
@@ -31,12 +35,14 @@ class AngularSpeed(click.ParamType):  # type: ignore[type-arg]
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """Return rad/s."""
-        if isinstance(value, float):
-            return value
-        text = str(value).strip().lower()
-        factor = RPM if text.endswith("rpm") else 1.0
+        if isinstance(value, (int, float)):
+            return float(value)
+        text, factor = str(value).strip().lower(), 1.0
+        for unit, size in _SPEED_UNITS.items():
+            if text.endswith(unit):
+                text, factor = text.removesuffix(unit), size
         try:
-            return float(text.removesuffix("rpm")) * factor
+            return float(text) * factor
         except ValueError:
             self.fail(f"{value!r} is not a speed: write 146.6 (rad/s) or 1400rpm", param, ctx)
 
@@ -59,12 +65,51 @@ class SampleNumbers(click.ParamType):  # type: ignore[type-arg]
                 low, high = int(first), int(last or first)
             except ValueError:
                 self.fail(f"{value!r} is not a list of sample numbers such as 1,2,4-6", param, ctx)
-            if not 1 <= low <= high:
-                self.fail(f"{part!r}: sample numbers count up from 1", param, ctx)
+            if not 1 <= low <= high <= _MOST_SAMPLES:
+                self.fail(f"{part!r}: sample numbers count up from 1 to at most {_MOST_SAMPLES}",
+                          param, ctx)
             numbers += range(low, high + 1)
         if len(set(numbers)) != len(numbers):
             self.fail(f"{value!r} names a sample twice", param, ctx)
         return numbers
+
+
+class Fractions(click.ParamType):  # type: ignore[type-arg]
+    """Numbers such as `0.98,0.97`."""
+
+    name = "fractions"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[float]:
+        """Return the numbers in the order written."""
+        if isinstance(value, list):
+            return value
+        try:
+            return [float(part) for part in str(value).split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers such as 0.98,0.97", param, ctx)
+
+
+class OutputFile(click.ParamType):  # type: ignore[type-arg]
+    """A file to write, refused before the work rather than after it when that cannot be done."""
+
+    name = "file"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Return the path."""
+        path = Path(value)
+        if path.is_dir():
+            self.fail(f"{value}: is a folder", param, ctx)
+        if path.exists() and not path.is_file():
+            return str(value)  # such as /dev/null
+        if not path.parent.is_dir():
+            self.fail(f"{value}: {path.parent} is not a folder", param, ctx)
+        if not os.access(path.parent, os.W_OK):
+            self.fail(f"{value}: folder {path.parent} cannot be written", param, ctx)
+        return str(value)
 
 
 params_option = click.option(
@@ -130,6 +175,11 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
                      for line in lines)
+
+
+def number(value: float, form: str, unit: str = "") -> str:
+    """Return a number as text, `-` for NaN."""
+    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
 class Progress:

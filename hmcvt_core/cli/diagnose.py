@@ -8,6 +8,7 @@ import click
 from ..bench import read_bench
 from ..diagnosis import diagnose
 from .common import (
+    OutputFile,
     json_option,
     model_from,
     noise_option,
@@ -27,9 +28,9 @@ Examples:
 @click.option("--holdout", default=None, metavar="H.csv",
               help="Samples to measure the shrinkage on; cross-validation when left out.")
 @noise_option
-@click.option("--report", "report", default=None, metavar="R.html",
+@click.option("--report", "report", type=OutputFile(), default=None, metavar="R.html",
               help="Write the report page.")
-@click.option("--save-model", default=None, metavar="P.yaml",
+@click.option("--save-model", type=OutputFile(), default=None, metavar="P.yaml",
               help="Write the model with the leading cause in it.")
 @seed_option
 @json_option

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
 import click
 import numpy as np
 
@@ -13,7 +16,25 @@ from ..identification import Identification, identify
 from ..model import FORMULATIONS
 from ..parameter_file import load_stage
 from ..resources import data_path
-from .common import Progress, SampleNumbers, json_option, print_json, seed_option, table
+from .common import (
+    Fractions,
+    OutputFile,
+    Progress,
+    SampleNumbers,
+    json_option,
+    print_json,
+    seed_option,
+    table,
+)
+from .samples import sample_records, sample_table
+
+
+class _Split(NamedTuple):
+    """Samples to fit, and those held back with their numbers in the file."""
+
+    fitted: BenchSamples
+    held: BenchSamples | None
+    numbers: tuple[int, ...]
 
 
 @click.command("identify", epilog="""\b
@@ -26,73 +47,79 @@ Examples:
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
 @click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
               show_default=True, help="Equations to use.")
-@click.option("--gear-efficiency", "gears", default=None, metavar="0.98[,0.97...]",
+@click.option("--gear-efficiency", "gears", type=Fractions(), multiple=True,
+              metavar="0.98[,0.97...]",
               help="Of every gear pair; several are compared and the best is kept.")
 @click.option("--transmission", default=None, metavar="T.yaml",
               help="Gear train; the paper's when left out.")
 @click.option("--stage", default=None, metavar="NAME", help="Stage of the transmission file.")
-@click.option("--out", default=None, metavar="P.yaml", help="Write the parameter file.")
+@click.option("--out", type=OutputFile(), default=None, metavar="P.yaml",
+              help="Write the parameter file.")
 @seed_option
 @json_option
 def command(
-    bench: str, fit: list[int] | None, formulation: str, gears: str | None,
+    bench: str, fit: list[int] | None, formulation: str, gears: tuple[list[float], ...],
     transmission: str | None, stage: str | None, out: str | None, seed: int, as_json: bool,
 ) -> None:
     """Identify leakage and dampings from bench samples by improved simulated annealing."""
-    samples = read_bench(bench)
-    fitted, held = _split(samples, fit)
+    split = _split(read_bench(bench), fit)
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
     progress = Progress("annealing")
 
     def show(state: AnnealingState) -> None:
         progress(f"step {state.generation}, objective {state.value:.6g}")
 
+    efficiencies: Sequence[float | None] = [value for part in gears for value in part] or [None]
     try:
-        found = [identify(fitted, stage=train, formulation=formulation, gear_efficiency=value,
-                          validation=held, seed=seed, progress=show)
-                 for value in _efficiencies(gears)]
+        found = [identify(split.fitted, stage=train, formulation=formulation,
+                          gear_efficiency=value, validation=split.held, seed=seed, progress=show)
+                 for value in efficiencies]
     finally:
         progress.close()
     best = min(found, key=lambda item: item.objective)
     if out is not None:
         best.save(out)
     if as_json:
-        print_json(best.to_dict() if len(found) == 1
-                   else {"best": best.to_dict(), "tried": [item.to_dict() for item in found]})
+        tried = [_record(item, split) for item in found]
+        print_json(tried[0] if len(tried) == 1
+                   else {"best": tried[found.index(best)], "tried": tried})
         return
     if len(found) > 1:
         click.echo(_comparison(found))
     click.echo(best.report())
+    if split.held is not None:
+        click.echo("held back:")
+        click.echo(sample_table(sample_records(best.model, split.held, split.numbers)))
     if out is not None:
         click.echo(f"written to {out}")
 
 
-def _split(
-    samples: BenchSamples, fit: list[int] | None
-) -> tuple[BenchSamples, BenchSamples | None]:
+def _split(samples: BenchSamples, fit: list[int] | None) -> _Split:
     if fit is None:
-        return samples, None
+        return _Split(samples, None, ())
     if max(fit) > len(samples):
         raise InputError(f"--fit names sample {max(fit)}; {samples.source} holds {len(samples)}")
     chosen = np.array(fit) - 1
     rest = np.setdiff1d(np.arange(len(samples)), chosen)
-    return samples.select(chosen), samples.select(rest) if len(rest) else None
+    held = samples.select(rest) if len(rest) else None
+    return _Split(samples.select(chosen), held, tuple((rest + 1).tolist()))
 
 
-def _efficiencies(text: str | None) -> list[float | None]:
-    if text is None:
-        return [None]
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise click.BadParameter(f"--gear-efficiency {text!r} is not a list of numbers") from None
+def _record(found: Identification, split: _Split) -> dict[str, Any]:
+    held = ([] if split.held is None
+            else sample_records(found.model, split.held, split.numbers))
+    return {**found.to_dict(), "gear_efficiency": _gear_efficiency(found), "held_back": held}
+
+
+def _gear_efficiency(found: Identification) -> list[float]:
+    return sorted({pair.efficiency for pair in found.model.stage.gear_pairs})
 
 
 def _comparison(found: list[Identification]) -> str:
     rows = []
     for item in found:
         held = "" if item.prediction_error is None else f"{100 * item.prediction_error:.2f} %"
-        rows.append((f"{item.model.stage.gear_pairs[0].efficiency:g}", f"{item.objective:.6g}",
+        rows.append((f"{_gear_efficiency(item)[0]:g}", f"{item.objective:.6g}",
                      f"{100 * item.fit_error:.2f} %", held))
     return table(("gear efficiency", found[0].objective_name, "fit error", "prediction error"),
                  rows)

@@ -5,14 +5,19 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from pathlib import Path
 
 import click
 import numpy as np
 
 from ..atomic import write_atomically
-from ..ranges import ENGINE_SPEED_LIMITS
-from .common import AngularSpeed, json_option, model_from, params_option, print_json
+from ..efficiency_map import EfficiencyMap
+from ..errors import InputError
+from ..ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE
+from .common import AngularSpeed, OutputFile, json_option, model_from, params_option, print_json
+
+_MOST_POINTS = 2_000_000
 
 
 @click.command("map", epilog="""\b
@@ -25,7 +30,8 @@ Examples:
               help="Lowest and highest.  [default: 750rpm 2200rpm]")
 @click.option("--load-torque", type=float, nargs=2, default=(50.0, 400.0), show_default=True,
               help="Lowest and highest in N m.")
-@click.option("--out", default=None, metavar="MAP.csv", help="Write CSV there, not to stdout.")
+@click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
+              help="Write CSV there, not to stdout.")
 @params_option
 @json_option
 def command(
@@ -33,15 +39,26 @@ def command(
     load_torque: tuple[float, float], out: str | None, params: str | None, as_json: bool,
 ) -> None:
     """Write the efficiency over displacement ratio, engine speed and load torque."""
+    points = math.prod(steps)
+    if points > _MOST_POINTS:
+        raise InputError(f"--steps gives {points} points; at most {_MOST_POINTS}")
+    # Before the grid is made: NumPy would warn of infinity rather than refuse it.
+    ENGINE_SPEED.check(engine_speed, "--engine-speed")
+    LOAD_TORQUE.check(load_torque, "--load-torque")
     found = model_from(params).efficiency_map(
         np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed, steps[1]),
         np.linspace(*load_torque, steps[2]))
+    if out is not None:
+        write_atomically(Path(out), _csv(found))
     if as_json:
         print_json({"displacement_ratio": found.displacement_ratio,
                     "engine_speed": found.engine_speed, "load_torque": found.load_torque,
                     "efficiency": found.efficiency})
-    if as_json and out is None:
-        return
+    elif out is None:
+        click.echo(_csv(found), nl=False)
+
+
+def _csv(found: EfficiencyMap) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(("displacement_ratio", "engine_speed", "load_torque", "efficiency"))
@@ -51,7 +68,4 @@ def command(
         writer.writerow((f"{found.displacement_ratio[i]:.6g}", f"{found.engine_speed[j]:.6g}",
                          f"{found.load_torque[k]:.6g}",
                          f"{value:.6f}" if np.isfinite(value) else ""))
-    if out is None:
-        click.echo(buffer.getvalue(), nl=False)
-    else:
-        write_atomically(Path(out), buffer.getvalue())
+    return buffer.getvalue()

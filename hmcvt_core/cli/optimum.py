@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 
 import click
 
 from ..errors import HmcvtError
-from ..optimum import HOLDS
+from ..optimum import HOLDS, Optimum
 from ..ranges import ENGINE_SPEED_LIMITS, RPM
 from .common import AngularSpeed, json_option, model_from, params_option, print_json
 
@@ -17,35 +18,64 @@ from .common import AngularSpeed, json_option, model_from, params_option, print_
 Examples:
   hmcvt optimum --engine-speed 1400rpm --load-torque 200
   hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
-                --displacement-ratio -0.8""")
+                --displacement-ratio -0.8
+  hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
+                --output-speed 1250rpm --engine-speed-limits 900rpm 2100rpm --json""")
 @click.option("--engine-speed", type=AngularSpeed(), required=True, help="Now: rad/s or 1400rpm.")
 @click.option("--load-torque", type=float, required=True,
               help="Now: output power / engine speed in N m.")
 @click.option("--hold", type=click.Choice(HOLDS), default="engine_speed", show_default=True,
               help="What must stay; output_speed looks for the best engine speed too.")
-@click.option("--displacement-ratio", type=float, help="Now; tells the output speed to hold.")
+@click.option("--displacement-ratio", type=float,
+              help="Now; tells the output speed to hold and what there is to gain.")
 @click.option("--output-speed", type=AngularSpeed(), help="To hold: rad/s or 1400rpm.")
-@click.option("--engine-speed-limits", type=AngularSpeed(), nargs=2, default=ENGINE_SPEED_LIMITS,
+@click.option("--engine-speed-limits", type=AngularSpeed(), nargs=2, default=None,
               help="Lowest and highest engine speed.  [default: 750rpm 2200rpm]")
 @params_option
 @json_option
 def command(
     engine_speed: float, load_torque: float, hold: str, displacement_ratio: float | None,
-    output_speed: float | None, engine_speed_limits: tuple[float, float], params: str | None,
-    as_json: bool,
+    output_speed: float | None, engine_speed_limits: tuple[float, float] | None,
+    params: str | None, as_json: bool,
 ) -> None:
     """Find the displacement ratio that wastes least."""
-    best = model_from(params).optimal_displacement_ratio(
+    _check(hold, displacement_ratio, output_speed, engine_speed_limits)
+    model = model_from(params)
+    best = model.optimal_displacement_ratio(
         engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,
-        output_speed=output_speed, engine_speed_limits=engine_speed_limits)
-    if as_json:
-        print_json(asdict(best))
-        return
-    if best.efficiency != best.efficiency:
+        output_speed=output_speed, engine_speed_limits=engine_speed_limits or ENGINE_SPEED_LIMITS)
+    if math.isnan(best.efficiency):
         raise HmcvtError("no working point: the output speed and power cannot be held within the "
-                         "engine speed limits")
+                         "engine speed limits" if hold == "output_speed" else
+                         "no working point: the load cannot be carried at this engine speed")
+    now = (math.nan if displacement_ratio is None
+           else model.efficiency(displacement_ratio, engine_speed, load_torque))
+    if as_json:
+        print_json({**asdict(best), "efficiency_now": now})
+    else:
+        _print(best, now)
+
+
+def _check(
+    hold: str, displacement_ratio: float | None, output_speed: float | None,
+    engine_speed_limits: tuple[float, float] | None,
+) -> None:
+    """Refuse options that would be ignored or contradict each other."""
+    if hold == "engine_speed" and (output_speed is not None or engine_speed_limits is not None):
+        raise click.UsageError(
+            "--output-speed and --engine-speed-limits need --hold output_speed")
+    if displacement_ratio is not None and output_speed is not None:
+        raise click.UsageError("--displacement-ratio (now) and --output-speed both tell the "
+                               "output speed to hold: give one")
+    if hold == "output_speed" and displacement_ratio is None and output_speed is None:
+        raise click.UsageError("--hold output_speed needs --displacement-ratio (now) or "
+                               "--output-speed")
+
+
+def _print(best: Optimum, now: float) -> None:
     click.echo(f"displacement ratio  {best.displacement_ratio:+.4f}")
-    click.echo(f"efficiency          {best.efficiency:.4f}")
+    click.echo(f"efficiency          {best.efficiency:.4f}"
+               + ("" if math.isnan(now) else f" (now {now:.4f})"))
     click.echo(f"engine speed        {best.engine_speed:.2f} rad/s "
                f"({best.engine_speed / RPM:.0f} r/min)")
     click.echo(f"load torque         {best.load_torque:.2f} N m")

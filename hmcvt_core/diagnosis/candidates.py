@@ -234,19 +234,28 @@ class Bench:
             models += self.weigh(columns, beside.target, spreads, beside.positive)
         return models
 
-    def steps(self, boxes: Regions, beside: Linear) -> Array:
-        """Log evidence of a loss inside each box beside an hypothesis, shape (boxes,)."""
+    def steps(self, boxes: Regions, beside: Linear, channel: int) -> tuple[Array, Array]:
+        """A loss (or slip, in the output speed) inside each box beside an hypothesis.
+
+        Returns:
+            Log evidence of each, shape (boxes,), and the noise of the best, shape (channels,).
+        """
         shared, target = beside.columns, beside.target
-        column = boxes.columns / self.observed.scale[0]
+        unit = self.observed.scale[channel]
+        if channel == 1:
+            unit = unit / self.observed.channels[1].measured
+        column = boxes.columns / unit
         p = shared.shape[-1]
         grams = np.zeros((len(boxes), self.channels, p + 2, p + 2))
         keep = np.append(np.arange(p), p + 1)
         grams[:, :, keep[:, None], keep] = gram(shared, target)
-        grams[:, 0, p, p] = np.sum(column**2, axis=1)
-        cross = column @ np.concatenate([shared[0], target[0][:, None]], axis=1)
-        grams[:, 0, p, keep] = cross
-        grams[:, 0, keep, p] = cross
-        logs = [evidence(grams, self.count,
-                         np.broadcast_to(np.append(beside.spread, scale), (len(boxes), p + 1)),
-                         self.observed.trusts).log for scale in _STEP_SPREADS]
-        return np.asarray(np.logaddexp(*logs) - np.log(2.0))
+        grams[:, channel, p, p] = np.sum(column**2, axis=1)
+        cross = column @ np.concatenate(
+            [shared[channel], target[channel][:, None]], axis=1)
+        grams[:, channel, p, keep] = cross
+        grams[:, channel, keep, p] = cross
+        found = [evidence(grams, self.count,
+                          np.broadcast_to(np.append(beside.spread, scale), (len(boxes), p + 1)),
+                          self.observed.trusts) for scale in _STEP_SPREADS]
+        logs = np.logaddexp(found[0].log, found[1].log) - np.log(2.0)
+        return np.asarray(logs), found[0].noise[logs.argmax()]

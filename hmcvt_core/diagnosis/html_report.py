@@ -118,7 +118,8 @@ def _plot(found: Diagnosis) -> str:
 
 def _causes(found: Diagnosis) -> str:
     if not found.causes:
-        return svg.element("p", "There is no gap, so no cause is sought.")
+        return svg.element("p", "There is no gap, so no cause is sought."
+                           if found.verdict == "no_gap" else "No cause is left to be named.")
     intro = ("Probability that each effect is present, given these samples. Causes in one bracket "
              "explain them about equally well: adding any of them gives nearly the same model.")
     return svg.element("p", intro, class_="caption") + causes.ranked(found)

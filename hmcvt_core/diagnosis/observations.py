@@ -149,7 +149,7 @@ def _efficiency_noise(
     pure = _pure_error(samples)
     if pure is not None:
         deviation, free = pure
-        return np.full(len(samples), max(deviation, _LEAST_DEVIATION)), free, "repeated points"
+        return np.full(len(samples), deviation), free, "repeated points"
     return (PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency, _TRUST_ASSUMED,
             "assumed, 1.12 % (paper, eq. (3))")
 
@@ -162,4 +162,6 @@ def _pure_error(samples: BenchSamples) -> tuple[float, float] | None:
         return None
     mean = np.bincount(group, samples.efficiency) / count
     squares = float(np.sum((samples.efficiency - mean[group]) ** 2))
-    return float(np.sqrt(squares / free)), free
+    deviation = float(np.sqrt(squares / free))
+    # Readings do not agree so well: these are filled in, as in a plan, or copied.
+    return (deviation, free) if deviation > _LEAST_DEVIATION else None

@@ -51,6 +51,7 @@ UNLISTED = 0.2
 LEFTOVER = 5.0
 """Log evidence from which something is left beside the leading cause."""
 
+_LARGE_REGION = 0.8  # discount of a region with most of the samples
 _MOST_REGIONS = 5
 _OVERLAP = 0.2
 _RIVALS = 12
@@ -191,13 +192,14 @@ class _Assembly:
             return "no_gap"
         ranking = self.ranking
         known = next(iter(ranking.probability.values()))
-        removed = shrunk.fraction if shrunk.fraction is not None else 0.0
+        # Where only the output speed shows a gap, the efficiency has none to remove.
+        removed = shrunk.fraction if shrunk.fraction is not None else 1.0
         wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
         if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
             return "unexplained"
         if self.bench.channels > 1 and ranking.explained[1] < ADEQUATE_SPEED:
             return "unexplained"
-        return "cause_found" if known >= FOUND else "ambiguous"
+        return "cause_found" if known >= FOUND and removed >= ADEQUATE else "ambiguous"
 
     # --- shrinkage ------------------------------------------------------------------------------
 
@@ -263,8 +265,7 @@ class _Assembly:
     def _twins(self, name: str) -> tuple[str, ...]:
         """Effects that these data cannot tell from one: the rest of the credible set."""
         probability = self.ranking.probability
-        with_it = {other for item in self.ranking.pairs if name in item.names
-                   for other in item.names if item is self.ranking.leading}
+        with_it = self.ranking.best[name].names
         total, chosen = 0.0, []
         for other, p in probability.items():
             if other in with_it and other != name:
@@ -313,6 +314,9 @@ class _Assembly:
         if not self.significant or not len(self.boxes):
             return ()
         boxes, z = self.boxes, np.abs(self.found.region_z)
+        # A region and the rest of the space show the same step: name the smaller of the two.
+        large = boxes.members.sum(axis=1) > boxes.members.shape[1] / 2
+        z = np.where(large, _LARGE_REGION * z, z)
         chosen: list[int] = []
         for i in np.argsort(-z):
             if chosen and self.found.region_p[i] > REGION_SIGNIFICANCE:
@@ -332,7 +336,8 @@ class _Assembly:
                   for axis in range(len(AXES))]
         inside = boxes.members[i]
         return Region(limits[0], limits[1], limits[2], float(residual[inside].mean()),
-                      int(inside.sum()), float(self.found.region_p[i]))
+                      int(inside.sum()), float(self.found.region_p[i]),
+                      self.observed.channels[self.found.region_channel[i]].name)
 
     def _model(self, sizes: Array, effects: Sequence[Any], base: Array) -> EfficiencyModel:
         hypothesis = Hypothesis(self.bench.model, tuple(effects))

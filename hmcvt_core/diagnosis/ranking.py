@@ -98,15 +98,21 @@ def rank(bench: Bench, boxes: Regions, singles: Sequence[Candidate], paired: boo
     top = max(named, key=lambda key: named[key])
     leading = max((item for item in everyone if _key(item) == top), key=lambda item: item.log)
     return Ranking({name: probability[name] for name in order}, best, leading,
-                   float(posterior[()]), *_left(bench, leading, nothing), tuple(singles),
+                   float(posterior[()]), *_left(bench, boxes, leading, nothing), tuple(singles),
                    tuple(pairs), nothing, max(fields, key=lambda item: item.log))
 
 
-def _left(bench: Bench, leading: Candidate, nothing: Linear) -> tuple[float, Array]:
+def _left(
+    bench: Bench, boxes: Regions, leading: Candidate, nothing: Linear
+) -> tuple[float, Array]:
     """What the leading candidate leaves: see `Ranking.leftover` and `Ranking.explained`."""
     fields = bench.fields(leading.linear)
     leftover = log_mean(np.array([item.log for item in fields])) - leading.linear.log
-    pure = np.min([item.found.noise[0] for item in (leading.linear, *fields)], axis=0)
+    noises = [item.found.noise[0] for item in (leading.linear, *fields)]
+    if len(boxes):
+        noises += [bench.steps(boxes, base, channel)[1] for channel in range(bench.channels)
+                   for base in (nothing, leading.plain)]
+    pure = np.min(noises, axis=0)
     before, after = nothing.found.noise[0] - pure, leading.plain.found.noise[0] - pure
     # A channel whose scatter hardly grows without the cause had no gap to remove.
     clear = before > _CLEAR * pure
@@ -158,7 +164,8 @@ def _unlisted_log(
     smooth = log_mean(np.array([item.log for item in fields]))
     if not len(boxes):
         return smooth
-    steps = log_mean(bench.steps(boxes, nothing))
+    steps = log_mean(np.concatenate([bench.steps(boxes, nothing, channel)[0]
+                                     for channel in range(bench.channels)]))
     return float(np.logaddexp(smooth, steps) - np.log(2.0))
 
 

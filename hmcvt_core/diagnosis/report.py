@@ -26,7 +26,7 @@ def to_dict(found: Diagnosis) -> dict[str, Any]:
             "engine_speed": list(region.engine_speed),
             "load_torque": list(region.load_torque),
             "mean_residual": region.mean_residual, "samples": region.samples,
-            "p_value": region.p_value} for region in found.where],
+            "p_value": region.p_value, "channel": region.channel} for region in found.where],
         "component": found.component,
         "verdict": found.verdict,
         "causes": [_cause(cause) for cause in found.causes],

@@ -48,6 +48,7 @@ class Region:
         mean_residual: measured - predicted efficiency, mean over the box [-].
         samples: in the box.
         p_value: family-wise, over all boxes looked at.
+        channel: the reading that shows it most clearly.
     """
 
     displacement_ratio: tuple[float, float]
@@ -56,6 +57,7 @@ class Region:
     mean_residual: float
     samples: int
     p_value: float
+    channel: str = "efficiency"
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,15 @@ class Significance(NamedTuple):
 
     Attributes:
         p_value: of the largest statistic over regions and effects together.
-        region_z: studentised mean residual of each region, shape (boxes,).
+        region_z: studentised mean residual of each region in the channel where it is largest,
+            shape (boxes,).
+        region_channel: that channel, shape (boxes,).
         region_p: family-wise p value of each region, shape (boxes,).
     """
 
     p_value: float
     region_z: Array
+    region_channel: NDArray[np.intp]
     region_p: Array
 
 
@@ -75,7 +78,7 @@ def significance(
         target: shape (channels, n), in stated deviations.
         noise: variance of each channel in stated ones.
         observed: the bench.
-        boxes: regions to look at (efficiency only).
+        boxes: regions to look at, in each channel.
         signatures: effect signatures in stated deviations, shape (m, channels, n).
         seed: of the simulated campaigns.
         replicates: simulated campaigns.
@@ -100,7 +103,10 @@ def significance(
     if len(observed.samples) < FEW:
         # Two looks: shape and size.
         p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, target)))
-    return Significance(float(p_value), z_boxes[0], _p_values(null[:, 0], np.abs(z_boxes[0])))
+    z_channels = z_boxes[0].reshape(len(observed.channels), len(boxes))
+    channel = np.abs(z_channels).argmax(axis=0)
+    z = np.take_along_axis(z_channels, channel[None], 0)[0]
+    return Significance(float(p_value), z, channel, _p_values(null[:, 0], np.abs(z)))
 
 
 class _Search:
@@ -109,16 +115,21 @@ class _Search:
         self.absorbed, self.trust = absorbed, observed.trusts
         self.count = absorbed.data.shape[1]
         root = self.root = np.sqrt(noise)
-        self.box = (boxes.columns / observed.scale[0] / root[0]).astype(np.float32)
+        # In the output speed a box is a part of the speed lost, as its deviation is.
+        self.boxes = [(boxes.columns / (observed.scale[0] if i == 0 else 1.0) / root[i]).astype(
+            np.float32) for i in range(len(observed.channels))]
         self.effect = signatures / root[:, None]
-        shadow = self.box @ absorbed.data[0]
-        self.box_norm = _norms(np.sum(self.box**2, axis=1), shadow)
+        self.box_norms = [_norms(np.sum(box**2, axis=1), box @ absorbed.data[i])
+                          for i, box in enumerate(self.boxes)]
         shadow = np.einsum("mcn,cnp->mp", self.effect, absorbed.data)
         self.effect_norm = _norms(np.sum(self.effect**2, axis=(1, 2)), shadow)
         self.used = np.sum(absorbed.data**2, axis=(1, 2))  # degrees of freedom by channel
 
     def statistics(self, data: Array, prior: Array) -> tuple[Array, Array]:
-        """z of every box and every effect for campaigns of shape (k, channels, n)."""
+        """z of every box (channel by channel) and every effect, for k campaigns.
+
+        `data` has shape (k, channels, n); the answers (k, channels x boxes) and (k, effects).
+        """
         q = self.absorbed
         shadow = np.einsum("kcn,cnp->kp", data, q.data) + prior @ q.prior
         left = data - np.einsum("kp,cnp->kcn", shadow, q.data)
@@ -126,7 +137,9 @@ class _Search:
         scale = np.sqrt((self.trust + squares)
                         / (self.trust + np.maximum(self.count - self.used, 1.0)))
         left = left / scale[..., None]
-        boxes = (left[:, 0].astype(np.float32) @ self.box.T) / self.box_norm
+        boxes = np.concatenate([
+            (left[:, i].astype(np.float32) @ box.T) / self.box_norms[i]
+            for i, box in enumerate(self.boxes)], axis=1)
         effects = np.einsum("kcn,mcn->km", left, self.effect) / self.effect_norm
         return boxes.astype(float), effects
 

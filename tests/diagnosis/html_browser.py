@@ -45,7 +45,8 @@ function measure(frame) {
     const texts = [...svg.querySelectorAll('text')];
     const boxes = texts.map(item => item.getBoundingClientRect());
     boxes.forEach((box, i) => {
-      found.smallest = Math.min(found.smallest, Math.min(box.width, box.height));
+      const size = parseFloat(view.getComputedStyle(texts[i]).fontSize) * svg.getScreenCTM().a;
+      found.smallest = Math.min(found.smallest, size);
       const says = svg.id + ': ' + texts[i].textContent;
       if (box.left < edge.left - 0.5 || box.right > edge.right + 0.5 ||
           box.top < edge.top - 0.5 || box.bottom > edge.bottom + 0.5) found.clipped.push(says);

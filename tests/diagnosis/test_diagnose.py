@@ -137,6 +137,17 @@ def test_two_effects_are_named_together(diagnoses):
     assert len(found.model.effects) == 2
 
 
+def test_what_may_stand_in_for_the_second_effect_says_so_itself(diagnoses):
+    """Churning or a meter, beside leakage: each is named as the other's twin."""
+    beside = [cause for cause in diagnoses["two"].causes
+              if cause.together_with == "pressure_leakage"]
+    assert len(beside) >= 2
+    names = {cause.effect for cause in beside}
+    for cause in beside:
+        assert set(cause.indistinguishable_from) & names
+        assert cause.together_with not in cause.indistinguishable_from
+
+
 def test_the_effect_that_a_model_has_is_no_gap(diagnoses):
     case = CASES["planetary mesh"]
     known = replace(BASE, effects=case["effects"])
@@ -380,9 +391,9 @@ def test_the_order_of_the_rows_does_not_matter(diagnoses):
 # --- a meter is not a part ------------------------------------------------------------------------
 
 
-def test_a_meter_far_off_names_the_meter_among_the_first():
+def test_torque_out_of_nothing_names_the_meter():
     found = hmcvt.diagnose(BASE, campaign((EngineTorqueZero(-8.0),), seed=1), noise=NOISE)
-    # Torque that comes out of nothing can be no drag.
+    # No drag gives torque.
     assert found.causes[0].effect == "torque_sensor"
     assert found.component == "sensor"
     assert found.causes[0].remedy

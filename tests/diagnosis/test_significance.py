@@ -39,9 +39,10 @@ def test_p_values_without_a_gap_are_uniform(without_gap):
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
 def test_noise_stated_wrongly_raises_no_alarm(factor, without_gap):
-    p = np.array([_search(samples, factor * NOISE).p_value for samples in CAMPAIGNS])
-    assert np.sum(p <= LEVEL) < 7
-    assert np.median(np.abs(p - without_gap)) < 0.2, "nor does it hide much"
+    p = np.array([_search(samples, factor * NOISE).p_value for samples in CAMPAIGNS[::2]])
+    # At most 1 expected; 5 or more would come up once in 400 times.
+    assert np.sum(p <= LEVEL) < 5
+    assert np.median(np.abs(p - without_gap[::2])) < 0.2, "nor does it hide much"
 
 
 def test_a_planted_gap_gives_the_smallest_p():

@@ -150,7 +150,7 @@ def _marks(found: Diagnosis, values: Array, across: Array, up: Array) -> list[_M
         return _cell_means(found, values[known], across[known], up[known])
     samples = found.samples
     return [_Mark(float(across[i]), float(up[i]), float(values[i]), found.gap.noise,
-                  f"sample {i + 1}: displacement ratio "
+                  "displacement ratio "
                   f"{words.fixed(float(samples.displacement_ratio[i]), 2)}, "
                   f"{words.rpm(float(samples.engine_speed[i]))} r/min, "
                   f"{words.fixed(float(samples.load_torque[i]), 0)} N·m: "

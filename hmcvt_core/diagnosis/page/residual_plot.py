@@ -97,8 +97,9 @@ def _panel(
     shown = known[:: -(-len(known) // _MOST_DOTS)] if len(known) else known
     dots = [_dot(panel, float(axis.values[i]), 100.0 * float(values[i])) for i in shown]
     rms = float(np.sqrt(np.mean(values[known] ** 2))) if len(known) else float("nan")
-    heading = svg.element("text", svg.text(f"{title}: {words.points(rms)} rms"),
-                          class_="heading", x=panel.x.start, y=20.0)
+    size = f"{words.points(rms)} rms" if len(known) else "not known"
+    heading = svg.element("text", svg.text(f"{title}: {size}"), class_="heading",
+                          x=panel.x.start, y=20.0)
     return svg.drawing(
         f"residuals-{index}", f"{title}: measured minus predicted efficiency over {axis.label}",
         WIDTH, HEIGHT, heading, band, svg.x_axis(panel, axis.label),

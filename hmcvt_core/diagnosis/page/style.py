@@ -37,7 +37,6 @@ p { margin: 6px 0 12px; max-width: 72em; }
 svg text { font-size: 13.5px; fill: var(--ink); font-family: inherit; }
 svg text.label { fill: var(--soft); }
 svg text.heading { font-weight: 600; font-size: 14px; }
-svg text.small { font-size: 12px; fill: var(--soft); }
 .frame { fill: none; stroke: #8b949e; }
 .grid { stroke: #e6e9ed; }
 .tick, .zero { stroke: #57606a; }

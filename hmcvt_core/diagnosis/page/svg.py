@@ -102,10 +102,10 @@ def x_axis(panel: Panel, label: str, most: int = 6) -> str:
     for value, name in zip(panel.x.ticks(most), panel.x.names(most), strict=True):
         at = panel.x(value)
         parts.append(_line(at, panel.y.start, at, panel.y.end, "grid"))
-        parts.append(element("text", text(name), x=at, y=panel.y.start + 18.0,
+        parts.append(element("text", text(name), x=at, y=panel.y.start + 21.0,
                              text_anchor="middle"))
     middle = (panel.x.start + panel.x.end) / 2.0
-    parts.append(element("text", text(label), class_="label", x=middle, y=panel.y.start + 38.0,
+    parts.append(element("text", text(label), class_="label", x=middle, y=panel.y.start + 41.0,
                          text_anchor="middle"))
     return "".join(parts)
 

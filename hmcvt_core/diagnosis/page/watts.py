@@ -81,7 +81,9 @@ def _losses(
             name, words.plain(name))
         grouped[part] = grouped.get(part, np.zeros(len(strokes))) + np.broadcast_to(
             loss, strokes.shape)
-    return grouped
+    # What turns idly loses something known even where the load cannot be carried: drop it.
+    unanswered = np.isnan(sum(grouped.values()))
+    return {part: np.where(unanswered, np.nan, loss) for part, loss in grouped.items()}
 
 
 def drawings(found: Diagnosis, shares: Watts) -> list[str]:
@@ -94,7 +96,8 @@ def drawings(found: Diagnosis, shares: Watts) -> list[str]:
         stack = np.nan_to_num(np.stack([losses[part] for part in shares.parts if part in losses]))
         highest = max(highest, float(np.maximum(stack, 0.0).sum(axis=0).max()))
         lowest = min(lowest, float(np.minimum(stack, 0.0).sum(axis=0).min()))
-    y = Scale(1.05 * lowest / 1e3, 1.05 * max(highest, 1.0) / 1e3, HEIGHT - 52.0, 34.0)
+    top = highest if highest > lowest else 1e3
+    y = Scale(1.05 * lowest / 1e3, 1.05 * top / 1e3, HEIGHT - 52.0, 34.0)
     return [_panel(shares, title, losses, y, i) for i, (title, losses) in enumerate(panels)]
 
 
@@ -116,15 +119,15 @@ def _bar(
     panel: Panel, losses: Mapping[str, Array], parts: list[str], index: int, middle: float,
     width: float,
 ) -> str:
+    if not all(np.isfinite(loss[index]) for loss in losses.values()):
+        return svg.element("text", "no answer", class_="label",
+                           transform=f"translate({middle + 4:.1f} {panel.y.start - 8:.1f}) "
+                                     "rotate(-90)")
     up, down, drawn = 0.0, 0.0, []
     for place, part in enumerate(parts):
         if part not in losses:
             continue
         kilowatts = float(losses[part][index]) / 1e3
-        if not np.isfinite(kilowatts):
-            return svg.element("text", "no answer", class_="small", text_anchor="start",
-                               transform=f"translate({middle + 4:.1f} {panel.y.start - 8:.1f}) "
-                                         "rotate(-90)")
         start = up if kilowatts >= 0.0 else down
         end = start + kilowatts
         up, down = max(up, end), min(down, end)
@@ -149,18 +152,20 @@ def legend(shares: Watts) -> str:
 
 
 def means(shares: Watts) -> list[tuple[str, float, float]]:
-    """Return part, mean watts before and mean watts after; the total comes last."""
+    """Return part, mean watts before and mean watts after; the total comes last.
+
+    Means are over the bars that both models answer; NaN if there is none.
+    """
+    both = (shares.before, shares.after)
+    answered = np.all([np.isfinite(loss) for losses in both for loss in losses.values()], axis=0)
+
+    def mean(loss: Array) -> float:
+        return float(loss[answered].mean()) if answered.any() else float("nan")
+
+    nothing = np.zeros(len(shares.displacement_ratio))
     rows = []
     for part in shares.parts:
-        both = [float(np.mean(_known(losses.get(part)))) for losses in
-                (shares.before, shares.after)]
-        rows.append((part, both[0], both[1]))
+        before, after = (mean(losses.get(part, nothing)) for losses in both)
+        rows.append((part, before, after))
     rows.append(("total", sum(row[1] for row in rows), sum(row[2] for row in rows)))
     return rows
-
-
-def _known(loss: Array | None) -> Array:
-    if loss is None:
-        return np.zeros(1)
-    known = loss[np.isfinite(loss)]
-    return known if len(known) else np.zeros(1)

@@ -19,7 +19,7 @@ NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {"m3": "m³", "N m": "N·m", "deg C": "°C", "s Pa": "s·Pa"}
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
-_OUTSTANDING = 0.4  # a leading cause less probable than this is one among many
+_OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
 _AXES = {"engine_speed": "engine speed", "load_torque": "load",
          "displacement_ratio": "displacement ratio"}
 

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two ways to run the command: as its own process, and in this one where speed matters."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from hmcvt_core.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE2 = str(ROOT / "data" / "table2.csv")
+HM4 = ROOT / "params" / "hm4.yaml"
+POINT = ("--displacement-ratio", "0.5", "--engine-speed", "1400rpm", "--load-torque", "200")
+# A warning on stderr would be a second line beside the message.
+COMMAND = (sys.executable, "-W", "error", "-m", "hmcvt_core.cli")
+
+
+class Done(NamedTuple):
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self):
+        """The value on stdout, read as strict JSON."""
+        def refuse(name):
+            raise AssertionError(f"{name} is not JSON")
+
+        return json.loads(self.out, parse_constant=refuse)
+
+
+def process(*arguments, cwd=ROOT, **options):
+    """Run the command as its own process."""
+    found = subprocess.run([*COMMAND, *map(str, arguments)], cwd=cwd, capture_output=True,
+                           text=True, timeout=60, **options)
+    return Done(found.returncode, found.stdout, found.stderr)
+
+
+def assert_refused(done, *words):
+    """One line on stderr with these words, nothing on stdout, exit code 2."""
+    assert done.code == 2, done
+    assert done.out == ""
+    assert done.err.startswith("hmcvt: error: ") and done.err.endswith("\n")
+    assert done.err.count("\n") == 1, done.err
+    for word in words:
+        assert word in done.err, (word, done.err)
+
+
+@pytest.fixture
+def hmcvt(capsys):
+    """Run the command in this process."""
+    def run(*arguments):
+        with pytest.raises(SystemExit) as stopped:
+            main([str(argument) for argument in arguments])
+        seen = capsys.readouterr()
+        return Done(stopped.value.code, seen.out, seen.err)
+
+    return run

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a user can get wrong: one line that names the place and the range, exit code 2."""
+
+import pytest
+
+from .running import HM4, POINT, TABLE2, assert_refused, process
+
+HEADER = "displacement_ratio,engine_speed,load_torque,efficiency\n"
+GOOD = "0.5,146.6,200,0.75\n"
+
+BENCHES = {
+    "nan": (f"{HEADER}{GOOD}0.5,146.6,200,nan\n", "row 3", "efficiency", "0.01 to 1"),
+    "infinity": (f"{HEADER}{GOOD}{GOOD}0.5,146.6,inf,0.8\n", "row 4", "load_torque", "1 to 5000"),
+    "r/min": (f"{HEADER}0.5,1400,200,0.8\n", "row 2", "engine_speed", "1400", "10 to 320 rad/s",
+              "r/min"),
+    "percent": (f"{HEADER}0.5,146.6,200,80\n", "row 2", "efficiency", "0.01 to 1", "percent"),
+    "eps": (f"{HEADER}1.3,146.6,200,0.8\n", "row 2", "displacement_ratio", "1.3", "-1 to 1"),
+    "word": (f"{HEADER}0.5,fast,200,0.8\n", "row 2", "engine_speed", "'fast'"),
+    "gap": (f"{HEADER}0.5,,200,0.8\n", "row 2", "engine_speed", "empty"),
+    "ragged": (f"{HEADER}0.5,146.6,200\n", "row 2", "3 fields"),
+    "empty": ("", "empty", "displacement_ratio, engine_speed, load_torque, efficiency"),
+    "header only": (HEADER, "no samples"),
+    "missing column": ("displacement_ratio,engine_speed,efficiency\n0,80,0.8\n", "row 1",
+                       "load_torque", "missing"),
+    "binary": ("\x00\x01\x02\n", "missing"),
+}
+
+
+@pytest.mark.parametrize("command", ["identify", "predict", "diagnose"])
+@pytest.mark.parametrize("name", BENCHES)
+def test_bench_file(hmcvt, tmp_path, command, name):
+    text, *words = BENCHES[name]
+    bench = tmp_path / "bench.csv"
+    bench.write_text(text)
+    assert_refused(hmcvt(command, bench, "--json"), str(bench), *words)
+
+
+@pytest.mark.parametrize("name", ["r/min", "empty", "missing column"])
+def test_bench_file_as_process(tmp_path, name):
+    text, *words = BENCHES[name]
+    bench = tmp_path / "bench.csv"
+    bench.write_text(text)
+    assert_refused(process("identify", bench), str(bench), *words)
+
+
+def test_bench_that_cannot_be_read(hmcvt, tmp_path):
+    assert_refused(hmcvt("predict", tmp_path / "none.csv"), "none.csv", "No such file")
+    assert_refused(hmcvt("predict", tmp_path), str(tmp_path), "Is a directory")
+
+
+POINTS = [
+    ("--displacement-ratio", "1.3", "displacement_ratio = 1.3", "-1 to 1"),
+    ("--displacement-ratio", "nan", "displacement_ratio = nan", "-1 to 1"),
+    ("--engine-speed", "1400", "engine_speed = 1400", "10 to 320 rad/s", "r/min"),
+    ("--engine-speed", "20rpm", "engine_speed = 2.0944", "10 to 320 rad/s"),
+    ("--engine-speed", "inf", "engine_speed = inf", "10 to 320 rad/s"),
+    ("--engine-speed", "fast", "--engine-speed", "'fast'", "1400rpm"),
+    ("--load-torque", "0", "load_torque = 0", "1 to 5000 N m"),
+    ("--load-torque", "-inf", "load_torque = -inf", "1 to 5000 N m"),
+    ("--load-torque", "much", "--load-torque", "'much'"),
+    ("--oil-temperature", "350", "oil_temperature = 350", "-40 to 150 deg C", "kelvin"),
+]
+
+
+@pytest.mark.parametrize("command", ["predict", "breakdown"])
+@pytest.mark.parametrize(("option", "value", "words"), [(o, v, w) for o, v, *w in POINTS])
+def test_operating_point(hmcvt, command, option, value, words):
+    # The last of two equal options counts.
+    assert_refused(hmcvt(command, *POINT, option, value), *words)
+
+
+@pytest.mark.parametrize(("option", "value", "words"), [
+    (o, v, w) for o, v, *w in POINTS if o != "--oil-temperature"])
+def test_operating_point_of_the_optimum(hmcvt, option, value, words):
+    assert_refused(hmcvt("optimum", *POINT, "--hold", "output_speed", option, value), *words)
+
+
+def test_operating_point_as_process():
+    assert_refused(process("predict", *POINT, "--engine-speed", "1400"),
+                   "engine_speed = 1400", "10 to 320 rad/s", "is it in r/min?")
+
+
+@pytest.mark.parametrize("missing", range(0, 6, 2))
+def test_option_left_out(hmcvt, missing):
+    rest = POINT[:missing] + POINT[missing + 2:]
+    for command in ("predict", "breakdown"):
+        assert_refused(hmcvt(command, *rest), POINT[missing], f"hmcvt {command} --help")
+
+
+MODELS = {
+    "empty": (lambda text: "", "empty or cut off"),
+    "list": (lambda text: "[1, 2]", "no mapping"),
+    "schema": (lambda text: text.replace("model/1", "model/9"), "hmcvt-model/9"),
+    "edited": (lambda text: text.replace("e-11", "e-12", 1), "checksum"),
+    "nan": (lambda text: _unsealed(text).replace("3.01", ".nan #", 1), "line"),
+    "negative": (lambda text: _unsealed(text).replace("0.2053", "-0.2053", 1),
+                 "motor_damping", "0 to 10 N m s/rad"),
+    "formulation": (lambda text: _unsealed(text).replace("power_balance", "guess"),
+                    "formulation", "'guess'"),
+    "missing": (lambda text: _unsealed(text).replace("motor_damping:", "motor_dumping:"),
+                "parameters.motor_damping", "missing"),
+}
+
+
+def _unsealed(text):
+    return text[:text.index("checksum:")]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_parameter_file(hmcvt, tmp_path, name):
+    damage, *words = MODELS[name]
+    params = tmp_path / "params.yaml"
+    params.write_text(damage(HM4.read_text()))
+    assert_refused(hmcvt("predict", *POINT, "--params", params), str(params), *words)
+
+
+def test_truncated_parameter_file(hmcvt, tmp_path):
+    text, params = HM4.read_text(), tmp_path / "params.yaml"
+    for length in range(0, text.rindex("member: ring"), 61):
+        params.write_text(text[:length])
+        assert_refused(hmcvt("predict", *POINT, "--params", params), str(params))
+
+
+def test_truncated_parameter_file_as_process(tmp_path):
+    params = tmp_path / "params.yaml"
+    params.write_text(HM4.read_text()[:700])
+    assert_refused(process("optimum", *POINT, "--params", params), str(params), "line")
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("--fit", "1-3,9"), ("sample 9", "holds 8")),
+    (("--fit", "0-3"), ("'0-3'", "from 1")),
+    (("--fit", "3-1"), ("'3-1'",)),
+    (("--fit", "1,1"), ("'1,1'", "twice")),
+    (("--fit", "1,b"), ("'1,b'", "1,2,4-6")),
+    (("--fit", ""), ("1,2,4-6",)),
+    (("--fit", "1-99999999999"), ("1-99999999999", "at most")),
+    (("--gear-efficiency", "98"), ("gear_efficiency", "98", "0.5 to 1")),
+    (("--gear-efficiency", "nan"), ("gear_efficiency", "0.5 to 1")),
+    (("--gear-efficiency", "0.98,"), ("--gear-efficiency", "'0.98,'")),
+    (("--formulation", "guess"), ("'guess'", "power_balance", "published")),
+    (("--transmission", "none.yaml"), ("none.yaml", "No such file")),
+    (("--transmission", HM4), ("hm4.yaml", "hmcvt-transmission/1")),
+    (("--stage", "HM9"), ("HM9", "missing", "HM4")),
+    (("--seed", "-1"), ("--seed", "x>=0")),
+    (("--out", "/nowhere/p.yaml"), ("--out", "/nowhere is not a folder")),
+    (("--out", f"{TABLE2}/p.yaml"), ("--out", "table2.csv is not a folder")),
+    (("--out", "/"), ("--out", "is a folder")),
+])
+def test_identify(hmcvt, arguments, words):
+    assert_refused(hmcvt("identify", TABLE2, *arguments), *words)
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("predict", TABLE2, "--load-torque", "3"), ("not both",)),
+    (("optimum", *POINT[2:], "--hold", "output_speed"),
+     ("--displacement-ratio", "--output-speed")),
+    (("optimum", *POINT[2:], "--output-speed", "100"), ("--hold output_speed",)),
+    (("optimum", *POINT, "--hold", "output_speed", "--output-speed", "100"), ("give one",)),
+    (("optimum", *POINT, "--hold", "output_speed", "--engine-speed-limits", "200", "100"),
+     ("engine_speed_limits", "lower")),
+    (("optimum", *POINT, "--hold", "speed"), ("'speed'", "output_speed")),
+    (("map", "--engine-speed", "inf", "100"), ("--engine-speed", "10 to 320 rad/s")),
+    (("map", "--engine-speed", "750", "2200"), ("--engine-speed", "r/min")),
+    (("map", "--load-torque", "50", "nan"), ("--load-torque", "1 to 5000 N m")),
+    (("map", "--steps", "0", "2", "2"), ("--steps",)),
+    (("map", "--steps", "1001", "1001", "1001"), ("--steps", "1003003001", "at most")),
+    (("guess",), ("'guess'", "hmcvt --help")),
+    (("predict", "--guess"), ("--guess", "hmcvt predict --help")),
+])
+def test_usage(hmcvt, arguments, words):
+    assert_refused(hmcvt(*arguments), *words)
+
+
+@pytest.mark.parametrize("json", [(), ("--json",)])
+def test_no_working_point(hmcvt, json):
+    stalled = (*POINT, "--load-torque", "5000", *json)
+    assert_refused(hmcvt("breakdown", *stalled), "cannot be carried")
+    assert_refused(hmcvt("optimum", *stalled), "cannot be carried")
+    assert_refused(hmcvt("optimum", *stalled, "--hold", "output_speed"), "cannot be held")

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each command prints what the core computes, as text and as JSON."""
+
+import csv
+import io
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+import hmcvt_core as hmcvt_library
+
+from .running import HM4, POINT, ROOT, TABLE2, process
+
+RPM = math.pi / 30.0
+HERE = (0.5, 1400 * RPM, 200.0)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return hmcvt_library.load_model(HM4)
+
+
+def test_predict_point(hmcvt, model):
+    found = model.predict(*HERE)
+    done = hmcvt("predict", *POINT)
+    assert (done.code, done.err) == (0, "")
+    assert f"{found.efficiency:.4f} +- {found.standard_error:.4f}" in done.out
+    assert f"{model.output_speed(*HERE):.2f} rad/s" in done.out
+    assert "outside" not in done.out
+    value = hmcvt("predict", *POINT, "--json").json
+    assert value == {
+        "efficiency": pytest.approx(found.efficiency), "refusal": None, "inside_domain": True,
+        "standard_error": pytest.approx(found.standard_error),
+        "output_speed": pytest.approx(model.output_speed(*HERE))}
+
+
+def test_predict_says_when_the_data_do_not_reach(hmcvt):
+    done = hmcvt("predict", *POINT, "--load-torque", "500")
+    assert "outside the range of the data" in done.out
+    assert hmcvt("predict", *POINT, "--load-torque", "500", "--json").json["inside_domain"] is False
+
+
+def test_predict_with_a_model_that_carries_no_errors(hmcvt):
+    paper = ("--params", ROOT / "params" / "paper.yaml")
+    done = hmcvt("predict", *POINT, *paper)
+    assert "nan" not in done.out
+    assert "standard error unknown" in done.out and "does not say what range" in done.out
+    value = hmcvt("predict", *POINT, *paper, "--json").json
+    assert value["standard_error"] is None and value["inside_domain"] is None
+    assert 0.0 < value["efficiency"] < 1.0
+
+
+def test_predict_where_the_load_cannot_be_carried(hmcvt):
+    stalled = (*POINT, "--load-torque", "5000")
+    done = hmcvt("predict", *stalled)
+    assert done.code == 0 and done.out.startswith("no efficiency: ")
+    value = hmcvt("predict", *stalled, "--json").json
+    assert value["efficiency"] is None and value["output_speed"] is None
+    assert "cannot be carried" in value["refusal"]
+
+
+def test_predict_file(hmcvt, model):
+    samples = hmcvt_library.read_bench(TABLE2)
+    found = model.predict(samples.displacement_ratio, samples.engine_speed, samples.load_torque)
+    records = process("predict", "data/table2.csv", "--json").json
+    assert [entry["sample"] for entry in records] == list(range(1, 9))
+    for i, entry in enumerate(records):
+        assert entry["measured"] == samples.efficiency[i]
+        assert entry["predicted"] == pytest.approx(found.efficiency[i])
+        assert entry["standard_error"] == pytest.approx(found.standard_error[i])
+        assert entry["inside_domain"] == found.inside_domain[i]
+        assert entry["error"] == pytest.approx(entry["predicted"] / entry["measured"] - 1.0)
+    lines = hmcvt("predict", TABLE2).out.splitlines()
+    assert len(lines) == 10
+    for line, entry in zip(lines[1:], records, strict=False):
+        assert f"{entry['predicted']:.4f}" in line and f"{100 * entry['error']:+.2f} %" in line
+        assert line.endswith("inside" if entry["inside_domain"] else "outside")
+    mean = np.mean([abs(entry["error"]) for entry in records])
+    assert lines[-1] == f"mean |error|  {100 * mean:.2f} %"
+
+
+def test_predict_file_with_samples_that_have_no_answer(hmcvt, tmp_path):
+    bench = tmp_path / "bench.csv"
+    bench.write_text("displacement_ratio,engine_speed,load_torque,efficiency\n1,30,5000,0.5\n")
+    done = hmcvt("predict", bench)
+    assert done.code == 0 and "nan" not in done.out
+    assert "no answer at 1 of 1 samples" in done.out
+    assert hmcvt("predict", bench, "--json").json[0]["predicted"] is None
+
+
+def test_speed_in_every_unit(hmcvt):
+    values = [hmcvt("predict", *POINT, "--engine-speed", text, "--json").json["output_speed"]
+              for text in (f"{1400 * RPM!r}", "1400rpm", "1400 RPM", "1400r/min",
+                           f"{1400 * RPM!r} rad/s")]
+    assert values == pytest.approx([values[0]] * 5, rel=1e-12)
+
+
+def test_optimum_at_held_engine_speed(hmcvt, model):
+    best = model.optimal_displacement_ratio(*HERE[1:])
+    done = hmcvt("optimum", *POINT[2:])
+    assert f"{best.displacement_ratio:+.4f}" in done.out and f"{best.efficiency:.4f}" in done.out
+    value = hmcvt("optimum", *POINT[2:], "--json").json
+    assert value["displacement_ratio"] == pytest.approx(best.displacement_ratio)
+    assert value["hold"] == "engine_speed"
+    assert value["limit"] is None and value["efficiency_now"] is None
+
+
+def test_optimum_at_held_output_speed(hmcvt, model):
+    value = process("optimum", *POINT, "--hold", "output_speed", "--json").json
+    assert value["output_speed"] == pytest.approx(model.output_speed(*HERE))
+    assert value["load_torque"] * value["engine_speed"] == pytest.approx(HERE[1] * HERE[2])
+    assert value["efficiency_now"] == pytest.approx(model.efficiency(*HERE))
+    assert value["efficiency"] > value["efficiency_now"]
+    text = hmcvt("optimum", *POINT, "--hold", "output_speed").out
+    assert f"{value['efficiency']:.4f} (now {value['efficiency_now']:.4f})" in text
+
+
+def test_optimum_says_which_limit_binds(hmcvt):
+    held = ("optimum", *POINT[2:], "--hold", "output_speed", "--output-speed", "1900rpm")
+    free = hmcvt(*held, "--json").json
+    assert free["limit"] is None
+    limits = ("--engine-speed-limits", "80", str(free["engine_speed"] - 5.0))
+    bound = hmcvt(*held, *limits, "--json").json
+    assert bound["limit"] == "engine_speed high"
+    assert bound["engine_speed"] == pytest.approx(free["engine_speed"] - 5.0, rel=1e-4)
+    assert bound["efficiency"] < free["efficiency"]
+    assert "limited by          engine_speed high" in hmcvt(*held, *limits).out
+
+
+def test_breakdown_adds_up(hmcvt):
+    value = hmcvt("breakdown", *POINT, "--json").json
+    assert sum(value["losses"].values()) == pytest.approx(
+        value["input_power"] - value["output_power"], rel=1e-9)
+    assert value["efficiency"] == pytest.approx(value["output_power"] / value["input_power"])
+    rows = [line.split() for line in hmcvt("breakdown", *POINT).out.splitlines()[1:]]
+    watts = [int(row[-2]) for row in rows]
+    assert watts[0] - watts[-1] == pytest.approx(sum(watts[1:-1]), abs=len(watts))
+    assert watts[1:-1] == sorted(watts[1:-1], reverse=True)
+    assert {row[0] for row in rows[1:-1]} == set(value["losses"])
+
+
+def test_map_as_csv(hmcvt, model):
+    steps = ("--steps", "3", "2", "2")
+    rows = list(csv.DictReader(io.StringIO(process("map", *steps).out)))
+    assert len(rows) == 12
+    for row in rows:
+        value = model.efficiency(*(float(row[name]) for name in (
+            "displacement_ratio", "engine_speed", "load_torque")))
+        assert float(row["efficiency"]) == pytest.approx(value, abs=1e-5)
+    assert {row["engine_speed"] for row in rows} == {"78.5398", "230.383"}
+    value = hmcvt("map", *steps, "--json").json
+    assert np.array(value["efficiency"]).shape == (3, 2, 2)
+    assert np.ravel(value["efficiency"]) == pytest.approx(
+        [float(row["efficiency"]) for row in rows], abs=1e-6)
+
+
+def test_map_leaves_a_cell_without_answer_empty(hmcvt):
+    stalled = ("map", "--steps", "2", "1", "1", "--load-torque", "5000", "5000",
+               "--engine-speed", "80", "80")
+    assert [line.split(",")[-1] for line in hmcvt(*stalled).out.splitlines()] == [
+        "efficiency", "", ""]
+    assert hmcvt(*stalled, "--json").json["efficiency"] == [[[None]], [[None]]]
+
+
+def test_shipped_model_is_the_default(hmcvt, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert hmcvt("predict", *POINT) == hmcvt("predict", *POINT, "--params", HM4)
+
+
+def test_paper_file_holds_the_printed_triple():
+    data = yaml.safe_load((ROOT / "params" / "paper.yaml").read_text())
+    assert [entry["value"] for entry in data["parameters"].values()] == [4.67e-12, 0.0333, 0.5613]
+    assert set(data["transmission"]["gear_efficiency"].values()) == {0.98}
+    text = " ".join(map(str, data["provenance"].values()))
+    assert "not fitted here" in text and "does not reproduce" in text

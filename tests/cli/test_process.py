@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command as a citizen of the shell: exit codes, files, pipes, signals, completion."""
+
+import array
+import fcntl
+import io
+import os
+import resource
+import signal
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+
+import hmcvt_core
+from hmcvt_core.cli import COMMANDS, common
+
+from .running import COMMAND, POINT, ROOT, assert_refused, process
+
+SMALL_MAP = ("map", "--steps", "11", "5", "5")
+
+
+def test_bare_command_shows_help():
+    done = process()
+    assert done.code == 2 and done.out == ""
+    assert "Usage: hmcvt" in done.err
+    assert all(name in done.err for name in COMMANDS)
+
+
+def test_help_and_version():
+    done = process("--help")
+    assert (done.code, done.err) == (0, "")
+    assert done.out == process("-h").out
+    assert process("--version").out.split() == ["hmcvt,", "version", hmcvt_core.__version__]
+
+
+def test_help_loads_no_command():
+    code = ("import sys; from hmcvt_core.cli import cli\n"
+            "cli.main(['--help'], standalone_mode=False)\n"
+            "print(*(name for name in sys.modules if name.startswith('hmcvt_core.cli.')))")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT,
+                          check=True, timeout=60)
+    assert done.stdout.splitlines()[-1] == ""
+
+
+def test_every_command_module_is_listed():
+    folder = Path(hmcvt_core.__file__).parent / "cli"
+    modules = {path.stem.replace("_", "-") for path in folder.glob("*.py")
+               if "\ndef command(" in path.read_text(encoding="utf-8")}
+    assert modules == set(COMMANDS)
+
+
+def test_internal_failure_is_told_from_wrong_input():
+    code = ("from hmcvt_core.cli import main, predict\n"
+            "predict.model_from = None\n"
+            f"main({['predict', *POINT]!r})")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT,
+                          timeout=60)
+    assert done.returncode == 1 and "Traceback" in done.stderr
+
+
+def _limit_file_size():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+
+
+def test_write_that_fails_half_way_leaves_the_old_file(tmp_path):
+    out = tmp_path / "map.csv"
+    out.write_text("old")
+    done = process(*SMALL_MAP, "--out", out, preexec_fn=_limit_file_size)
+    assert_refused(done, f"{out}: File too large")
+    assert out.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_failed_identification_leaves_no_file(tmp_path):
+    out = tmp_path / "p.yaml"
+    done = process("identify", "data/table2.csv", "--out", out, preexec_fn=_limit_file_size)
+    assert_refused(done, f"{out}: File too large")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folder_that_is_not_there_is_told_before_the_work(hmcvt, tmp_path):
+    # The bench file does not exist either: had the work begun, that would be the complaint.
+    out = tmp_path / "none" / "p.yaml"
+    assert_refused(hmcvt("identify", tmp_path / "none.csv", "--out", out), "--out", "not a folder")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_link_stays_a_link(hmcvt, tmp_path):
+    target, link = tmp_path / "map.csv", tmp_path / "current.csv"
+    target.write_text("old")
+    link.symlink_to(target)
+    assert hmcvt(*SMALL_MAP, "--out", link).code == 0
+    assert link.is_symlink()
+    assert target.read_text() == hmcvt(*SMALL_MAP).out
+
+
+def test_pipe_as_output_file():
+    done = process(*SMALL_MAP, "--out", "/dev/stdout")
+    assert done.code == 0 and done.out == process(*SMALL_MAP).out
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full (Linux)")
+def test_full_disk():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*COMMAND, *SMALL_MAP], stdout=full, stderr=subprocess.PIPE,
+                              text=True, cwd=ROOT, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "hmcvt: error: output: No space left on device\n"
+    assert_refused(process(*SMALL_MAP, "--out", "/dev/full"), "/dev/full: No space left")
+
+
+def test_reader_that_leaves():
+    # More than a pipe holds, and a reader that takes one line.
+    with subprocess.Popen([*COMMAND, "map", "--steps", "101", "41", "11"], text=True, cwd=ROOT,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        assert running.stdout.readline().startswith("displacement_ratio")
+        running.stdout.close()
+        assert running.stderr.read() == ""
+    assert running.returncode == 0
+
+
+def _wait_until_read(pipe):
+    waiting = array.array("i", [1])
+    for _ in range(600):
+        fcntl.ioctl(pipe, termios.FIONREAD, waiting)
+        if waiting[0] == 0:
+            return
+        time.sleep(0.05)
+    raise AssertionError("the command did not read its file")
+
+
+def test_interrupt(tmp_path):
+    bench = tmp_path / "bench.csv"
+    os.mkfifo(bench)
+    with subprocess.Popen([*COMMAND, "identify", str(bench)], text=True, cwd=ROOT,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running, \
+            open(bench, "w") as pipe:
+        # Once it has read the first bytes it waits for more: in the middle of its work.
+        pipe.write("displacement_ratio,")
+        pipe.flush()
+        _wait_until_read(pipe)
+        running.send_signal(signal.SIGINT)
+        out, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert out == "" and err.split("\n") == ["", "hmcvt: error: interrupted", ""]
+
+
+@pytest.mark.parametrize(("words", "expected"), [
+    ("hmcvt pre", "predict"), ("hmcvt optimum --ho", "--hold"),
+    ("hmcvt optimum --hold out", "output_speed")])
+def test_shell_completion(words, expected):
+    done = subprocess.run(
+        COMMAND, capture_output=True, text=True, cwd=ROOT, timeout=60,
+        env={**os.environ, "_HMCVT_COMPLETE": "bash_complete", "COMP_WORDS": words,
+             "COMP_CWORD": str(len(words.split()) - 1)})
+    assert expected in done.stdout and done.stderr == ""
+
+
+class _Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(("seconds", "terminal", "shown"), [
+    (3.0, True, True), (0.0, True, False), (3.0, False, False)])
+def test_progress(monkeypatch, seconds, terminal, shown):
+    stream = _Terminal() if terminal else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    progress = common.Progress("annealing")
+    progress.start -= seconds
+    progress("step 5")
+    assert ("annealing: step 5" in stream.getvalue()) is shown
+    progress.close()
+    # What was shown is wiped.
+    assert stream.getvalue().endswith("\r\033[K") is shown

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bad input: a clear refusal or a sane answer, never another exception."""
+
+import json
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis.observations import Observations, distinct_rows
+from hmcvt_core.effects.drag import ChargePump
+
+from .campaigns import BASE, NOISE, campaign, with_column
+
+SAMPLES = campaign((ChargePump(8.0),), seed=2, n=40)
+QUIET = campaign(seed=2, n=40)
+
+
+def _sane(found):
+    json.dumps(found.to_dict(), allow_nan=False)
+    assert found.report()
+    assert 0.0 < found.gap.p_value <= 1.0
+    return found
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_fewer_samples_than_can_tell(n):
+    with pytest.raises(hmcvt.InputError, match=f"{n} samples .*at least 5"):
+        hmcvt.diagnose(BASE, SAMPLES.select(np.arange(n)), noise=NOISE)
+
+
+@pytest.mark.parametrize("n", [5, 7, 12])
+def test_few_samples_make_no_bold_claim(n):
+    found = _sane(hmcvt.diagnose(BASE, QUIET.select(np.arange(n)), noise=NOISE))
+    assert found.verdict == "no_gap"
+
+
+def test_all_samples_at_one_point():
+    rng = np.random.default_rng(0)
+    same = SAMPLES.select(np.zeros(20, dtype=int))
+    read = with_column(same, efficiency=same.efficiency + 0.002 * rng.standard_normal(20))
+    with pytest.raises(hmcvt.InputError, match="1 distinct operating point"):
+        hmcvt.diagnose(BASE, read, noise=NOISE)
+    with pytest.raises(hmcvt.InputError, match=r"1 samples \(rows that differ\)"):
+        hmcvt.diagnose(BASE, same, noise=NOISE)
+
+
+@pytest.mark.parametrize(("column", "value"), [
+    ("displacement_ratio", 0.0), ("displacement_ratio", -1.0), ("engine_speed", 150.0),
+    ("load_torque", 200.0), ("oil_temperature", 60.0)])
+@pytest.mark.parametrize("effects", [(), (ChargePump(8.0),)], ids=["no effect", "charge pump"])
+def test_a_constant_column(effects, column, value):
+    """The plan itself holds one axis still; nothing else is wrong."""
+    points = {name: getattr(QUIET, name)[:24] for name in (
+        "displacement_ratio", "engine_speed", "load_torque")}
+    n = 24
+    oil = np.full(n, value) if column == "oil_temperature" else None
+    if column in points:
+        points[column] = np.full(n, value)
+    truth = hmcvt.EfficiencyModel(BASE.stage, BASE.parameters, effects=effects)
+    noise = np.random.default_rng(3).standard_normal((2, n))
+    read = hmcvt.BenchSamples(
+        **points, efficiency=truth.efficiency(**points) + NOISE * noise[0],
+        output_speed=truth.output_speed(**points) * (1.0 + 0.001 * noise[1]), oil_temperature=oil)
+    found = _sane(hmcvt.diagnose(BASE, read, noise=NOISE))
+    if not effects:
+        assert found.verdict == "no_gap"
+    for cause in found.causes:
+        # One temperature is no sweep: nothing in these data speaks of viscosity.
+        assert cause.effect != "oil_temperature"
+
+
+@pytest.mark.parametrize("noise", [0, 0.0, -0.003, float("nan"), float("inf"), 1.12, "much"])
+def test_noise_that_cannot_be(noise):
+    for act in (hmcvt.diagnose, hmcvt.separable):
+        with pytest.raises(hmcvt.InputError, match=r"noise"):
+            act(BASE, SAMPLES, noise=noise)
+
+
+@pytest.mark.parametrize("noise", [1e-6, 0.2])
+def test_noise_at_the_ends_of_its_range(noise):
+    _sane(hmcvt.diagnose(BASE, SAMPLES, noise=noise))
+
+
+def test_rows_copied_say_nothing_new():
+    once = hmcvt.diagnose(BASE, QUIET)
+    order = np.concatenate([np.arange(40), np.arange(40), np.arange(40)])
+    found = hmcvt.diagnose(BASE, QUIET.select(order))
+    assert found.verdict == once.verdict == "no_gap"
+    assert found.gap == once.gap
+    assert any("80 of 120 rows" in note for note in found.notes)
+    assert not any("rows copy" in note for note in once.notes)
+
+
+def test_copies_are_dropped_and_repeated_readings_kept():
+    twice = SAMPLES.select(np.repeat(np.arange(5), 2))
+    np.testing.assert_array_equal(distinct_rows(twice), [0, 2, 4, 6, 8])
+    later = with_column(twice, stamp=np.arange(10.0))
+    assert len(distinct_rows(later)) == 10, "another reading, taken later"
+    read_again = with_column(twice, efficiency=twice.efficiency - 1e-4 * np.arange(10))
+    assert len(distinct_rows(read_again)) == 10
+
+
+def test_noise_comes_from_repeated_points_when_there_are_enough():
+    samples = QUIET.select(np.repeat(np.arange(20), 3))
+    rng = np.random.default_rng(1)
+    read = with_column(samples, efficiency=np.repeat(
+        QUIET.efficiency[:20], 3) + 0.002 * rng.standard_normal(60))
+    observed = Observations.of(read)
+    assert observed.noise_source == "repeated points"
+    assert observed.scale[0, 0] == pytest.approx(0.002, rel=0.3)
+    filled_in = Observations.of(samples)
+    assert filled_in.noise_source.startswith("assumed"), "without scatter nothing was read twice"
+
+
+def test_efficiency_in_percent():
+    with pytest.raises(hmcvt.InputError, match="fraction, not percent"):
+        with_column(SAMPLES, efficiency=100.0 * SAMPLES.efficiency)
+
+
+def test_engine_speed_in_revolutions_a_minute():
+    with pytest.raises(hmcvt.InputError, match="r/min"):
+        with_column(SAMPLES, engine_speed=SAMPLES.engine_speed * 30.0 / np.pi)
+
+
+def test_output_speed_in_another_unit_is_not_explained_away():
+    """Half of it passes for rad/s; no effect makes that of a transmission."""
+    wrong = with_column(SAMPLES, output_speed=0.5 * SAMPLES.output_speed)
+    found = _sane(hmcvt.diagnose(BASE, wrong, noise=NOISE))
+    assert found.gap.significant
+    assert found.verdict != "cause_found"
+
+
+def test_formulation_published():
+    published = hmcvt.EfficiencyModel(BASE.stage, BASE.parameters, formulation="published")
+    with pytest.raises(hmcvt.InputError, match="power_balance"):
+        hmcvt.diagnose(published, SAMPLES, noise=NOISE)
+    with pytest.raises(hmcvt.InputError, match=r"power.balance"):
+        hmcvt.separable(published, SAMPLES, noise=NOISE)
+
+
+def test_holdout_where_the_model_has_no_answer():
+    stalled = hmcvt.BenchSamples(np.full(3, 1.0), np.full(3, 80.0), np.full(3, 4900.0),
+                                 np.full(3, 0.5))
+    with pytest.raises(hmcvt.InputError, match="held out"):
+        hmcvt.diagnose(BASE, QUIET, stalled, noise=NOISE)
+
+
+def test_holdout_of_one_sample():
+    found = _sane(hmcvt.diagnose(BASE, SAMPLES, SAMPLES.select([0]), noise=NOISE))
+    assert found.shrinkage.on == "holdout"
+
+
+def test_efficiencies_drawn_by_lot_are_given_no_cause():
+    rng = np.random.default_rng(8)
+    some = SAMPLES.select(np.arange(20))
+    lot = with_column(some, efficiency=rng.uniform(0.05, 0.99, 20), output_speed=None)
+    found = _sane(hmcvt.diagnose(BASE, lot, noise=NOISE))
+    assert found.verdict != "cause_found"
+    assert any("noise looks" in note for note in found.notes) or found.verdict == "unexplained"
+
+
+def test_samples_the_model_cannot_carry():
+    """Two points beyond stall among good ones."""
+    odd = with_column(QUIET, load_torque=np.where(np.arange(len(QUIET)) < 2, 4000.0,
+                                                  QUIET.load_torque))
+    _sane(hmcvt.diagnose(BASE, odd, noise=NOISE))

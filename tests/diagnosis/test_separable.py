@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a plan can tell apart, and what to measure next."""
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis.evidence import log_mean
+from hmcvt_core.diagnosis.hypothesis import forms_of
+from hmcvt_core.effects import library
+from hmcvt_core.effects.drag import ChargePump, Churning
+from hmcvt_core.power_balance import OperatingPoints
+
+from .campaigns import (
+    BASE,
+    NOISE,
+    bench_of,
+    campaign,
+    factorial_points,
+    joined,
+    measure,
+    random_points,
+    with_column,
+)
+
+SIX = OperatingPoints(*(axis.ravel() for axis in (
+    *np.meshgrid([-0.8, 0.0, 0.8], [100.0, 200.0], indexing="ij"), np.full((3, 2), 250.0))))
+"""What a factorial plan of six points looks like."""
+
+
+def _matrix(samples, **options):
+    return hmcvt.separable(BASE, samples, **{"noise": NOISE, **options})
+
+
+def _common(*found):
+    """Separation of the effects that all can show, in one order."""
+    names = sorted(set.intersection(*(set(item.effects) for item in found)))
+    index = [[item.effects.index(name) for name in names] for item in found]
+    return [item.separation[np.ix_(i, i)] for item, i in zip(found, index, strict=True)]
+
+
+# --- the matrix -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("speed_noise", [0.001, None], ids=["with speed", "efficiency alone"])
+def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
+    found = _matrix(campaign(seed=1, n=48, speed_noise=speed_noise))
+    k = len(found.effects)
+    assert found.separation.shape == (k, k)
+    assert list(found.effects) == sorted(set(found.effects))
+    assert (found.separation >= 0.0).all()
+    assert np.isfinite(found.separation).all()
+    assert (found.separation <= found.detectability[:, None] * (1.0 + 1e-9)).all()
+    np.testing.assert_allclose(np.diag(found.separation), found.detectability)
+
+
+@pytest.mark.parametrize("speed_noise", [0.001, None], ids=["with speed", "efficiency alone"])
+def test_twins_cannot_be_told_apart(speed_noise):
+    found = _matrix(campaign(seed=1, speed_noise=speed_noise))
+    for one, other in (("charge_pump", "torque_sensor"), ("charge_pump", "bearing_drag")):
+        i, j = found.effects.index(one), found.effects.index(other)
+        assert found.separation[i, j] < 0.02 * found.detectability[i]
+        assert other in found.twins(one)
+    assert "pressure_leakage" not in found.twins("charge_pump")
+
+
+def test_output_speed_tells_flow_losses_from_torque_losses():
+    samples = campaign(seed=1)
+    alone, both = (_matrix(item) for item in (with_column(samples, output_speed=None), samples))
+    for flow in ("pressure_leakage", "orifice_leakage"):
+        for torque in ("gear_mesh", "planetary_mesh", "pressure_friction", "charge_pump"):
+            pair = [item.separation[item.effects.index(flow), item.effects.index(torque)]
+                    for item in (alone, both)]
+            assert pair[1] > 3.0 * pair[0]
+            assert pair[1] > 9.0
+
+
+def test_more_samples_never_lower_it():
+    points = random_points(3, 96)
+    samples = measure(points, noise=0.0)
+    found = [_matrix(samples.select(np.arange(n))) for n in (12, 24, 48, 96)]
+    for few, more in pairwise(found):
+        before, after = _common(few, more)
+        assert (after >= before * (1.0 - 1e-6) - 1e-6).all()
+        assert after.sum() > before.sum()
+
+
+def test_another_channel_never_lowers_it():
+    samples = campaign(seed=4, n=36, noise=0.0)
+    before, after = _common(_matrix(with_column(samples, output_speed=None)), _matrix(samples))
+    assert (after >= before * (1.0 - 1e-6) - 1e-6).all()
+
+
+def test_less_noise_makes_more_visible():
+    samples = campaign(seed=4, n=36)
+    noisy, quiet = _common(_matrix(samples, noise=0.006), _matrix(samples, noise=0.002))
+    assert (np.diag(quiet) >= np.diag(noisy)).all()
+
+
+def test_oil_temperature_is_seen_only_where_it_is_swept():
+    swept = _matrix(campaign(seed=1, n=48, temperature=True))
+    assert "oil_temperature" in swept.effects
+    assert swept.detectability[swept.effects.index("oil_temperature")] > 9.0
+    assert "oil_temperature" not in _matrix(campaign(seed=1, n=48)).effects
+
+
+def test_the_efficiency_of_a_plan_is_not_used():
+    samples = campaign(seed=1, n=24)
+    guess = with_column(samples, efficiency=np.full(24, 0.7))
+    np.testing.assert_allclose(_matrix(guess).separation, _matrix(samples).separation)
+
+
+def test_points_planned_twice_do_not_state_the_noise():
+    """Filled-in readings agree to the last digit; that is no noise of a bench."""
+    points = random_points(1, 12)
+    once = hmcvt.BenchSamples(*points[:3], BASE.efficiency_at(points))
+    thrice = once.select(np.repeat(np.arange(12), 3))
+    single, triple = (hmcvt.separable(BASE, plan) for plan in (once, thrice))
+    assert triple.noise == pytest.approx(single.noise)
+    assert (triple.detectability >= single.detectability * (1.0 - 1e-9)).all()
+    assert (triple.detectability <= 3.0 * single.detectability * (1.0 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("n", [1, 3, 8])
+def test_a_small_plan_is_no_crash(n):
+    found = _matrix(campaign(seed=1, n=n))
+    assert found.samples == n
+    assert np.isfinite(found.separation).all()
+
+
+def test_an_effect_in_the_model_is_not_asked_for():
+    known = replace(BASE, effects=(ChargePump(6.0),))
+    assert "charge_pump" not in hmcvt.separable(known, campaign(seed=1, n=24), noise=NOISE).effects
+
+
+def test_plain_data_and_words():
+    found = _matrix(campaign(seed=1, n=48))
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert data["samples"] == 48
+    assert data["channels"] == ["efficiency", "output_speed"]
+    assert [item["effect"] for item in data["effects"]] == list(found.effects)
+    for item in data["effects"]:
+        assert item["visible"] == (item["detectability"] >= data["threshold"])
+    text = found.report()
+    assert all(name in text for name in found.effects)
+
+
+# --- what to measure next -------------------------------------------------------------------------
+
+
+def _log(bench, name):
+    return log_mean(np.array([bench.candidate((form,)).log for kind in library()
+                              if kind.name == name for form in forms_of(kind)]))
+
+
+def _evidence_ratio(samples, true, rival):
+    bench = bench_of(samples)
+    return _log(bench, true) - _log(bench, rival)
+
+
+def _advice(found, pair):
+    tests = [test for test in found.next_tests
+             if test.displacement_ratio is not None and set(test.separates) == pair]
+    return OperatingPoints(*(np.array([getattr(test, axis) for test in tests]) for axis in (
+        "displacement_ratio", "engine_speed", "load_torque")))
+
+
+def test_six_tests_advised_decide_better_than_six_of_a_factorial_plan():
+    gains = []
+    for effect, seed in ((ChargePump(8.0), 0), (ChargePump(8.0), 1), (ChargePump(8.0), 4),
+                         (Churning(12.0), 1), (Churning(12.0), 2)):
+        samples = campaign((effect,), seed=seed, n=24)
+        found = hmcvt.diagnose(BASE, samples, noise=NOISE)
+        named = [test.separates for test in found.next_tests if effect.name in test.separates]
+        if not named:
+            continue  # this draw shows no gap, or decides already
+        rival, = set(named[0]) - {effect.name}
+        advised = _advice(found, {effect.name, rival})
+        if len(advised.engine_speed) != 6:
+            continue
+        before = _evidence_ratio(samples, effect.name, rival)
+        gains.append([
+            _evidence_ratio(joined(samples, measure(points, (effect,), seed + 100)), effect.name,
+                            rival) - before for points in (advised, SIX)])
+    assert len(gains) >= 3, "the cases are ambiguous ones"
+    advised, factorial = np.mean(gains, axis=0)
+    assert advised > 1.0, "it helps the truth"
+    assert advised > 1.5 * factorial
+
+
+def test_a_meter_error_is_settled_by_calibration():
+    """No operating point tells a constant torque from a meter's zero."""
+    found = hmcvt.diagnose(BASE, campaign((ChargePump(8.0),), seed=1), noise=NOISE)
+    measures = [test.measure for test in found.next_tests if test.displacement_ratio is None]
+    assert any("meter" in text or "shaft torque" in text for text in measures)
+
+
+def test_nothing_is_advised_where_nothing_is_in_doubt():
+    found = hmcvt.diagnose(BASE, measure(factorial_points(), seed=2), noise=NOISE)
+    assert found.verdict == "no_gap"
+    assert found.next_tests == ()
