@@ -4,6 +4,7 @@
 #   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
 #   make test    all tests, the ones over ROS 2 included
 #   make lint types    what CI checks besides
+#   make blind   the blind trial of the diagnosis; writes docs/blind.md (an hour on two cores)
 #   make clean   remove .venv and what tools left behind
 
 PYTHON ?= python3
@@ -17,14 +18,28 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 
-.PHONY: demo test lint types clean
+.PHONY: demo test lint types blind browser clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
 	@$(BIN)/python -m hmcvt_ros.demo
 
-test: $(VENV)/.dev
+test: $(VENV)/.dev browser
 	$(BIN)/python -m pytest $(ARGS)
+
+# The report page of the diagnosis is tested in a real browser; the only thing taken from apt.
+browser:
+	@for name in chromium chromium-browser google-chrome; do \
+		if command -v $$name >/dev/null; then exit 0; fi; done; \
+	echo "Installing Chromium for the tests of the report page ..."; \
+	sudo=; test "$$(id -u)" = 0 || sudo=sudo; export DEBIAN_FRONTEND=noninteractive; \
+	$$sudo apt-get update -qq; \
+	$$sudo apt-get install -y -qq chromium fonts-dejavu-core >/dev/null || \
+		$$sudo apt-get install -y -qq chromium-browser fonts-dejavu-core >/dev/null
+
+# Goes on where it was interrupted; remove blind-results.jsonl to start anew.
+blind: $(VENV)/.dev
+	$(BIN)/hmcvt blind --seeds 20 --out docs/blind.md
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench import BenchSamples
-from ..ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE
+from ..ranges import EFFICIENCY, ENGINE_SPEED_LIMITS, LOAD_TORQUE
 from .candidates import Bench, Candidate
 from .hypothesis import Hypothesis, linearise
 from .observations import OUTPUT_SPEED_UNCERTAINTY, Channel, Observations
@@ -113,7 +113,7 @@ def _pool(bench: Bench, with_speed: bool) -> Observations:
     if s.oil_temperature is not None:
         temperature = np.full(axes.shape[1], float(np.median(s.oil_temperature)))
     efficiency = model.efficiency(axes[0], axes[1], axes[2], temperature)
-    usable = np.isfinite(efficiency)
+    usable = EFFICIENCY.contains(efficiency)  # nor NaN: no answer there
     axes, efficiency = axes[:, usable], efficiency[usable]
     temperature = None if temperature is None else temperature[usable]
     output = model.output_speed(axes[0], axes[1], axes[2], temperature)

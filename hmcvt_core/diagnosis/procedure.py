@@ -161,6 +161,9 @@ class _Assembly:
     def _noise(self) -> Array:
         """Standard deviation of the efficiency, shape (n,), from the best competitor of all."""
         ranking = self.ranking
+        if self.significant and ranking.unlisted > 0.5:
+            # A narrow band would pass as noise for every competitor without one.
+            return np.asarray(self.observed.scale[0] * np.sqrt(ranking.pure[0]))
         rivals = [ranking.nothing, ranking.field, ranking.leading.linear]
         best = max(rivals, key=lambda item: item.log) if self.significant else ranking.nothing
         return np.asarray(self.observed.scale[0] * np.sqrt(best.found.noise[0, 0]))
@@ -192,14 +195,16 @@ class _Assembly:
             return "no_gap"
         ranking = self.ranking
         known = next(iter(ranking.probability.values()))
-        # Where only the output speed shows a gap, the efficiency has none to remove.
-        removed = shrunk.fraction if shrunk.fraction is not None else 1.0
+        removed = shrunk.fraction if shrunk.fraction is not None else 0.0
+        # NaN, and so False in either comparison, where the output speed shows no clear gap.
+        speed = ranking.explained[1] if self.bench.channels > 1 else np.nan
         wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
         if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
             return "unexplained"
-        if self.bench.channels > 1 and ranking.explained[1] < ADEQUATE_SPEED:
+        if speed < ADEQUATE_SPEED:
             return "unexplained"
-        return "cause_found" if known >= FOUND and removed >= ADEQUATE else "ambiguous"
+        adequate = removed >= ADEQUATE or speed >= ADEQUATE_SPEED
+        return "cause_found" if known >= FOUND and adequate else "ambiguous"
 
     # --- shrinkage ------------------------------------------------------------------------------
 

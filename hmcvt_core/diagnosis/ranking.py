@@ -42,7 +42,8 @@ class Ranking:
         unlisted: probability of a loss that nobody listed.
         leftover: log evidence that something smooth is left beside the leading candidate.
         explained: part of the squared gap that the leading candidate removes from each channel,
-            shape (channels,), from the refits.
+            shape (channels,), from the refits; NaN for a channel without a clear gap.
+        pure: lowest noise variance that any competitor leaves, in stated ones, (channels,).
         singles: one refitted candidate per form tried, best first.
         pairs: refitted pairs, best first.
         nothing: the base model alone.
@@ -55,6 +56,7 @@ class Ranking:
     unlisted: float
     leftover: float
     explained: Array
+    pure: Array
     singles: tuple[Candidate, ...]
     pairs: tuple[Candidate, ...]
     nothing: Linear
@@ -104,8 +106,8 @@ def rank(bench: Bench, boxes: Regions, singles: Sequence[Candidate], paired: boo
 
 def _left(
     bench: Bench, boxes: Regions, leading: Candidate, nothing: Linear
-) -> tuple[float, Array]:
-    """What the leading candidate leaves: see `Ranking.leftover` and `Ranking.explained`."""
+) -> tuple[float, Array, Array]:
+    """What the leading candidate leaves: `leftover`, `explained` and `pure` of `Ranking`."""
     fields = bench.fields(leading.linear)
     leftover = log_mean(np.array([item.log for item in fields])) - leading.linear.log
     noises = [item.found.noise[0] for item in (leading.linear, *fields)]
@@ -116,7 +118,8 @@ def _left(
     before, after = nothing.found.noise[0] - pure, leading.plain.found.noise[0] - pure
     # A channel whose scatter hardly grows without the cause had no gap to remove.
     clear = before > _CLEAR * pure
-    return leftover, np.where(clear, 1.0 - after / np.where(clear, before, 1.0), 1.0)
+    explained = np.where(clear, 1.0 - after / np.where(clear, before, 1.0), np.nan)
+    return leftover, explained, pure
 
 
 def single_candidates(bench: Bench) -> list[Candidate]:

@@ -102,7 +102,8 @@ def one_stroke() -> Diagnosis:
     """A campaign at one displacement ratio: an axis without extent."""
     found = diagnosis("cause_found")
     same = np.full(len(found.samples), 0.5)
-    return replace(found, samples=replace(found.samples, displacement_ratio=same))
+    where = tuple(replace(region, displacement_ratio=(0.5, 0.5)) for region in found.where)
+    return replace(found, samples=replace(found.samples, displacement_ratio=same), where=where)
 
 
 class Page(HTMLParser):
@@ -202,7 +203,8 @@ def test_escapes_every_text_from_outside() -> None:
 @pytest.mark.parametrize(("name", "badge", "says"), [
     ("no_gap", "No gap", r"^No gap is seen"),
     ("cause_found", "Cause found",
-     r"^The bench lies [\d.]+ points below .* pressure leakage \([^)]*\) explains it.*"
+     r"^(The bench lies|Bench and model differ) .*\d points .*;"
+     r" pressure leakage \([^)]*\) explains it.*"
      r" Adding it removes \d+ % of the squared gap \([^)]* to \d+ %\)\.$"),
     ("pair", None, r"together with .* Adding both removes \d+ %"),
     ("unexplained", "Unexplained",
@@ -217,6 +219,18 @@ def test_says_the_verdict_first(name: str, badge: str | None, says: str) -> None
     assert re.search(says, first[1].replace("&gt;", ">")), first[1]
     if badge is not None:
         assert f'<div class="badge">{badge}</div>' in markup
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    ({"mean_residual": -0.012}, "The bench lies 1.20 points below the refitted model, mostly at "),
+    ({"mean_residual": 0.012}, "The bench lies 1.20 points above the refitted model, mostly at "),
+    ({"channel": "output_speed"}, "most clearly in the output speed at "),
+    ({"p_value": 0.2}, "no single place stands out"),
+])
+def test_says_where_the_gap_lies(change: dict[str, Any], says: str) -> None:
+    found = diagnosis("unexplained")
+    region = replace(found.where[0], **{"channel": "efficiency", "p_value": 0.001} | change)
+    assert says in Page(html(replace(found, where=(region,)))).text
 
 
 def test_figures_of_the_page_are_those_of_the_diagnosis() -> None:

@@ -24,6 +24,11 @@ def node(start_node, paper_file):
     return start_node(paper_file, input_timeout=0.4)
 
 
+def falls_silent(node, point):
+    """Whether the node stops to answer; on a busy machine it may lag behind for a while."""
+    return any(node.player.hold(point, patience=0.0) == (None, None) for _ in range(3))
+
+
 def reported(node, level, *words, send=None):
     """Wait for a status of the inputs with a level and words, sending a point meanwhile."""
     def found():
@@ -50,7 +55,7 @@ def test_nothing_is_published_before_all_three_are_there(start_node, paper_file)
 def test_bad_value_silences_the_node_until_a_good_one_comes(node, name, value, word):
     assert node.player.hold(GOOD).efficiency is not None
     bad = GOOD._replace(**{name: value})
-    assert node.player.hold(bad, patience=0.0) == (None, None)
+    assert falls_silent(node, bad)
     assert reported(node, DiagnosticStatus.ERROR, name, word, send=bad), node.player.statuses
     reason = "out of range" if math.isfinite(value) else "not finite"
     assert int(node.player.statuses["inputs"]["values"][f"{name} refused, {reason}"]) > 0

@@ -184,7 +184,7 @@ def _boxes(
         kind = "region" if region.p_value <= words.SIGNIFICANT else "region weak"
         parts.append(svg.element("rect", class_=kind, x=left, y=top, width=right - left,
                                  height=bottom - top))
-        x, y = _corner(box, flags, marks)
+        x, y = _corner(panel, box, flags, marks)
         flags.append((x, y))
         parts.append(svg.element("rect", class_="flag", x=x, y=y, width=_FLAG, height=_FLAG))
         parts.append(svg.element("text", str(number), class_="flag-text", x=x + _FLAG / 2.0,
@@ -193,15 +193,19 @@ def _boxes(
 
 
 def _corner(
-    box: tuple[float, float, float, float], flags: list[tuple[float, float]],
+    panel: Panel, box: tuple[float, float, float, float], flags: list[tuple[float, float]],
     marks: list[tuple[float, float]],
 ) -> tuple[float, float]:
-    """Place of a flag along the edge of a box that hides no other flag and fewest marks."""
+    """Place of a flag at the edge of a box, hiding no other flag and fewest marks."""
     left, top, right, bottom = box
     across = np.linspace(left, max(right - _FLAG, left), 9).tolist()
     down = np.linspace(top, max(bottom - _FLAG, top), 9).tolist()
     places = [*((x, down[0]) for x in across), *((across[0], y) for y in down[1:]),
-              *((across[-1], y) for y in down[1:]), *((x, down[-1]) for x in across[1:-1])]
+              *((across[-1], y) for y in down[1:]), *((x, down[-1]) for x in across[1:-1]),
+              (left, top - _FLAG), (right, top), (left - _FLAG, top), (left, bottom),
+              (right, bottom - _FLAG), (left - _FLAG, bottom - _FLAG)]
+    places = [(x, y) for x, y in places if panel.x.start <= x <= panel.x.end - _FLAG
+              and panel.y.end <= y <= panel.y.start - _FLAG] or places[:1]
 
     def hidden(place: tuple[float, float]) -> tuple[int, int]:
         x, y = place
@@ -226,8 +230,9 @@ def _box(
     left, right = (panel.x(end) for end in ends[0][:2])
     bottom, top = (panel.y(end) for end in ends[1][:2])
     room = 9.0  # a mark at the edge belongs to the place
-    return (max(left - room, panel.x.start + 1.0), max(top - room, panel.y.end + 1.0),
-            min(right + room, panel.x.end - 1.0), min(bottom + room, panel.y.start - 1.0))
+    across = np.clip([left - room, right + room], panel.x.start + 1.0, panel.x.end - 1.0)
+    down = np.clip([top - room, bottom + room], panel.y.end + 1.0, panel.y.start - 1.0)
+    return float(across[0]), float(down[0]), float(across[1]), float(down[1])
 
 
 def _spans(scale: Scale, low: float, high: float) -> bool:

@@ -68,12 +68,13 @@ ul.legend li { display: flex; align-items: center; gap: 7px; }
   padding: 2px 0 10px 16px; margin: 14px 0; }
 .bracket > h3 { margin-top: 8px; }
 .cause { border-top: 1px solid var(--rule); padding: 12px 0 8px; }
-.bar-row { display: grid; grid-template-columns: minmax(190px, 24%) 1fr 58px; gap: 4px 14px;
+.bar-row { display: grid; grid-template-columns: minmax(190px, 24%) 1fr 66px; gap: 4px 14px;
   align-items: center; }
 .form { font-weight: 400; color: var(--soft); }
 .bar { width: 100%; height: 18px; display: block; }
 .track { fill: #e6e9ed; } .fill { fill: #31506e; }
-.share { text-align: right; font-weight: 700; font-variant-numeric: tabular-nums; }
+.share { text-align: right; white-space: nowrap; font-weight: 700;
+  font-variant-numeric: tabular-nums; }
 .tags { margin: 6px 0; }
 .tag { display: inline-block; border: 1px solid #8b949e; border-radius: 10px; padding: 0 9px;
   font-size: 13.5px; margin: 2px 6px 2px 0; }
@@ -96,7 +97,7 @@ ul.todo li, ul.notes li { margin: 3px 0; }
   dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: 6px; }
   .cards { grid-template-columns: 1fr 1fr; gap: 8px; } .card { padding: 10px; }
   .card .value { font-size: 19px; }
-  .bar-row { grid-template-columns: 1fr 58px; } .bar-row h4 { grid-column: 1 / -1; }
+  .bar-row { grid-template-columns: 1fr 66px; } .bar-row h4 { grid-column: 1 / -1; }
   .bracket { padding-left: 10px; }
 }
 @media print {

@@ -42,10 +42,10 @@ def places(found: Diagnosis) -> str:
             str(number), words.points(region.mean_residual, sign=True),
             _span(region.displacement_ratio, 2), f"{words.rpm(low)} to {words.rpm(high)}",
             _span(region.engine_speed, 1), _span(region.load_torque, 0), str(region.samples),
-            chance))
-    return table(("place", "measured minus predicted, mean", "displacement ratio [-]",
+            chance, words.plain(region.channel)))
+    return table(("place", "efficiency, measured minus predicted, mean", "displacement ratio [-]",
                   "engine speed [r/min]", "engine speed [rad/s]", "load torque [N·m]", "samples",
-                  "p"), rows)
+                  "p", "seen best in"), rows, last_is_text=True)
 
 
 def _span(limits: tuple[float, float], digits: int) -> str:

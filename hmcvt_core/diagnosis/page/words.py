@@ -141,6 +141,10 @@ def _lies(found: Diagnosis) -> str:
     if region is None or region.p_value > SIGNIFICANT:
         return (f"Bench and model differ by {points(found.shrinkage.before)} beyond the noise, "
                 "and no single place stands out")
+    if region.channel != "efficiency":
+        place = region_words(region, found)
+        return (f"Bench and model differ by {points(found.shrinkage.before)} beyond the noise, "
+                f"most clearly in the {plain(region.channel)}" + (f" at {place}" if place else ""))
     side = "below" if region.mean_residual < 0.0 else "above"
     place = region_words(region, found)
     return (f"The bench lies {points(abs(region.mean_residual))} {side} the refitted model"

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bench samples from recorded bags (rosbag2): read, aligned in time, cut to steady windows."""
+
+from .importing import Imported, import_bag
+from .report import ImportReport
+from .settings import ImportSettings, Steadiness
+
+__all__ = ["ImportReport", "ImportSettings", "Imported", "Steadiness", "import_bag"]

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steady windows of a time series.
+
+The series is cut into short blocks. A run of blocks is steady when in each channel the means of the
+blocks agree (drift) and no block scatters too much. Blocks average the noise away, so that drift
+can be judged tightly although single readings are noisy; and the tail of a transient, which a line
+fitted over a long window would hide, shows in the first block. The longest steady run is taken
+first, then the longest in what is left on either side, so that a plateau is not spoilt by a run
+that began in the transient before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .settings import Steadiness
+
+Array = NDArray[np.float64]
+_LEAST_READINGS = 3  # in a block; fewer have no scatter to speak of
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One quantity that has to be settled.
+
+    Attributes:
+        name: of the quantity.
+        values: shape (n,).
+        drift: largest spread of block means.
+        scatter: largest standard deviation in a block.
+        relative: whether both are fractions of the mean.
+    """
+
+    name: str
+    values: Array
+    drift: float
+    scatter: float
+    relative: bool = True
+
+
+class Window(NamedTuple):
+    """Readings `start` to `stop` - 1 are steady."""
+
+    start: int
+    stop: int
+
+
+class Blocks(NamedTuple):
+    """Statistics of blocks of equal duration.
+
+    Attributes:
+        edges: block k holds the readings edges[k] to edges[k + 1] - 1; shape (blocks + 1,).
+        means, deviations: shape (channels, blocks); NaN for a block of fewer than 3 readings.
+    """
+
+    edges: NDArray[np.intp]
+    means: Array
+    deviations: Array
+
+
+def block_statistics(time: Array, channels: Sequence[Channel], block: float) -> Blocks:
+    """Cut a series into blocks; what does not fill the last one is left over.
+
+    Args:
+        time: rising strictly [s], shape (n,).
+        channels: with values of shape (n,).
+        block: duration [s].
+    """
+    count = int((time[-1] - time[0]) / block + 1e-6) if len(time) else 0
+    edges = np.searchsorted(time, time[0] + block * (np.arange(count + 1) - 1e-6)) if count else (
+        np.zeros(1, dtype=np.intp))
+    sizes = np.diff(edges).astype(float)
+    sizes[sizes < _LEAST_READINGS] = np.nan
+    means = np.empty((len(channels), count))
+    deviations = np.empty_like(means)
+    for row, channel in enumerate(channels):
+        centre = float(np.mean(channel.values))
+        first = _block_sums(channel.values - centre, edges) / sizes
+        second = _block_sums((channel.values - centre) ** 2, edges) / sizes
+        means[row] = centre + first
+        deviations[row] = np.sqrt(np.maximum(second - first**2, 0.0) * sizes / (sizes - 1.0))
+    return Blocks(edges, means, deviations)
+
+
+def find_windows(
+    time: Array, channels: Sequence[Channel], steadiness: Steadiness
+) -> list[Window]:
+    """Find the steady windows of a series without gaps, in order of time.
+
+    Args:
+        time: rising strictly [s], shape (n,).
+        channels: what has to be settled, with values of shape (n,).
+        steadiness: duration of blocks and of the shortest window.
+    """
+    blocks = block_statistics(time, channels, steadiness.block)
+    reach = _reach(blocks, channels)
+    return [Window(int(blocks.edges[first]), int(blocks.edges[last]))
+            for first, last in _longest_first(reach, steadiness.least_blocks)]
+
+
+def _block_sums(values: Array, edges: NDArray[np.intp]) -> Array:
+    running = np.concatenate([[0.0], np.cumsum(values)])
+    return np.diff(running[edges])
+
+
+def _reach(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.intp]:
+    """For each block the end (exclusive) of the longest steady run that starts there."""
+    means = blocks.means
+    drift = np.array([channel.drift for channel in channels])
+    relative = np.array([channel.relative for channel in channels])
+    quiet = _quiet(blocks, channels)
+    count = means.shape[1]
+    reach = np.arange(count, dtype=np.intp)
+    end = 0
+    for start in range(count):
+        if not quiet[start]:
+            continue
+        end = max(end, start + 1)
+        low, high = means[:, start:end].min(axis=1), means[:, start:end].max(axis=1)
+        while end < count and quiet[end]:
+            low, high = np.minimum(low, means[:, end]), np.maximum(high, means[:, end])
+            # The larger end as the scale: then a run never becomes steady by growing, and the
+            # ends of successive runs never go back.
+            scale = np.where(relative, np.maximum(np.abs(low), np.abs(high)), 1.0)
+            if np.any(high - low > drift * scale):
+                break
+            end += 1
+        reach[start] = end
+    return reach
+
+
+def _quiet(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.bool_]:
+    quiet = np.ones(blocks.means.shape[1], dtype=bool)
+    for row, channel in enumerate(channels):
+        scale = np.abs(blocks.means[row]) if channel.relative else 1.0
+        quiet &= blocks.deviations[row] <= channel.scatter * scale  # false for NaN
+    return quiet
+
+
+def _longest_first(reach: NDArray[np.intp], least: int) -> list[tuple[int, int]]:
+    found: list[tuple[int, int]] = []
+    free = [(0, len(reach))]
+    while free:
+        first, last = free.pop()
+        if last - first < least:
+            continue
+        lengths = np.minimum(reach[first:last], last) - np.arange(first, last)
+        start = first + int(np.argmax(lengths))
+        stop = start + int(lengths.max())
+        if stop - start < least:
+            continue
+        found.append((start, stop))
+        free += [(first, start), (stop, last)]
+    return sorted(found)
