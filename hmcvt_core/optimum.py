@@ -30,9 +30,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 HOLDS = ("engine_speed", "output_speed")
-_GRID = 33
-_ROUNDS = 6
-_NEWTON_STEPS = 12
+_GRID = 65
+_ROUNDS = 4
+_SECANT_STEPS = 12
+_STROKE_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True)
@@ -163,16 +164,30 @@ def _stroke_for(model: EfficiencyModel, target: Array, speed: Array, torque: Arr
     ends = speed_ratio(model.stage, np.array([-1.0, 1.0]))
     slope = (ends[1] - ends[0]) / 2.0 * speed
     middle = (ends[1] + ends[0]) / 2.0 * speed
-    stroke = (target - middle) / slope
-    for _ in range(_NEWTON_STEPS):
-        inside = np.clip(stroke, -1.0, 1.0)
+    inside = np.clip((target - middle) / slope, -1.0, 1.0)
+    step = np.zeros_like(inside)
+    before = None
+    for _ in range(_SECANT_STEPS):
         reached = model.output_speed_at(OperatingPoints(inside, speed, torque))
+        if before is not None:
+            slope = _secant(inside - before[0], reached - before[1], slope)
         step = (target - reached) / slope
-        stroke = inside + step
-        # At full stroke the step that is still missing tells that the target is out of reach.
-        if not (np.abs(step) > 1e-12).any() or (np.abs(inside) == 1.0).all():
+        moved = np.clip(inside + step, -1.0, 1.0)
+        # Stroke that would have to go beyond full does not move any more.
+        if not (np.abs(moved - inside) > _STROKE_TOLERANCE).any():
             break
-    return np.where((np.abs(inside) == 1.0) & (np.abs(step) > 1e-9), stroke, inside)
+        before = inside, reached
+        inside = moved
+    # At full stroke the step that is still missing tells that the target is out of reach.
+    return np.where((np.abs(inside) == 1.0) & (np.abs(step) > 1e-9), inside + step, inside)
+
+
+def _secant(moved: Array, answered: Array, slope: Array) -> Array:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = answered / moved
+        # Slip changes the slope by a few per cent; anything else is noise of a vanishing move.
+        sound = np.abs(found / slope - 1.0) < 0.5
+    return np.where(sound, found, slope)
 
 
 def _maximise(

@@ -19,7 +19,7 @@ NOT_FINITE = "not finite"
 OUT_OF_RANGE = "out of range"
 
 
-class Refusal(Exception):
+class RefusedError(Exception):
     """A message cannot be used; the text is the reason, one of the constants above."""
 
 
@@ -52,27 +52,27 @@ def read_shafts(message: Any, displacement_elsewhere: bool) -> Shafts:
         displacement_elsewhere: whether the joint `displacement` may be missing.
 
     Raises:
-        Refusal: with the reason.
+        RefusedError: with the reason.
     """
     if message is None:
-        raise Refusal(UNREADABLE)
+        raise RefusedError(UNREADABLE)
     names = list(message.name)
     stroke = names.count("displacement")
     if (names.count("engine") != 1 or names.count("output") != 1 or stroke > 1
             or not (stroke or displacement_elsewhere)):
-        raise Refusal(WRONG_NAMES)
+        raise RefusedError(WRONG_NAMES)
     fields = [message.velocity, message.effort] + [message.position] * stroke
     if any(len(values) != len(names) for values in fields):
-        raise Refusal(UNEQUAL_ARRAYS)
+        raise RefusedError(UNEQUAL_ARRAYS)
     engine, output = names.index("engine"), names.index("output")
     found = Shafts(
         float(message.velocity[engine]), float(message.effort[engine]),
         float(message.velocity[output]), float(message.effort[output]),
         float(message.position[names.index("displacement")]) if stroke else math.nan)
     if not all(map(math.isfinite, found[:4 + stroke])):
-        raise Refusal(NOT_FINITE)
+        raise RefusedError(NOT_FINITE)
     if not _plausible(found):
-        raise Refusal(OUT_OF_RANGE)
+        raise RefusedError(OUT_OF_RANGE)
     return found
 
 
@@ -80,11 +80,11 @@ def read_displacement(message: Any) -> float:
     """Read a displacement ratio.
 
     Raises:
-        Refusal: with the reason.
+        RefusedError: with the reason.
     """
     value = _finite(message, "data")
     if abs(value) > DISPLACEMENT_RATIO.high + _OVERSHOOT:
-        raise Refusal(OUT_OF_RANGE)
+        raise RefusedError(OUT_OF_RANGE)
     return value
 
 
@@ -92,20 +92,20 @@ def read_temperature(message: Any) -> float:
     """Read a temperature [deg C].
 
     Raises:
-        Refusal: with the reason.
+        RefusedError: with the reason.
     """
     value = _finite(message, "temperature")
     if not OIL_TEMPERATURE.contains(value):
-        raise Refusal(OUT_OF_RANGE)
+        raise RefusedError(OUT_OF_RANGE)
     return value
 
 
 def _finite(message: Any, field: str) -> float:
     if message is None:
-        raise Refusal(UNREADABLE)
+        raise RefusedError(UNREADABLE)
     value = float(getattr(message, field))
     if not math.isfinite(value):
-        raise Refusal(NOT_FINITE)
+        raise RefusedError(NOT_FINITE)
     return value
 
 

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 from ..errors import InputError
 
-_STORAGE = (".mcap", ".db3")
+BAG_FILES = (".mcap", ".db3")
+"""How the names of the files end that hold messages."""
 _SHOWN = 12
 _NANOSECONDS = 1e-9
 
@@ -142,14 +143,14 @@ def _parts(path: Path) -> list[Path]:
     if not path.exists():
         raise InputError(f"{path}: there is no such bag")
     if not path.is_dir():
-        if path.suffix not in _STORAGE:
+        if path.suffix not in BAG_FILES:
             raise InputError(f"{path}: a bag is a folder, or a file that ends in "
-                             f"{' or '.join(_STORAGE)}")
+                             f"{' or '.join(BAG_FILES)}")
         return [path]
     if (path / "metadata.yaml").is_file():
         return [path]
-    files = sorted(file for file in path.iterdir() if file.suffix in _STORAGE)
+    files = sorted(file for file in path.iterdir() if file.suffix in BAG_FILES)
     if not files:
         raise InputError(f"{path}: is no bag: it holds neither metadata.yaml nor a file that "
-                         f"ends in {' or '.join(_STORAGE)}")
+                         f"ends in {' or '.join(BAG_FILES)}")
     return files

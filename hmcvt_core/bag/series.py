@@ -68,6 +68,10 @@ class Stretches(NamedTuple):
     parts: list[Index]
     out_of_order: int
 
+    def seconds(self, time: Array) -> float:
+        """Return the time that the stretches cover, gaps left out [s]."""
+        return float(sum(time[part[-1]] - time[part[0]] for part in self.parts))
+
 
 def split_at_gaps(time: Array, gap: float) -> Stretches:
     """Split readings at every step of the time by more than `gap` [s], forwards or backwards.

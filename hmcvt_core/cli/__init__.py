@@ -27,6 +27,7 @@ COMMANDS = {
     "diagnose": "diagnose the gap between model and bench",
     "separable": "tell which effects a test plan can tell apart",
     "blind": "run the blind trial of the diagnosis",
+    "import-bag": "turn a recorded bag (rosbag2) into bench samples",
 }
 
 

@@ -38,7 +38,9 @@ NUISANCES: tuple[tuple[type[Effect], str, float], ...] = (
     (GearEfficiency, "loss", 0.0005),
 )
 _STEPS = 25
-_REFUSED = 10.0  # standard deviations, charged where a hypothesis has no answer
+# Standard deviations charged where a hypothesis has no answer: more than any misfit, or refits to a
+# large gap would hide the worst points in stall.
+_REFUSED = 100.0
 
 
 def to_base(parameters: HydraulicParameters) -> Array:
