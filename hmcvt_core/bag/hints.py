@@ -36,8 +36,9 @@ def _unsettled(readings: Readings, limits: Steadiness) -> str:
     parts = []
     for channel, means, deviations in zip(channels, blocks.means, blocks.deviations, strict=True):
         scale = np.abs(means) if channel.relative else np.ones_like(means)
-        parts.append(f"{channel.name} {_median(deviations / scale)} (limit {channel.scatter:g}) and "
-                     f"{_median(np.abs(np.diff(means)) / scale[1:])} ({channel.drift:g})")
+        scatter, change = _median(deviations / scale), _median(np.abs(np.diff(means)) / scale[1:])
+        parts.append(f"{channel.name} {scatter} (limit {channel.scatter:g}) and {change} "
+                     f"({channel.drift:g})")
     return (f"median scatter in blocks of {limits.block:g} s and change from one to the next: "
             f"{', '.join(parts)}")
 

@@ -38,9 +38,9 @@ class Readings(NamedTuple):
     @classmethod
     def of(cls, bench: Series, oil_temperature: Array | None) -> Readings:
         """Name the channels of a bench series."""
-        engine_speed, engine_torque, output_speed, output_torque, displacement_ratio = bench.values.T
-        return cls(bench.time, engine_speed, engine_torque, output_speed, output_torque,
-                   displacement_ratio, oil_temperature)
+        engine_speed, engine_torque, output_speed, output_torque, stroke = bench.values.T
+        return cls(bench.time, engine_speed, engine_torque, output_speed, output_torque, stroke,
+                   oil_temperature)
 
     @property
     def engine_power(self) -> Array:
@@ -113,7 +113,7 @@ def averaged_sample(part: Readings) -> Sample:
 def complaint(sample: Sample) -> str | None:
     """Say why a sample cannot be used, None when it can."""
     if math.isnan(sample.values.get("oil_temperature", 0.0)):
-        return "no oil_temperature in time"
+        return "no oil_temperature in time (--no-oil-temperature does without)"
     for column in BENCH_COLUMNS:
         value = sample.values.get(column.name)
         if value is not None and not column.contains(value):

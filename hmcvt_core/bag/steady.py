@@ -71,9 +71,12 @@ def block_statistics(time: Array, channels: Sequence[Channel], block: float) -> 
         channels: with values of shape (n,).
         block: duration [s].
     """
-    count = int((time[-1] - time[0]) / block + 1e-6) if len(time) else 0
-    edges = np.searchsorted(time, time[0] + block * (np.arange(count + 1) - 1e-6)) if count else (
-        np.zeros(1, dtype=np.intp))
+    if len(time) < _LEAST_READINGS:
+        return Blocks(np.zeros(1, dtype=np.intp), *np.empty((2, len(channels), 0)))
+    # The last reading stands for a step of time, as every other one does.
+    span = time[-1] - time[0] + np.median(np.diff(time))
+    count = int(span / block + 1e-6)
+    edges = np.searchsorted(time, time[0] + block * (np.arange(count + 1) - 1e-6))
     sizes = np.diff(edges).astype(float)
     sizes[sizes < _LEAST_READINGS] = np.nan
     means = np.empty((len(channels), count))

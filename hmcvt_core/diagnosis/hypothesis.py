@@ -40,7 +40,7 @@ NUISANCES: tuple[tuple[type[Effect], str, float], ...] = (
 _STEPS = 25
 # Standard deviations charged where a hypothesis has no answer: more than any misfit, or refits to a
 # large gap would hide the worst points in stall.
-_REFUSED = 100.0
+REFUSED = 100.0
 
 
 def to_base(parameters: HydraulicParameters) -> Array:
@@ -202,7 +202,7 @@ class _Refit:
         model = self.hypothesis.model_at(base, sizes)
         predicted = predict(model, self.observed.points, len(self.observed.channels))
         whitened = self.observed.whiten(predicted) - self.columns @ nuisance
-        return np.where(np.isnan(whitened), _REFUSED, whitened)
+        return np.where(np.isnan(whitened), REFUSED, whitened)
 
     def objective(self, theta: Array, residuals: Array) -> float:
         """Penalised squares at the current noise."""

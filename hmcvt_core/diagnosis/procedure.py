@@ -17,9 +17,8 @@ from ..model import EfficiencyModel
 from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
 from .candidates import Bench, Candidate
 from .hypothesis import BASE_SIZE, Hypothesis
+from .intake import admitted
 from .next_tests import next_tests
-from .observations import Observations, distinct_rows, replicate_groups
-from .outliers import outliers
 from .ranking import Ranking, rank, single_candidates
 from .regions import Regions, regions
 from .result import Cause, Diagnosis, Gap, Region, ShrinkageSummary
@@ -28,7 +27,6 @@ from .significance import Significance, basis, significance
 
 Array = NDArray[np.float64]
 
-LEAST_SAMPLES = 5
 SIGNIFICANCE = 0.02
 """A gap counts when chance alone would show as much in one campaign of fifty."""
 
@@ -78,52 +76,22 @@ def diagnose(
         seed: of every random number.
 
     Raises:
-        InputError: samples cannot carry a diagnosis, or the formulation is another.
+        InputError: samples cannot carry a diagnosis, the holdout lacks a column, or the
+            formulation is another.
     """
-    rows = distinct_rows(samples)
-    _check(model, samples.select(rows))
-    observed = Observations.of(samples.select(rows), noise)
-    bench = Bench(model, observed)
-    slips = outliers(observed, bench.base.whitened)
-    if len(slips):
-        observed = observed.select(np.setdiff1d(np.arange(len(rows)), slips))
-        bench = Bench(model, observed)
-    boxes = regions(observed.samples)
+    bench, notes = admitted(model, samples, noise)
+    if holdout is not None and holdout.oil_temperature is None \
+            and samples.oil_temperature is not None:
+        raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
+                         "has it")
+    boxes = regions(bench.observed.samples)
     found = _significance(bench, boxes, seed)
     significant = found.p_value <= SIGNIFICANCE
     singles = single_candidates(bench)
     ranking = rank(bench, boxes, singles, paired=False)
     if significant and (ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
         ranking = rank(bench, boxes, singles, paired=True)
-    notes = (*_copy_notes(len(samples), len(rows)), *_slip_notes(samples, rows[slips]))
     return _Assembly(bench, boxes, found, significant, ranking, holdout, seed, notes).diagnosis()
-
-
-def _check(model: EfficiencyModel, samples: BenchSamples) -> None:
-    if model.formulation != "power_balance":
-        raise InputError(f"diagnosis needs formulation power_balance, not {model.formulation!r}")
-    if len(samples) < LEAST_SAMPLES:
-        raise InputError(f"{samples.source}: {len(samples)} samples (rows that differ) cannot tell "
-                         f"a gap from the {BASE_SIZE} parameters that are refitted; at least "
-                         f"{LEAST_SAMPLES} are needed")
-    points = len(np.unique(replicate_groups(samples)))
-    if points <= BASE_SIZE:
-        raise InputError(f"{samples.source}: {points} distinct operating points cannot tell a gap "
-                         f"from the {BASE_SIZE} parameters that are refitted")
-
-
-def _copy_notes(given: int, kept: int) -> tuple[str, ...]:
-    if kept == given:
-        return ()
-    return (f"{given - kept} of {given} rows copy another one in every column and were left out",)
-
-
-def _slip_notes(samples: BenchSamples, slips: NDArray[np.intp]) -> tuple[str, ...]:
-    return tuple(
-        f"sample {i + 1} (displacement ratio {samples.displacement_ratio[i]:.3g}, engine speed "
-        f"{samples.engine_speed[i]:.4g} rad/s, load torque {samples.load_torque[i]:.4g} N m, "
-        f"efficiency {samples.efficiency[i]:.4g}) stands alone against its neighbours and was "
-        "left out: measure it again" for i in slips)
 
 
 def _significance(bench: Bench, boxes: Regions, seed: int) -> Significance:
@@ -149,7 +117,7 @@ class _Assembly:
         seed: int,
         notes: tuple[str, ...],
     ) -> None:
-        self.slip_notes = notes
+        self.intake_notes = notes
         self.bench, self.boxes, self.found = bench, boxes, found
         self.significant, self.ranking, self.seed = significant, ranking, seed
         self.holdout = holdout
@@ -354,7 +322,7 @@ class _Assembly:
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
     def _notes(self, verdict: str) -> tuple[str, ...]:
-        notes = list(self.slip_notes)
+        notes = list(self.intake_notes)
         ratio = float(np.sqrt(np.mean(self.noise**2) / np.mean(self.observed.scale[0] ** 2)))
         if not 0.75 < ratio < 1.33:
             notes.append(f"the noise looks {ratio:.2f} times the one stated "

@@ -29,7 +29,7 @@ def test_fewer_samples_than_can_tell(n):
         hmcvt.diagnose(BASE, SAMPLES.select(np.arange(n)), noise=NOISE)
 
 
-@pytest.mark.parametrize("n", [5, 7, 12])
+@pytest.mark.parametrize("n", [5, 12])
 def test_few_samples_make_no_bold_claim(n):
     found = _sane(hmcvt.diagnose(BASE, QUIET.select(np.arange(n)), noise=NOISE))
     assert found.verdict == "no_gap"
@@ -45,11 +45,11 @@ def test_all_samples_at_one_point():
         hmcvt.diagnose(BASE, same, noise=NOISE)
 
 
-@pytest.mark.parametrize(("column", "value"), [
-    ("displacement_ratio", 0.0), ("displacement_ratio", -1.0), ("engine_speed", 150.0),
-    ("load_torque", 200.0), ("oil_temperature", 60.0)])
-@pytest.mark.parametrize("effects", [(), (ChargePump(8.0),)], ids=["no effect", "charge pump"])
-def test_a_constant_column(effects, column, value):
+@pytest.mark.parametrize(("column", "value", "effects"), [
+    ("displacement_ratio", 0.0, ()), ("displacement_ratio", -1.0, ()), ("engine_speed", 150.0, ()),
+    ("load_torque", 200.0, ()), ("oil_temperature", 60.0, ()),
+    ("engine_speed", 150.0, (ChargePump(8.0),)), ("load_torque", 200.0, (ChargePump(8.0),))])
+def test_a_constant_column(column, value, effects):
     """The plan itself holds one axis still; nothing else is wrong."""
     points = {name: getattr(QUIET, name)[:24] for name in (
         "displacement_ratio", "engine_speed", "load_torque")}
@@ -162,6 +162,6 @@ def test_efficiencies_drawn_by_lot_are_given_no_cause():
 
 def test_samples_the_model_cannot_carry():
     """Two points beyond stall among good ones."""
-    odd = with_column(QUIET, load_torque=np.where(np.arange(len(QUIET)) < 2, 4000.0,
-                                                  QUIET.load_torque))
+    some = QUIET.select(np.arange(24))
+    odd = with_column(some, load_torque=np.where(np.arange(24) < 2, 4000.0, some.load_torque))
     _sane(hmcvt.diagnose(BASE, odd, noise=NOISE))

@@ -12,7 +12,7 @@ from hmcvt_core.diagnosis.result import VERDICTS
 from hmcvt_core.effects.actuator import DisplacementDeadBand
 from hmcvt_core.effects.drag import ChargePump, Churning
 from hmcvt_core.effects.gears import PlanetaryMesh
-from hmcvt_core.effects.hydraulic import PressureLeakage
+from hmcvt_core.effects.hydraulic import OrificeLeakage, PressureLeakage
 from hmcvt_core.effects.oil import OilTemperature
 from hmcvt_core.effects.sensor import EngineTorqueZero
 
@@ -125,6 +125,18 @@ def test_a_loss_in_a_band_of_engine_speed_is_unexplained_and_placed(diagnoses):
     assert found.where[0].mean_residual < 0.0
     assert found.where[0].p_value < 0.05
     assert found.model is found.base, "nothing is added to a model on suspicion"
+
+
+@pytest.mark.parametrize("speed_noise", [0.001, None], ids=["with speed", "efficiency alone"])
+def test_a_large_gap_is_not_hidden_in_stall(speed_noise):
+    """Were a refusal cheap, a refit would rather stall than miss by many deviations."""
+    samples = campaign((OrificeLeakage(1e-3),), noise=0.001, speed_noise=speed_noise)
+    found = hmcvt.diagnose(BASE, samples, noise=0.001)
+    assert found.causes[0].effect == "orifice_leakage"
+    for model, refused in ((found.base, 0.1), (found.model, 0.0)):
+        efficiency = model.efficiency(samples.displacement_ratio, samples.engine_speed,
+                                      samples.load_torque)
+        assert np.isnan(efficiency).mean() <= refused
 
 
 def test_two_effects_are_named_together(diagnoses):

@@ -199,6 +199,20 @@ def test_a_meter_error_is_settled_by_calibration():
     assert any("meter" in text or "shaft torque" in text for text in measures)
 
 
+def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():
+    lossy = replace(BASE, parameters=hmcvt.HydraulicParameters(2e-11, 2.0, 2.5))
+    assert lossy.efficiency(1.0, 230.0, 17.4) < 0.01, "below what a bench file may hold"
+    samples = random_points(1, 60)
+    truth = replace(lossy, effects=(ChargePump(12.0),))
+    noise = np.random.default_rng(0).standard_normal((2, 60))
+    read = hmcvt.BenchSamples(
+        *samples[:3], truth.efficiency_at(samples) + 3e-4 * noise[0],
+        output_speed=truth.output_speed_at(samples) * (1.0 + 0.001 * noise[1]))
+    found = hmcvt.diagnose(lossy, read, noise=3e-4)
+    assert found.causes[0].effect == "charge_pump"
+    assert found.next_tests
+
+
 def test_nothing_is_advised_where_nothing_is_in_doubt():
     found = hmcvt.diagnose(BASE, measure(factorial_points(), seed=2), noise=NOISE)
     assert found.verdict == "no_gap"

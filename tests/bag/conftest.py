@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+import hmcvt_core
+
+from .simulated import run_bench
+
+PLAN = np.array([(ratio, speed, load) for ratio in (-0.8, 0.3, 0.9) for speed in (85.0, 140.0)
+                 for load in (120.0, 280.0)])
+
+
+@pytest.fixture(scope="session")
+def model():
+    """The truth of the simulated bench."""
+    return hmcvt_core.load_model(hmcvt_core.data_path("params/hm4.yaml"))
+
+
+@pytest.fixture(scope="session")
+def plan():
+    """Operating points in an order that makes every step large."""
+    return PLAN[np.random.default_rng(3).permutation(len(PLAN))]
+
+
+@pytest.fixture(scope="session")
+def bench(model, plan):
+    return run_bench(model, plan)
+
+
+@pytest.fixture(scope="session")
+def quiet(model):
+    """Eight seconds at one point, without noise to speak of."""
+    return run_bench(model, [(0.5, 120.0, 200.0)], hold=8.0, noise=1e-5)

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt import-bag`, and what the other commands make of its file."""
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hmcvt_core import read_bench
+from hmcvt_core.bag import ImportSettings, Steadiness
+from hmcvt_core.cli import main
+from hmcvt_core.cli.import_bag import command
+
+from .simulated import START, TEMPERATURE, bench_records, temperature, write_bag
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def hmcvt(capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
+    def run(*arguments):
+        with pytest.raises(SystemExit) as stopped:
+            main([str(argument) for argument in arguments])
+        seen = capsys.readouterr()
+        return stopped.value.code, seen.out, seen.err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def bags(bench, tmp_path_factory):
+    """The bags that the examples name."""
+    folder = tmp_path_factory.mktemp("bags")
+    write_bag(folder / "run1", bench_records(bench))
+    write_bag(folder / "run2", bench_records(bench, "/tractor1/shafts"))
+    (folder / "run2" / "run2.mcap").rename(folder / "run1.mcap")
+    return folder
+
+
+@pytest.fixture
+def workplace(bags, tmp_path, monkeypatch):
+    """A folder with the bags in it."""
+    shutil.copytree(bags, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_from_bag_to_parameters(hmcvt, workplace, model):
+    code, out, err = hmcvt("import-bag", "run1", "--out", "samples.csv")
+    assert (code, err) == (0, "")
+    assert "12 bench samples written to samples.csv" in out
+    assert re.search(r"\d+\.\d s steady, \d+\.\d s rejected as transient", out)
+    code, out, _ = hmcvt("identify", "samples.csv", "--json")
+    assert code == 0
+    for name, found in json.loads(out)["parameters"].items():
+        true, error = getattr(model.parameters, name), found["standard_error"]
+        assert abs(found["value"] - true) < 4.0 * error, name
+        assert error < 0.25 * true, name  # four of them are no empty bound
+
+
+def test_json(hmcvt, workplace):
+    code, out, err = hmcvt("import-bag", "run1", "--out", "samples.csv", "--json")
+    assert (code, err) == (0, "")
+    report = json.loads(out)
+    samples = read_bench("samples.csv")
+    assert report["samples"] == len(samples) == len(report["windows"]) == report["windows_found"]
+    assert report["read"] == {"/bench_sample": 7200} and report["refused"] == {"/bench_sample": {}}
+    assert report["seconds_transient"] == pytest.approx(
+        report["seconds_logged"] - report["seconds_steady"])
+    assert samples.efficiency_std is not None and samples.output_speed is not None
+
+
+def test_options_reach_the_search(hmcvt, workplace):
+    options = ("--topic", "shafts", "--namespace", "tractor1", "--min-duration", "9.5",
+               "--torque-drift", "0.015")
+    code, out, _ = hmcvt("import-bag", "run1.mcap", "--out", "samples.csv", "--json", *options)
+    assert code == 0
+    windows = json.loads(out)["windows"]
+    assert windows and all(window["duration"] > 9.4 for window in windows)
+    code, out, _ = hmcvt("import-bag", "run1", "--out", "samples.csv", "--json")
+    assert len(json.loads(out)["windows"]) > len(windows)
+
+
+@pytest.mark.parametrize("option", [
+    "--block=-1", "--min-duration=1", "--age-limit=0", "--gap=nan", "--speed-drift=0"])
+def test_a_bad_option_is_one_line(hmcvt, workplace, option):
+    code, out, err = hmcvt("import-bag", "run1", "--out", "samples.csv", option)
+    assert (code, out) == (2, "") and err.startswith("hmcvt: error: ") and err.count("\n") == 1
+    assert option.strip("-").partition("=")[0].replace("-", "_") in err
+    assert not Path("samples.csv").exists()
+
+
+def test_a_bag_that_cannot_be_read_leaves_the_old_file(hmcvt, workplace):
+    Path("samples.csv").write_text("old")
+    code, out, err = hmcvt("import-bag", "nowhere", "--out", "samples.csv")
+    assert (code, out) == (2, "")
+    assert err == "hmcvt: error: nowhere: there is no such bag\n"
+    assert Path("samples.csv").read_text() == "old"
+
+
+def test_out_is_needed_and_never_a_file_of_a_bag(hmcvt, workplace):
+    code, _, err = hmcvt("import-bag", "run1")
+    assert code == 2 and "--out" in err
+    before = Path("run1.mcap").read_bytes()
+    code, _, err = hmcvt("import-bag", "run1", "--out", "run1.mcap")
+    assert code == 2 and "not written over" in err
+    assert Path("run1.mcap").read_bytes() == before
+
+
+def test_notes_and_refusals_are_told(hmcvt, workplace, quiet):
+    records = [*bench_records(quiet), *(
+        (f"/{side}/oil_temperature", TEMPERATURE, START + 1.0, temperature(60.0))
+        for side in ("left", "right")), ("/bench_sample", "sensor_msgs/msg/JointState",
+                                         START + 1.001, b"")]
+    write_bag(workplace / "noted", records)
+    _, out, _ = hmcvt("import-bag", "noted", "--out", "samples.csv")
+    assert f"/bench_sample: {len(quiet.time) + 1} messages read, 1 refused (1 unreadable)" in out
+    assert "note: /left/oil_temperature and /right/oil_temperature: none used" in out
+    assert "1 steady windows, 0 refused" in out
+
+
+def _examples():
+    text = (ROOT / "docs" / "import-bag.md").read_text(encoding="utf-8") + command.epilog
+    return list(dict.fromkeys(re.findall(r"^ +(hmcvt .*)$", text, flags=re.MULTILINE)))
+
+
+def test_the_documentation_has_examples():
+    assert len(_examples()) >= 5
+
+
+@pytest.mark.parametrize("line", _examples())
+def test_every_documented_command_works(hmcvt, workplace, line):
+    arguments = shlex.split(line, comments=True)[1:]
+    if arguments[0] == "identify":
+        hmcvt("import-bag", "run1", "--out", "samples.csv")
+    code, out, err = hmcvt(*arguments)
+    assert (code, err) == (0, "") and out
+
+
+def test_the_documented_defaults_are_the_defaults():
+    text = (ROOT / "docs" / "import-bag.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `--([a-z-]+)` \| ([0-9.]+) \|", text, flags=re.MULTILINE))
+    settings = {**vars(Steadiness()), "gap": ImportSettings.gap,
+                "age_limit": ImportSettings.age_limit}
+    assert {name.replace("-", "_"): float(value) for name, value in rows.items()} == settings
+
+
+def test_samples_are_averages_of_their_windows(workplace, hmcvt, bench):
+    _, out, _ = hmcvt("import-bag", "run1", "--out", "samples.csv", "--json")
+    samples = read_bench("samples.csv")
+    for i, window in enumerate(json.loads(out)["windows"]):
+        first = int(np.argmin(np.abs(bench.time - window["start"])))
+        part = slice(first, first + window["messages"])
+        output = (bench.output_torque * bench.output_speed)[part].mean()
+        engine = (bench.engine_torque * bench.engine_speed)[part].mean()
+        assert samples.efficiency[i] == pytest.approx(output / engine, rel=1e-9)
+        assert samples.load_torque[i] == pytest.approx(
+            output / bench.engine_speed[part].mean(), rel=1e-9)

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steady windows and the uncertainty of a mean: pure functions on arrays, no bags."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hmcvt_core.bag.samples import Readings, steady_channels, window_sample
+from hmcvt_core.bag.scatter import effective_size, ratio_of_means
+from hmcvt_core.bag.settings import Steadiness
+from hmcvt_core.bag.steady import Channel, find_windows
+from hmcvt_core.errors import InputError
+
+from .simulated import RATE, correlated, run_bench
+
+LIMITS = Steadiness()
+
+
+def _find(values, drift=0.01, scatter=0.05, relative=True, limits=LIMITS, rate=RATE):
+    values = np.asarray(values, dtype=float)
+    time = np.arange(len(values)) / rate
+    return [(time[window.start], time[window.stop - 1]) for window in
+            find_windows(time, [Channel("torque", values, drift, scatter, relative)], limits)]
+
+
+def _flat(seconds, value=100.0):
+    return np.full(round(seconds * RATE), value)
+
+
+def test_a_plateau_is_one_window():
+    (window,) = _find(_flat(20.0))
+    assert window[0] == 0.0 and window[1] == pytest.approx(20.0, abs=1.0)
+
+
+@pytest.mark.parametrize("seconds, count", [(4.7, 0), (5.1, 1)])
+def test_a_window_lasts_min_duration_at_least(seconds, count):
+    ramp = np.linspace(50.0, 100.0, 200)
+    values = np.concatenate([ramp, _flat(seconds), ramp[::-1]])
+    # The blocks do not start with the plateau: let them be short.
+    assert len(_find(values, limits=Steadiness(block=0.1))) == count
+
+
+def test_a_step_parts_two_windows():
+    first, second = _find(np.concatenate([_flat(10.5), _flat(10.5, 104.0)]))
+    assert first[1] < 10.5 <= second[0]
+    assert first[1] - first[0] > 9.0 and second[1] - second[0] > 8.0
+
+
+def test_a_step_within_the_limit_parts_nothing():
+    assert len(_find(np.concatenate([_flat(10.5), _flat(10.5, 100.9)]))) == 1
+
+
+def test_the_tail_of_a_transient_is_left_out():
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    values = 100.0 + 50.0 * np.exp(-time / 1.5)
+    (window,) = _find(values)
+    first_block = values[(time >= window[0]) & (time < window[0] + 1.0)]
+    assert first_block.mean() < 101.0
+    # And no more than needed: e^-t/1.5 is below 1 % of 100 after 6 s.
+    assert window[0] < 7.0
+
+
+def test_a_ramp_is_no_window():
+    assert _find(np.linspace(100.0, 200.0, 1000)) == []
+
+
+def test_the_longest_plateau_is_not_cut_by_a_run_from_the_transient():
+    # From 2 s on everything is within 1 % of 101.5 as well: a greedy search would start there.
+    tail = np.concatenate([_flat(2.0, 103.0), _flat(3.0, 101.8), _flat(12.0, 101.0)])
+    assert _find(tail, drift=0.007)[0][0] == pytest.approx(5.0)
+
+
+def test_scatter_is_judged_within_blocks():
+    time = np.arange(0.0, 10.0, 1.0 / RATE)
+    hunting = 100.0 + 10.0 * np.sin(2.0 * np.pi * 2.0 * time)  # no drift of block means
+    assert _find(hunting, scatter=0.05) == []
+    assert len(_find(hunting, scatter=0.08)) == 1
+
+
+def test_noise_is_averaged_before_drift_is_judged():
+    noise = np.random.default_rng(0).normal(0.0, 2.0, 1000)
+    assert np.ptp(noise) > 10.0
+    assert len(_find(100.0 + noise)) == 1
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_an_absolute_limit_knows_no_scale(offset):
+    values = offset + np.concatenate([_flat(6.0, 0.0), _flat(6.0, 0.02)])
+    assert len(_find(values, drift=0.01, relative=False)) == 2
+    assert len(_find(values, drift=0.03, relative=False)) == 1
+
+
+def test_every_channel_has_to_be_settled():
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    still = Channel("engine_speed", np.full(len(time), 100.0), 0.01, 0.05)
+    late = Channel("load_torque", np.where(time < 8.0, 100.0 + time, 150.0), 0.01, 0.05)
+    (window,) = find_windows(time, [still, late], LIMITS)
+    assert time[window.start] == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 10])
+def test_too_few_readings_are_no_window(count):
+    assert _find(np.full(count, 100.0)) == []
+
+
+def test_too_few_readings_in_a_block_have_no_scatter():
+    assert _find(np.full(40, 100.0), rate=2.0) == []
+    assert len(_find(np.full(40, 100.0), rate=2.0, limits=Steadiness(10.0, 2.0))) == 1
+
+
+@pytest.mark.parametrize("bad, word", [
+    ({"min_duration": 2.0}, "fewer than 3 blocks"), ({"block": 0.0}, "block = 0"),
+    ({"torque_drift": math.nan}, "torque_drift = nan"), ({"speed_drift": -1.0}, "speed_drift")])
+def test_limits_are_checked(bad, word):
+    with pytest.raises(InputError, match=word):
+        Steadiness(**bad)
+
+
+# --- uncertainty ----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("constant", [0.001, 0.1, 0.3])
+def test_effective_size_of_first_order_noise(constant):
+    rng = np.random.default_rng(1)
+    sizes = [effective_size(correlated(rng, 1500, 1.0, constant)) for _ in range(200)]
+    keep = math.exp(-1.0 / (RATE * constant))
+    expected = 1500 * (1.0 - keep) / (1.0 + keep)
+    assert np.median(sizes) == pytest.approx(expected, rel=0.1)
+
+
+def test_effective_size_at_the_edges():
+    assert effective_size(np.full(7, 3.0)) == 7.0
+    assert effective_size(np.array([1.0, 2.0])) == 2.0
+    assert effective_size(np.array([1.0, -1.0] * 50)) <= 100.0
+
+
+@pytest.mark.parametrize("constant", [0.001, 0.1, 0.2])
+def test_the_deviation_of_a_ratio_is_honest(constant):
+    """Over many windows error / deviation has the scatter of a unit normal."""
+    rng = np.random.default_rng(2)
+    scores, naive = [], []
+    for _ in range(600):
+        output = 300.0 * (1.0 + correlated(rng, 500, 0.01, constant))
+        engine = 400.0 * (1.0 + correlated(rng, 500, 0.01, constant))
+        found = ratio_of_means(output, engine)
+        scores.append((found.value - 0.75) / found.std)
+        naive.append((found.value - 0.75) / (np.std(output / engine) / math.sqrt(500)))
+    assert 0.85 < np.std(scores) < 1.2
+    if constant >= 0.1:
+        assert np.std(naive) > 2.5  # what leaving the correlation out would claim
+
+
+def test_what_moves_both_powers_alike_is_no_scatter():
+    engine = 400.0 * (1.0 + correlated(np.random.default_rng(3), 500, 0.05, 0.1))
+    assert ratio_of_means(0.75 * engine, engine).std < 1e-12
+
+
+def test_no_power_has_no_ratio():
+    assert math.isnan(ratio_of_means(np.ones(4), np.array([1.0, -1.0, 1.0, -1.0])).value)
+
+
+# --- a bench with transients ----------------------------------------------------------------------
+
+def _readings(bench):
+    return Readings(*bench[:6], None)
+
+
+def test_every_hold_of_a_bench_is_one_window_within_it(bench, plan):
+    readings = _readings(bench)
+    windows = find_windows(bench.time, steady_channels(readings, LIMITS), LIMITS)
+    assert [bench.hold[window.start] for window in windows] == list(range(len(plan)))
+    for window in windows:
+        assert bench.hold[window.start] == bench.hold[window.stop - 1]
+        # Not before speed, torque and stroke had come within 2 %, bar a part of one block.
+        assert np.count_nonzero(~bench.settled[window.start:window.stop]) < RATE / 2
+        assert window.stop - window.start >= 8 * RATE
+
+
+def test_efficiency_of_a_window_is_true_within_its_deviation(model):
+    rng = np.random.default_rng(4)
+    points = np.column_stack([rng.uniform(0.1, 0.9, 80) * rng.choice([-1, 1], 80),
+                              rng.uniform(85.0, 160.0, 80), rng.uniform(110.0, 290.0, 80)])
+    bench = run_bench(model, points, seed=5)
+    readings = _readings(bench)
+    windows = find_windows(bench.time, steady_channels(readings, LIMITS), LIMITS)
+    assert len(windows) == len(points)
+    found = [window_sample(readings, window).values for window in windows]
+    true = model.efficiency(*points.T)
+    scores = np.array([(row["efficiency"] - value) / row["efficiency_std"]
+                       for row, value in zip(found, true, strict=True)])
+    assert np.abs(scores).max() < 4.0
+    assert 0.7 < np.sqrt(np.mean(scores**2)) < 1.3
+    assert abs(scores.mean()) < 0.35  # three standard errors: transients leave no bias
+    for name, column, tolerance in (("engine_speed", 1, 0.002), ("load_torque", 2, 0.012)):
+        assert np.allclose([row[name] for row in found], points[:, column], rtol=tolerance)
+    assert np.allclose([row["displacement_ratio"] for row in found], points[:, 0], atol=0.005)

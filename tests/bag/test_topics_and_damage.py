@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics are read, and what is said about a bag that cannot be."""
+
+import sqlite3
+import sys
+
+import pytest
+from rosbags.rosbag2 import Writer
+
+from hmcvt_core.bag import ImportSettings, import_bag
+from hmcvt_core.errors import InputError
+
+from .simulated import (
+    NUMBER,
+    SHAFTS,
+    START,
+    TEMPERATURE,
+    TYPES,
+    bench_records,
+    number,
+    temperature,
+    write_bag,
+)
+
+
+def refusal(path, **settings):
+    """The one line said about a bag."""
+    with pytest.raises(InputError) as caught:
+        import_bag(path, ImportSettings(**settings))
+    text = str(caught.value)
+    assert str(path) in text and "\n" not in text
+    return text
+
+
+@pytest.fixture(params=["sqlite3", "mcap"])
+def bag(request, tmp_path, quiet):
+    return write_bag(tmp_path / "run", bench_records(quiet), request.param)
+
+
+# --- topics ---------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("settings", [
+    {}, {"namespace": "tractor1/rear"}, {"namespace": "/tractor1/rear/"},
+    {"topic": "rear/bench_sample"}, {"topic": "/tractor1/rear/bench_sample"},
+    {"topic": "rear/bench_sample", "namespace": "tractor1"}])
+def test_a_topic_is_found_by_the_end_of_its_name(tmp_path, quiet, settings):
+    path = write_bag(tmp_path / "run", bench_records(quiet, "/tractor1/rear/bench_sample"))
+    report = import_bag(path, ImportSettings(**settings)).report
+    assert list(report.read) == ["/tractor1/rear/bench_sample"]
+
+
+@pytest.mark.parametrize("settings", [
+    {"namespace": "tractor2"}, {"namespace": "/"}, {"topic": "/bench_sample"}, {"topic": "sample"}])
+def test_no_such_topic(tmp_path, quiet, settings):
+    path = write_bag(tmp_path / "run", bench_records(quiet, "/tractor1/bench_sample"))
+    text = refusal(path, **settings)
+    assert "holds no topic" in text and f"/tractor1/bench_sample ({SHAFTS})" in text
+
+
+def test_another_topic_name(tmp_path, quiet):
+    path = write_bag(tmp_path / "run", bench_records(quiet, "/shafts"))
+    assert "holds no topic bench_sample" in refusal(path)
+    assert len(import_bag(path, ImportSettings(topic="shafts")).samples) == 1
+
+
+def test_two_namespaces_need_a_choice(tmp_path, quiet):
+    other = quiet._replace(displacement_ratio=quiet.displacement_ratio - 0.2)
+    records = bench_records(quiet, "/a/bench_sample") + bench_records(other, "/b/bench_sample")
+    records += [("/a/oil_temperature", TEMPERATURE, START + 4.0, temperature(60.0)),
+                ("/b/oil_temperature", TEMPERATURE, START + 4.0, temperature(80.0))]
+    path = write_bag(tmp_path / "run", records)
+    assert "/a/bench_sample and /b/bench_sample; choose one by --namespace" in refusal(path)
+    chosen = import_bag(path, ImportSettings(namespace="b")).samples
+    assert chosen.displacement_ratio[0] == pytest.approx(0.3, abs=1e-3)
+    assert chosen.oil_temperature == [80.0]
+    # With the full name, the temperature beside it is taken.
+    chosen = import_bag(path, ImportSettings(topic="/a/bench_sample")).samples
+    assert chosen.oil_temperature == [60.0]
+
+
+def test_several_temperatures_elsewhere_are_noted_and_not_used(tmp_path, quiet):
+    records = bench_records(quiet) + [
+        (f"/{side}/oil_temperature", TEMPERATURE, START + 4.0, temperature(60.0))
+        for side in ("left", "right")]
+    samples, report = import_bag(write_bag(tmp_path / "run", records))
+    assert samples.oil_temperature is None
+    assert "/left/oil_temperature and /right/oil_temperature" in report.notes[0]
+
+
+def test_a_temperature_of_another_type_is_noted_and_not_used(tmp_path, quiet):
+    records = [*bench_records(quiet), ("/oil_temperature", NUMBER, START + 4.0, number(60.0))]
+    samples, report = import_bag(write_bag(tmp_path / "run", records))
+    assert samples.oil_temperature is None
+    assert report.notes == (f"/oil_temperature is {NUMBER}, not Temperature: not used",)
+
+
+def test_the_inputs_of_the_node_carry_no_efficiency(tmp_path):
+    records = [(f"/{name}", NUMBER, START + 1.0, number(1.0))
+               for name in ("engine_speed", "load_torque", "displacement_ratio")]
+    text = refusal(write_bag(tmp_path / "run", records))
+    assert "engine_speed, load_torque, displacement_ratio alone cannot give a measured" in text
+
+
+def test_a_topic_of_another_type(tmp_path):
+    path = write_bag(tmp_path / "run", [("/bench_sample", NUMBER, START + 1.0, number(1.0))])
+    assert f"/bench_sample is {NUMBER}, not JointState" in refusal(path)
+
+
+def test_a_long_list_of_topics_is_cut(tmp_path):
+    records = [(f"/sensor{i:02}", NUMBER, START + 1.0, number(1.0)) for i in range(30)]
+    text = refusal(write_bag(tmp_path / "run", records))
+    assert "/sensor00 " in text and text.endswith("and 18 more")
+
+
+def test_a_definition_that_cannot_be_compiled_on_another_topic_does_no_harm(tmp_path, quiet):
+    with Writer(tmp_path / "run", version=9) as writer:
+        other = writer.add_connection("/other", "tractor/msg/Other", msgdef="float64 a\n??? b",
+                                      rihs01=f"RIHS01_{'0' * 64}")
+        writer.write(other, int(START * 1e9), b"\x00\x01\x00\x00")
+        shafts = writer.add_connection("/bench_sample", SHAFTS, typestore=TYPES)
+        for _, kind, receipt, message in bench_records(quiet):
+            writer.write(shafts, round(receipt * 1e9), TYPES.serialize_cdr(message, kind))
+    assert len(import_bag(tmp_path / "run").samples) == 1
+
+
+def test_another_layout_under_the_same_name(tmp_path):
+    with Writer(tmp_path / "run", version=9) as writer:
+        shafts = writer.add_connection("/bench_sample", "tractor/msg/JointState",
+                                       msgdef="float64 a", rihs01=f"RIHS01_{'0' * 64}")
+        writer.write(shafts, int(START * 1e9), b"\x00\x01\x00\x00" + bytes(8))
+    assert "layout that ROS 2 Jazzy does not know" in refusal(tmp_path / "run")
+
+
+# --- bags that cannot be read ---------------------------------------------------------------------
+
+def test_no_such_bag(tmp_path):
+    assert "there is no such bag" in refusal(tmp_path / "run")
+
+
+def test_a_folder_that_is_no_bag(tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing")
+    assert "is no bag" in refusal(tmp_path)
+
+
+def test_a_file_that_is_no_bag(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("a,b\n")
+    assert "ends in .mcap or .db3" in refusal(path)
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+@pytest.mark.parametrize("content", [b"", b"garbage" * 100])
+def test_a_file_with_other_content(tmp_path, suffix, content):
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(content)
+    assert "the bag cannot be read" in refusal(path)
+
+
+@pytest.mark.parametrize("text", ["", "a: [", "a: 1\n", "rosbag2_bagfile_information: 3\n"])
+def test_damaged_metadata(bag, text):
+    (bag / "metadata.yaml").write_text(text)
+    assert "the bag cannot be read" in refusal(bag)
+
+
+def test_a_missing_file(bag):
+    next(bag.glob("run*")).unlink()
+    assert "the bag cannot be read" in refusal(bag)
+
+
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
+def test_a_truncated_file(bag, part):
+    file = next(bag.glob("run*"))
+    content = file.read_bytes()
+    file.write_bytes(content[:int(part * len(content))])
+    assert "the bag cannot be read" in refusal(bag)
+
+
+def test_damage_in_the_middle_of_the_messages(tmp_path, quiet):
+    path = write_bag(tmp_path / "run", bench_records(quiet), "sqlite3")
+    file = path / "run.db3"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2:len(content) // 2 + 8192] = b"\xff" * 8192
+    file.write_bytes(content)
+    assert "the bag cannot be read" in refusal(path)
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_an_empty_bag(tmp_path, storage):
+    nothing = write_bag(tmp_path / "nothing", [], storage)
+    assert "topics in it: none" in refusal(nothing)
+    silent = write_bag(tmp_path / "silent", [], storage, topics=[("/bench_sample", SHAFTS)])
+    assert "/bench_sample holds no messages" in refusal(silent)
+
+
+def test_a_database_of_something_else(tmp_path):
+    with sqlite3.connect(tmp_path / "run.db3") as database:
+        database.execute("create table bench (a real)")
+    database.close()
+    assert "the bag cannot be read" in refusal(tmp_path / "run.db3")
+
+
+def test_no_message_can_be_used(tmp_path, quiet):
+    records = [(topic, kind, receipt, b"\x00") for topic, kind, receipt, _
+               in bench_records(quiet)[:9]]
+    text = refusal(write_bag(tmp_path / "run", records))
+    assert "none of the 9 messages on /bench_sample can be used: 9 unreadable" in text
+
+
+def test_without_rosbags_the_cure_is_named(tmp_path, monkeypatch):
+    for name in ("rosbags.rosbag2", "rosbags.typesys"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=r"pip install 'hmcvt-ros\[bag\]'"):
+        import_bag(tmp_path)
+
+
+@pytest.mark.parametrize("bad", [{"age_limit": 0.0}, {"gap": float("nan")}])
+def test_settings_are_checked(bad):
+    with pytest.raises(InputError, match=next(iter(bad))):
+        ImportSettings(**bad)
