@@ -39,7 +39,7 @@ browser:
 
 # Goes on where it was interrupted; remove blind-results.jsonl to start anew.
 blind: $(VENV)/.dev
-	$(BIN)/hmcvt blind --seeds 20 --out docs/blind.md
+	$(BIN)/hmcvt blind --seeds 20 --side-seeds 3 --out docs/blind.md
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -75,12 +75,7 @@ def import_bag(
     found = _find(readings, stretches, settings)
     if not found:
         raise InputError(f"{path}: {nothing_steady(readings, stretches, settings)}")
-    complaints = [complaint(item.sample) for item in found]
-    good = [item for item, wrong in zip(found, complaints, strict=True) if wrong is None]
-    refused = Counter(wrong for wrong in complaints if wrong is not None)
-    if not good:
-        reasons = ", ".join(f"{number} {reason}" for reason, number in refused.items())
-        raise InputError(f"{path}: none of the {len(found)} steady windows can be used: {reasons}")
+    good, refused = _judge(str(path), found)
     report = _report(str(path), topics, collected, settings.averaged,
                      stretches.seconds(readings.time), len(stretches.parts) - 1,
                      found, good, refused)
@@ -116,6 +111,17 @@ def _find(readings: Readings, stretches: Stretches, settings: ImportSettings) ->
                 float(start), float(end - start), window.stop - window.start,
                 sample.effective_size), sample))
     return found
+
+
+def _judge(path: str, found: list[_Found]) -> tuple[list[_Found], Counter[str]]:
+    """Part the windows into those that are bench samples and counts of the others."""
+    complaints = [complaint(item.sample) for item in found]
+    good = [item for item, wrong in zip(found, complaints, strict=True) if wrong is None]
+    refused = Counter(wrong for wrong in complaints if wrong is not None)
+    if not good:
+        reasons = ", ".join(f"{number} {reason}" for reason, number in refused.items())
+        raise InputError(f"{path}: none of the {len(found)} steady windows can be used: {reasons}")
+    return good, refused
 
 
 def _samples(found: list[_Found], source: str) -> BenchSamples:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any
 
@@ -13,6 +13,7 @@ from hmcvt_core.blind.catalogue import KNOWN_EFFECTS, UNKNOWN_EFFECTS
 from hmcvt_core.blind.trial import Case
 
 REFERENCE = "reference"
+PARTS = (REFERENCE, "grid", "stress")
 _NOISES = (0.002, 0.004, 0.011)
 _SAMPLES = (24, 48, 96)
 _SHIFTS = (0.007, 0.03)  # of the efficiency, drawn evenly in its logarithm
@@ -32,22 +33,30 @@ STRESS: dict[str, dict[str, Any]] = {
 }
 
 
-def cases(seeds: int) -> list[Case]:
-    """Return every case of a trial.
+def cases(seeds: int, side_seeds: int, parts: Sequence[str] = PARTS) -> list[Case]:
+    """Return the cases of a trial.
 
     Args:
-        seeds: campaigns per single effect in the reference conditions; the grid and each stress
-            take a third of that.
+        seeds: campaigns per single effect in the reference conditions.
+        side_seeds: the same in each condition of the grid and each stress.
+        parts: which of `PARTS` to make.
     """
-    fewer = max(1, seeds // 3)
-    found = list(_condition(REFERENCE, {}, seeds, _SEEDS[REFERENCE], pairs=True))
+    found: list[Case] = []
+    if REFERENCE in parts:
+        found += _condition(REFERENCE, {}, seeds, _SEEDS[REFERENCE], pairs=True)
+    if "grid" in parts:
+        found += _grid(side_seeds)
+    if "stress" in parts:
+        for name, options in STRESS.items():
+            found += _condition(name, options, side_seeds, _SEEDS["stress"])
+    return found
+
+
+def _grid(seeds: int) -> Iterator[Case]:
     for noise, count, speed in product(_NOISES, _SAMPLES, (0.001, None)):
         options = {"efficiency_noise": noise, "samples": count, "output_speed_noise": speed}
         name = f"{100 * noise:g} %, {count}, {'with' if speed else 'without'} speed"
-        found += _condition(name, options, fewer, _SEEDS["grid"])
-    for name, options in STRESS.items():
-        found += _condition(name, options, fewer, _SEEDS["stress"])
-    return found
+        yield from _condition(name, options, seeds, _SEEDS["grid"])
 
 
 def _condition(

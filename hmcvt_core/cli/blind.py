@@ -10,16 +10,20 @@ from pathlib import Path
 import click
 
 from ..atomic import write_atomically
+from ..blind.conditions import PARTS, REFERENCE, cases
 from .common import OutputFile, json_option, print_json
 
 
 @click.command("blind", epilog="""\b
 Examples:
-  hmcvt blind --seeds 2 --reference
-  hmcvt blind --seeds 12 --out docs/blind.md""")
+  hmcvt blind --seeds 1 --part reference
+  hmcvt blind --seeds 20 --side-seeds 1 --out docs/blind.md""")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=6, show_default=True,
               help="Campaigns per effect in the reference conditions.")
-@click.option("--reference", is_flag=True, help="Leave out the grid of conditions and the stress.")
+@click.option("--side-seeds", type=click.IntRange(1, 1000), default=None,
+              help="The same in every other condition.  [default: a third]")
+@click.option("--part", "parts", type=click.Choice(PARTS), multiple=True, default=PARTS,
+              help="What to run; may be given more than once.  [default: all]")
 @click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1,
               show_default="cores", help="Diagnoses side by side.")
 @click.option("--results", default="blind-results.jsonl", show_default=True, metavar="FILE",
@@ -28,23 +32,24 @@ Examples:
               help="Write the report there too.")
 @json_option
 def command(
-    seeds: int, reference: bool, jobs: int, results: str, out: str | None, as_json: bool
+    seeds: int, side_seeds: int | None, parts: tuple[str, ...], jobs: int, results: str,
+    out: str | None, as_json: bool,
 ) -> None:
     """Run the blind trial: sealed campaigns of the twin, diagnosed through `hmcvt diagnose`."""
-    from ..blind.conditions import REFERENCE, cases
     from ..blind.scoring import report, summary
     from ..blind.trial import run
 
-    todo = [case for case in cases(seeds) if not reference or case.condition == REFERENCE]
+    side = max(1, seeds // 3) if side_seeds is None else side_seeds
+    todo = cases(seeds, side, parts)
     records = []
     for number, record in enumerate(run(todo, Path(results), jobs), 1):
         records.append(record)
         if sys.stderr.isatty() or number % 50 == 0:
             end = "\r" if sys.stderr.isatty() else "\n"
             click.echo(f"{number} of {len(todo)} campaigns{end}", err=True, nl=False)
-    text = (f"# Blind trial\n\nWritten by `hmcvt blind --seeds {seeds}"
-            f"{' --reference' if reference else ''}`; rates carry 95 % Wilson intervals.\n\n"
-            + report(records))
+    chosen = "" if parts == PARTS else "".join(f" --part {part}" for part in parts)
+    text = (f"# Blind trial\n\nWritten by `hmcvt blind --seeds {seeds} --side-seeds {side}{chosen}`; "
+            "rates carry 95 % Wilson intervals.\n\n" + report(records))
     if out is not None:
         write_atomically(Path(out), text)
     if as_json:
