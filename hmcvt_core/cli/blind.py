@@ -48,8 +48,9 @@ def command(
             end = "\r" if sys.stderr.isatty() else "\n"
             click.echo(f"{number} of {len(todo)} campaigns{end}", err=True, nl=False)
     chosen = "" if parts == PARTS else "".join(f" --part {part}" for part in parts)
-    text = (f"# Blind trial\n\nWritten by `hmcvt blind --seeds {seeds} --side-seeds {side}{chosen}`; "
-            "rates carry 95 % Wilson intervals.\n\n" + report(records))
+    command_line = f"hmcvt blind --seeds {seeds} --side-seeds {side}{chosen}"
+    text = (f"# Blind trial\n\nWritten by `{command_line}`; rates carry 95 % Wilson intervals.\n\n"
+            + report(records))
     if out is not None:
         write_atomically(Path(out), text)
     if as_json:
