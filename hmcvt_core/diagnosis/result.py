@@ -159,7 +159,7 @@ class Diagnosis:
         return self.base
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON object of design section 7, with further keys beside the fixed ones."""
+        """Return the JSON object of `hmcvt diagnose --json`."""
         from .report import to_dict
 
         return to_dict(self)

@@ -140,7 +140,7 @@ def test_cooling_in_a_run():
 
 
 def test_generations_are_cooling_steps_at_the_slower_rate():
-    # design.md, section 3.7: 0.9^132 < 1e-6 < 0.9^131.
+    # docs/theory.md: 0.9^132 < 1e-6 < 0.9^131.
     assert IMPROVED.generations == 132
 
 

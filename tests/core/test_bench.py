@@ -38,7 +38,7 @@ def test_table_2(table2):
 
 
 def test_load_torque_is_referred_to_the_engine(table2):
-    # design.md, section 3.2: the powers are round, in kW.
+    # docs/theory.md: the powers are round, in kW.
     power = table2.load_torque * table2.engine_speed / 1000.0
     np.testing.assert_allclose(power, [8, 10, 21, 23, 24, 15, 24, 43], atol=5e-3)
 

@@ -36,7 +36,7 @@ def synthetic(stage, n, seed, noise=NOISE):
 
 
 def test_power_balance_meets_the_targets(fitted, table2):
-    # Issue 2: at or below 2.05 % (fit) and 1.65 % (prediction); design.md found 2.02 and 1.60.
+    # goal: at or below 2.05 % (fit) and 1.65 % (prediction); docs/theory.md found 2.02 and 1.60.
     assert fitted.fit_error <= 0.0205
     assert fitted.prediction_error <= 0.0165
     assert fitted.fit_error == pytest.approx(0.0202, abs=5e-5)
@@ -47,8 +47,8 @@ def test_power_balance_meets_the_targets(fitted, table2):
 
 
 def test_published_meets_the_targets(fitted_published, table2):
-    # Issue 2: at or below 1.35 % and 1.70 %; differential evolution found 1.32 and 1.62
-    # (design.md, section 3); the paper states 2.16 and 1.90.
+    # goal: at or below 1.35 % and 1.70 %; differential evolution found 1.32 and 1.62
+    # (docs/theory.md); the paper states 2.16 and 1.90.
     assert fitted_published.fit_error <= 0.0135
     assert fitted_published.prediction_error <= 0.0170
     assert fitted_published.fit_error == pytest.approx(0.0132, abs=5e-5)
@@ -131,7 +131,7 @@ def test_gear_efficiency_enumerated_as_in_table_3(table2):
     """Mean error of all eight tests by gear efficiency, in percent.
 
     From differential evolution over a plain transcription of the paper (that of test_published).
-    Table 3 and design.md call 0.98 best; with these readings 0.99 is, by the samples alone.
+    Table 3 and docs/theory.md call 0.98 best; with these readings 0.99 is, by the samples alone.
     """
     expected = {0.99: 0.73, 0.98: 1.43, 0.97: 2.08, 0.96: 3.18}
     found = identify_gear_efficiency(
@@ -166,7 +166,7 @@ def roots_of_equation_18(displacement_ratio, efficiency, gear=0.98):
 
 
 @pytest.mark.parametrize(("test", "efficiency", "expected"), [
-    # design.md, section 3.5, test 1.
+    # docs/theory.md, test 1.
     (1, 0.643, (0.163, 0.526)),
     # The same section gives 0.120, 0.494 for test 2 and 0.150, 0.512 for test 5: those belong to
     # the efficiencies *estimated* in Table 4 (69.23 %, 63.52 %), see below; measured they are these

@@ -54,7 +54,7 @@ def test_paths_of_hm4(hm4):
 def test_speed_ratio_is_equation_5(hm4):
     found = published.speed_ratio(hm4, np.array(STROKES))
     np.testing.assert_allclose(found, [equation_5(str(eps)) for eps in STROKES], rtol=1e-14)
-    # The digits of design.md, section 3.1.
+    # The digits of docs/theory.md
     np.testing.assert_allclose(found, [0.83286, 0.93107, 1.19658, 1.46209, 1.56029], atol=5e-6)
 
 
@@ -65,7 +65,7 @@ def test_speed_without_leakage_is_equation_5_in_the_power_balance(hm4):
 
 
 def test_hydraulic_split_ratio(hm4):
-    # design.md, section 3.1, from eq. (8) with i_HM = n_e / n_out.
+    # docs/theory.md, from eq. (8) with i_HM = n_e / n_out.
     found = published.hydraulic_split_ratio(hm4, np.array(STROKES))
     np.testing.assert_allclose(found, [-0.6697, -0.4936, -0.1622, 0.0489, 0.1087], atol=5e-5)
 

@@ -27,7 +27,7 @@ def test_held_engine_speed(model, engine_speed, load_torque):
         model.output_speed(found.displacement_ratio, engine_speed, load_torque), rel=1e-12)
     assert (found.engine_speed, found.load_torque) == (engine_speed, load_torque)
     assert (found.hold, found.limit) == ("engine_speed", None)
-    # design.md, section 4: next to the full-mechanical point, where the motor stands. Eq. (5) with
+    # docs/theory.md: next to the full-mechanical point, where the motor stands. Eq. (5) with
     # eps = 0 gives 1.19658; under load it takes some stroke to make up for the leakage.
     assert found.output_speed / engine_speed == pytest.approx(1.19658, rel=0.02)
 

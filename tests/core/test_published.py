@@ -25,7 +25,7 @@ GRID = np.linspace(-1.0, 1.0, 4001)
 
 
 def transcription(parameters, eps, engine_speed, load_torque, gear):
-    """Eqs (5)-(18) line by line in scalars, readings 1, 2 and 4 of design.md; eta_H, eta_total."""
+    """Eqs (5)-(18) line by line in scalars, readings 1, 2 and 4 of docs/theory.md; eta_H, eta_total."""
     i2, i3, i4, i5, i6, i11, k1 = 0.969, 1.484, 0.678, 1.96, 0.982, 0.823, 2.56
     v = 55e-6 / (2.0 * math.pi)
     i_hm = 1.0 / (((1 + k1) * i4 * i5 + eps * i2 * i3) / (k1 * i2 * i3 * i4 * i5 * i6 * i11))
@@ -69,7 +69,7 @@ def test_bench_tests_equal_the_transcription(hm4, table2, found, gear):
 
 
 def test_identified_parameters_answer_at_all_eight_tests(hm4, table2):
-    # design.md, section 3: tests 6, 7, 8 give 0.8264; the rest is the transcription above.
+    # docs/theory.md: tests 6, 7, 8 give 0.8264; the rest is the transcription above.
     model = hmcvt.EfficiencyModel(hm4, IDENTIFIED, "published")
     found = model.efficiency(table2.displacement_ratio, table2.engine_speed, table2.load_torque)
     np.testing.assert_allclose(found[5:], 0.8264, atol=5e-5)
@@ -83,7 +83,7 @@ def test_poles_are_masked(hm4, found, engine_speed):
     hydraulic = published.hydraulic_efficiency(hm4, found, points)
     found_at = published.efficiencies(hm4, GRID, hydraulic)
     bare = found_at.total
-    # design.md, section 3.5: unguarded, every one of these nine cases has a pole.
+    # docs/theory.md: unguarded, every one of these nine cases has a pole.
     assert np.nanmax(np.abs(bare)) > 1.0
     model = hmcvt.EfficiencyModel(hm4, found, "published")
     served = model.efficiency(GRID, engine_speed, 200.0)
