@@ -25,7 +25,7 @@ GRID = np.linspace(-1.0, 1.0, 4001)
 
 
 def transcription(parameters, eps, engine_speed, load_torque, gear):
-    """Eqs (5)-(18) line by line in scalars, readings 1, 2 and 4 of docs/theory.md; eta_H, eta_total."""
+    """Eqs (5)-(18) line by line in scalars, readings 1, 2, 4 (docs/theory.md)."""
     i2, i3, i4, i5, i6, i11, k1 = 0.969, 1.484, 0.678, 1.96, 0.982, 0.823, 2.56
     v = 55e-6 / (2.0 * math.pi)
     i_hm = 1.0 / (((1 + k1) * i4 * i5 + eps * i2 * i3) / (k1 * i2 * i3 * i4 * i5 * i6 * i11))
