@@ -9,13 +9,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import power_balance, published
 from .breakdown import Breakdown, breakdown
+from .closed_form import ClosedForm
 from .domain import Domain
 from .effects.base import Effect
 from .errors import InputError
@@ -27,6 +28,7 @@ from .ranges import (
     ENGINE_SPEED_LIMITS,
     LOAD_TORQUE,
     OIL_TEMPERATURE,
+    in_range,
 )
 from .stage import Stage
 
@@ -95,6 +97,14 @@ class EfficiencyModel:
             raise InputError("effects act in the power balance only, "
                              f"not in formulation {self.formulation!r}")
 
+    @cached_property
+    def closed_form(self) -> ClosedForm | None:
+        """The balance solved on paper; None where effects or the formulation rule that out."""
+        one = isinstance(self.parameters, HydraulicParameters)  # identification tries many at once
+        if self.effects or self.formulation != "power_balance" or not one:
+            return None
+        return ClosedForm(self.stage, self.parameters)
+
     # --- values -------------------------------------------------------------------------------
 
     def efficiency(
@@ -105,6 +115,10 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
     ) -> Any:
         """Efficiency of the transmission [-]; see the class for units, shapes and errors."""
+        point = (displacement_ratio, engine_speed, load_torque)
+        if self.closed_form is not None and _is_plain(point) and oil_temperature is None:
+            # What a control loop asks for at every message, without the cost of arrays.
+            return self.closed_form.efficiency(*point)
         points, scalar = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
         return _like(self.efficiency_at(points), scalar)
 
@@ -116,6 +130,9 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
+        point = (displacement_ratio, engine_speed, load_torque)
+        if self.closed_form is not None and _is_plain(point) and oil_temperature is None:
+            return self.closed_form.output_speed(*point)
         points, scalar = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
         return _like(self.output_speed_at(points), scalar)
 
@@ -197,6 +214,8 @@ class EfficiencyModel:
         """Efficiency at checked points of one shape [-]."""
         if self.formulation == "published":
             return published.published_efficiency(self.stage, self.parameters, points)
+        if self.closed_form is not None:
+            return self.closed_form.efficiency_array(*points[:3])
         flow = power_balance.power_flow(self.stage, self.parameters, points, self.effects)
         return power_balance.efficiency(flow, self.effects)
 
@@ -251,6 +270,11 @@ class EfficiencyModel:
         from .parameter_file import save_model
 
         save_model(self, path)
+
+
+def _is_plain(point: tuple[Any, Any, Any]) -> TypeGuard[tuple[float, float, float]]:
+    """Tell whether a point is of plain floats in range; the rest is left to `_points`."""
+    return all(type(value) is float for value in point) and in_range(*point)
 
 
 def _points(

@@ -8,32 +8,25 @@ output speed and output power: every pair there gives the same ground speed and 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .closed_form_optimum import best_engine_speed, best_flow
 from .errors import InputError
-from .power_balance import OperatingPoints
-from .published import speed_ratio
-from .ranges import (
-    ENGINE_SPEED,
-    ENGINE_SPEED_LIMITS,
-    LOAD_TORQUE,
-    OUTPUT_SPEED,
-)
+from .optimum_search import search_pair, search_stroke
+from .ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED
 
 if TYPE_CHECKING:
     from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
 HOLDS = ("engine_speed", "output_speed")
-_GRID = 65
-_ROUNDS = 4
-_SECANT_STEPS = 12
-_STROKE_TOLERANCE = 1e-11
+_LIMIT_SLACK = 1e-5  # of the width between two limits
 
 
 @dataclass(frozen=True)
@@ -92,135 +85,117 @@ def optimum(
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     speed, torque = ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)
     if hold == "engine_speed":
-        scalar = speed.ndim == 0 and torque.ndim == 0
-        speed, torque = np.broadcast_arrays(np.atleast_1d(speed), np.atleast_1d(torque))
-        return _best_stroke(model, speed, torque, scalar)
-    low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits")
-    if not low < high:
-        raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
+        pairs = _held_engine_speed(model, *np.broadcast_arrays(speed, torque))
+        return _packed(model, pairs, speed * torque, hold)
+    limits = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+    if not limits[0] < limits[1]:
+        raise InputError(f"engine_speed_limits = {limits[0]:g}, {limits[1]:g}: the first must be "
+                         "lower")
     if output_speed is not None:
         target = OUTPUT_SPEED.check(output_speed)
     elif displacement_ratio is not None:
-        target = np.asarray(model.output_speed(displacement_ratio, speed, torque))
+        target = np.asarray(model.output_speed(displacement_ratio, engine_speed, load_torque))
     else:
         raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
-    scalar = speed.ndim == 0 and torque.ndim == 0 and target.ndim == 0
-    arrays = np.broadcast_arrays(*map(np.atleast_1d, (target, speed * torque)))
-    return _best_pair(model, arrays[0], arrays[1], (float(low), float(high)), scalar)
+    target, power = np.broadcast_arrays(target, speed * torque)
+    pairs = _held_output_speed(model, target, power, limits)
+    return _packed(model, pairs, power, hold, target, limits)
 
 
-def _best_stroke(
-    model: EfficiencyModel, speed: Array, torque: Array, scalar: bool
+def _held_engine_speed(model: EfficiencyModel, speed: Array, torque: Array) -> Array:
+    """Displacement ratio and engine speed, shape (2, ...), at engine speeds and load torques."""
+    form = model.closed_form
+
+    def exact(speed: float, torque: float) -> tuple[float, float] | None:
+        flow = None if form is None else best_flow(form, speed, torque)
+        return None if form is None or flow is None else (flow / form.full_flow, speed)
+
+    return _exact_or_searched(
+        exact, lambda speed, torque: (search_stroke(model, speed, torque), speed), speed, torque)
+
+
+def _held_output_speed(
+    model: EfficiencyModel, target: Array, power: Array, limits: Sequence[float]
+) -> Array:
+    """Displacement ratio and engine speed, shape (2, ...), at output speeds and powers."""
+    form, interval = model.closed_form, (limits[0], limits[1])
+
+    def exact(target: float, power: float) -> tuple[float, float] | None:
+        found = None if form is None else best_engine_speed(form, target, power, interval)
+        return None if form is None or found is None else (found[1] / form.full_flow, found[0])
+
+    return _exact_or_searched(
+        exact, lambda target, power: search_pair(model, target, power, interval), target, power)
+
+
+def _exact_or_searched(
+    exact: Callable[[float, float], tuple[float, float] | None],
+    search: Callable[[Array, Array], tuple[Array, Array]],
+    first: Array,
+    second: Array,
+) -> Array:
+    """Solve point by point where the model can, and search, all at once, where it cannot."""
+    found = [exact(*point) for point in zip(first.ravel().tolist(), second.ravel().tolist(),
+                                            strict=True)]
+    pairs = np.array([(math.nan, math.nan) if pair is None else pair for pair in found])
+    rest = [i for i, pair in enumerate(found) if pair is None]
+    if rest:
+        pairs[rest] = np.transpose(search(first.ravel()[rest], second.ravel()[rest]))
+    return pairs.reshape(-1, 2).T.reshape(2, *first.shape)
+
+
+def _packed(
+    model: EfficiencyModel,
+    pairs: Array,
+    power: Array,
+    hold: str,
+    target: Array | None = None,
+    limits: Sequence[float] = (-math.inf, math.inf),
 ) -> Optimum:
-    def value(stroke: Array) -> Array:
-        return model.efficiency_at(OperatingPoints(
-            stroke, *(np.broadcast_to(item[..., None], stroke.shape) for item in (speed, torque))))
+    stroke, speed = np.clip(pairs[0], -1.0, 1.0), pairs[1]
+    if stroke.ndim == 0:
+        return _packed_point(model, stroke.item(), speed.item(), power.item(), hold,
+                             None if target is None else target.item(), limits)
+    torque = power / speed
+    known = ~np.isnan(stroke)
+    # The model takes no NaN; what it says there is not used.
+    point = (np.where(known, stroke, 0.0), np.where(known, speed, ENGINE_SPEED.high),
+             np.where(known, torque, LOAD_TORQUE.low))
+    efficiency = np.where(known, model.efficiency(*point), np.nan)
+    reached = np.where(known, model.output_speed(*point), np.nan) if target is None else target
+    limit = np.full(stroke.shape, None, dtype=object)
+    for i in np.ndindex(stroke.shape):
+        limit[i] = _limit(stroke[i], speed[i], limits)
+    return Optimum(stroke, efficiency, speed, torque, reached, hold, limit)
 
-    low, high = np.full(speed.shape, -1.0), np.full(speed.shape, 1.0)
-    stroke, best = _maximise(value, low, high)
-    points = OperatingPoints(stroke, speed, torque)
-    output = np.where(np.isnan(best), np.nan, model.output_speed_at(points))
-    limit = _limits(stroke, [("displacement_ratio", stroke, low, high)])
-    return _packed(scalar, stroke, best, speed, torque, output, "engine_speed", limit)
 
-
-def _best_pair(
-    model: EfficiencyModel, target: Array, power: Array, limits: tuple[float, float], scalar: bool
+def _packed_point(
+    model: EfficiencyModel,
+    stroke: float,
+    speed: float,
+    power: float,
+    hold: str,
+    target: float | None,
+    limits: Sequence[float],
 ) -> Optimum:
-    # Without slip these engine speeds reach the target at full stroke; with slip, fewer do.
-    full = speed_ratio(model.stage, np.array([-1.0, 1.0]))
-    with np.errstate(divide="ignore"):
-        ends = np.where(full > 0.0, target[..., None] / full, np.inf)
-    low = np.maximum(ends.min(axis=-1) * 0.98, limits[0])
-    high = np.minimum(ends.max(axis=-1) * 1.25, limits[1])
-    feasible = low <= high
-    low, high = np.where(feasible, low, limits[0]), np.where(feasible, high, limits[0])
-
-    def stroke_at(speed: Array) -> Array:
-        return _stroke_for(model, np.broadcast_to(target[..., None], speed.shape), speed,
-                           power[..., None] / speed)
-
-    def value(speed: Array) -> Array:
-        stroke = stroke_at(speed)
-        within = np.abs(stroke) <= 1.0
-        points = OperatingPoints(np.where(within, stroke, 0.0), speed, power[..., None] / speed)
-        return np.where(within, model.efficiency_at(points), np.nan)
-
-    speed, best = _maximise(value, low, high)
-    best = np.where(feasible, best, np.nan)
-    speed = np.where(np.isnan(best), np.nan, speed)
-    with np.errstate(invalid="ignore"):
-        stroke = stroke_at(np.where(np.isnan(speed), limits[0], speed)[..., None])[..., 0]
-    stroke = np.where(np.isnan(best), np.nan, stroke)
-    limit = _limits(stroke, [
-        ("engine_speed", speed, np.full(speed.shape, limits[0]), np.full(speed.shape, limits[1])),
-        ("displacement_ratio", stroke, np.full(speed.shape, -1.0), np.full(speed.shape, 1.0)),
-    ])
-    return _packed(scalar, stroke, best, speed, power / speed, target, "output_speed", limit)
+    torque = power / speed
+    efficiency, reached = math.nan, math.nan if target is None else target
+    if not math.isnan(stroke):
+        efficiency = model.efficiency(stroke, speed, torque)
+        if target is None:
+            reached = model.output_speed(stroke, speed, torque)
+    return Optimum(stroke, efficiency, speed, torque, reached, hold,
+                   _limit(stroke, speed, limits))
 
 
-def _stroke_for(model: EfficiencyModel, target: Array, speed: Array, torque: Array) -> Array:
-    """Displacement ratio that gives an output speed; beyond +-1 (or NaN) where none does."""
-    ends = speed_ratio(model.stage, np.array([-1.0, 1.0]))
-    slope = (ends[1] - ends[0]) / 2.0 * speed
-    middle = (ends[1] + ends[0]) / 2.0 * speed
-    inside = np.clip((target - middle) / slope, -1.0, 1.0)
-    step = np.zeros_like(inside)
-    before = None
-    for _ in range(_SECANT_STEPS):
-        reached = model.output_speed_at(OperatingPoints(inside, speed, torque))
-        if before is not None:
-            slope = _secant(inside - before[0], reached - before[1], slope)
-        step = (target - reached) / slope
-        moved = np.clip(inside + step, -1.0, 1.0)
-        # Stroke that would have to go beyond full does not move any more.
-        if not (np.abs(moved - inside) > _STROKE_TOLERANCE).any():
-            break
-        before = inside, reached
-        inside = moved
-    # At full stroke the step that is still missing tells that the target is out of reach.
-    return np.where((np.abs(inside) == 1.0) & (np.abs(step) > 1e-9), inside + step, inside)
+def _limit(stroke: float, speed: float, limits: Sequence[float]) -> str | None:
+    """Name the limit that binds, the engine's before the pump's."""
+    return (_end("engine_speed", speed, limits[0], limits[1])
+            or _end("displacement_ratio", stroke, -1.0, 1.0))
 
 
-def _secant(moved: Array, answered: Array, slope: Array) -> Array:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = answered / moved
-        # Slip changes the slope by a few per cent; anything else is noise of a vanishing move.
-        sound = np.abs(found / slope - 1.0) < 0.5
-    return np.where(sound, found, slope)
-
-
-def _maximise(
-    function: Callable[[Array], Array], low: Array, high: Array
-) -> tuple[Array, Array]:
-    """Maximise along the last axis by grids that zoom in; NaN counts as worst."""
-    a, b = low, high
-    for _ in range(_ROUNDS):
-        grid = a[..., None] + (b - a)[..., None] * np.linspace(0.0, 1.0, _GRID)
-        values = function(grid)
-        ranked = np.where(np.isnan(values), -np.inf, values)
-        index = ranked.argmax(axis=-1)[..., None]
-        best = np.take_along_axis(grid, index, -1)[..., 0]
-        value = np.take_along_axis(values, index, -1)[..., 0]
-        step = (b - a) / (_GRID - 1)
-        a, b = np.maximum(best - step, low), np.minimum(best + step, high)
-    return np.where(np.isnan(value), np.nan, best), value
-
-
-def _limits(
-    best: Array, checks: list[tuple[str, Array, Array, Array]]
-) -> NDArray[Any]:
-    limit = np.full(best.shape, None, dtype=object)
-    for name, value, low, high in checks:
-        slack = 1e-5 * (high - low)
-        limit[(limit == None) & (value <= low + slack)] = f"{name} low"  # noqa: E711
-        limit[(limit == None) & (value >= high - slack)] = f"{name} high"  # noqa: E711
-    return limit
-
-
-def _packed(scalar: bool, *values: Any) -> Optimum:
-    if not scalar:
-        return Optimum(*values)
-    return Optimum(*(value[0].item() if isinstance(value, np.ndarray) and value.dtype != object
-                     else value[0] if isinstance(value, np.ndarray) else value
-                     for value in values))
+def _end(name: str, value: float, low: float, high: float) -> str | None:
+    slack = _LIMIT_SLACK * (high - low) if math.isfinite(high - low) else 0.0
+    if value <= low + slack:
+        return f"{name} low"
+    return f"{name} high" if value >= high - slack else None

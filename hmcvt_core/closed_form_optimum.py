@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""The optimum of a model without effects at one point, from the slopes of its closed form.
+
+Held engine speed: with the motor speed x as the variable every quantity of `closed_form` is an
+explicit function of x, hence also the slope of the engine torque, and the best x is where it
+changes sign: a root on a smooth piece, or a corner (the motor at rest, the pump at zero stroke).
+Friction sets a step between rest and motion, so that the best of both sides is taken.
+
+Held output speed and power: with the engine speed as the variable the engine's power is a quadratic
+on each piece between two corners, and the best is the vertex of one of them or a corner.
+
+Both give None where that reasoning does not hold (next to stall, or where power that flows back
+would pay); a search on a grid then finds what there is to find.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from .closed_form import ClosedForm, Side
+
+_NEWTON_STEPS = 30
+_TOLERANCE = 1e-12  # of the motor speed per engine speed; the optimum is flat
+
+
+def best_flow(form: ClosedForm, engine_speed: float, load_torque: float) -> float | None:
+    """Return the flow s that asks least torque of the engine at a held engine speed.
+
+    Args:
+        form: the model.
+        engine_speed: [rad/s].
+        load_torque: [N m].
+    """
+    if load_torque / engine_speed > form.collapse:
+        return None
+    driven = _best_while_driven(form, engine_speed, load_torque)
+    if driven is None:
+        return None
+    found = [driven]
+    fastest, _ = form.motor(abs(form.full_flow), engine_speed, load_torque)
+    # Friction sets a step between the motor at rest and turning: either side can hold the best.
+    if fastest > 0.0 and _along(form, form.forward, 0.0, engine_speed, load_torque)[1] < 0.0:
+        motor = _where_flat(form, form.forward, 0.0, fastest, engine_speed, load_torque)
+        if motor is None:
+            return None
+        found.append(_along(form, form.forward, motor, engine_speed, load_torque)[0])
+    return max(found, key=lambda flow: form.efficiency(
+        flow / form.full_flow, engine_speed, load_torque))
+
+
+def _best_while_driven(
+    form: ClosedForm, engine_speed: float, load_torque: float
+) -> float | None:
+    """Best flow among those that leave the motor at rest or turn it back."""
+    # At rest every flow between two limits gives the same output; the least leaks least.
+    at_rest, slope, _ = _along(form, form.backward, 0.0, engine_speed, load_torque)
+    if at_rest > abs(form.full_flow):
+        return None
+    if slope <= 0.0:
+        return at_rest
+    motor, pressure = form.motor(0.0, engine_speed, load_torque)
+    if not (motor < 0.0 and pressure > 0.0):
+        return None
+    if _along(form, form.backward, motor, engine_speed, load_torque)[1] < 0.0:
+        best = _where_flat(form, form.backward, motor, 0.0, engine_speed, load_torque)
+        return None if best is None else _along(
+            form, form.backward, best, engine_speed, load_torque)[0]
+    # With the stroke beyond zero the pump drives the engine: friction takes its part both ways.
+    share = (1.0 - form.pump_friction) / (1.0 + form.pump_friction)
+    back = _along(form, form.backward, motor, engine_speed, load_torque, share)[1]
+    return 0.0 if back <= 0.0 else None
+
+
+def _along(
+    form: ClosedForm,
+    side: Side,
+    motor: float,
+    engine_speed: float,
+    load_torque: float,
+    pump_share: float = 1.0,
+) -> tuple[float, float, float]:
+    """Flow at a motor speed x, slope of the engine torque over x, and slope of that slope."""
+    output = form.idle + form.hydraulic * motor
+    leak = 1.0 / (form.stiffness * engine_speed)
+    load = side.load * load_torque / output
+    bend = form.hydraulic / output
+    drag = form.motor_damping * engine_speed
+    pressure = (load + drag * motor) * side.grip
+    slope = (drag - load * bend) * side.grip
+    curvature = 2.0 * load * bend * bend * side.grip
+    flow = motor + pressure * leak
+    flow_slope = 1.0 + slope * leak
+    mechanical = form.mechanical_load * load_torque / output * bend
+    pump = pump_share * (1.0 + form.pump_friction) / form.pump_gear_efficiency
+    return (
+        flow,
+        pump * (slope * flow + pressure * flow_slope) - mechanical,
+        pump * (curvature * (flow + pressure * leak) + 2.0 * slope * flow_slope)
+        + 2.0 * mechanical * bend,
+    )
+
+
+def _where_flat(
+    form: ClosedForm,
+    side: Side,
+    low: float,
+    high: float,
+    engine_speed: float,
+    load_torque: float,
+) -> float | None:
+    """Motor speed in an interval with a falling start where the engine torque is least."""
+    motor = high
+    for _ in range(_NEWTON_STEPS):
+        _, slope, curvature = _along(form, side, motor, engine_speed, load_torque)
+        if slope < 0.0:
+            if motor == high:
+                return high
+            low = motor
+        else:
+            high = motor
+        step = -slope / curvature if curvature > 0.0 else math.inf
+        if abs(step) < _TOLERANCE:
+            return motor
+        motor += step
+        if not low < motor < high:
+            motor = 0.5 * (low + high)
+        if high - low < _TOLERANCE:
+            return motor
+    return None
+
+
+def best_engine_speed(
+    form: ClosedForm, output_speed: float, power: float, limits: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Return engine speed [rad/s] and flow s that ask least power at a held output.
+
+    NaN for both where no pair within the limits gives that output.
+
+    Args:
+        form: the model.
+        output_speed: to hold [rad/s].
+        power: that the output delivers [W].
+        limits: lowest and highest engine speed [rad/s].
+    """
+    line = _Line(form, output_speed, power)
+    best: tuple[float, float, float] | None = None
+    for speed in line.candidates(limits):
+        if not limits[0] <= speed <= limits[1]:
+            continue
+        flow, engine_power = line.state(speed)
+        if abs(flow) <= abs(form.full_flow) * (1.0 + 1e-12) and (
+                best is None or engine_power < best[0]):
+            best = engine_power, speed, flow
+    if best is None:
+        return math.nan, math.nan
+    _, speed, flow = best
+    # The line also holds states that no steady motor keeps; the lookup must lead back to it.
+    motor, _ = form.motor(flow, speed, power / speed)
+    reached = (form.idle + form.hydraulic * motor) * speed
+    return (speed, flow) if abs(reached - output_speed) < 1e-9 * output_speed else None
+
+
+class _Line:
+    """Pairs of engine speed and stroke that give one output speed and power."""
+
+    def __init__(self, form: ClosedForm, output_speed: float, power: float) -> None:
+        self.form, self.output_speed = form, output_speed
+        self.torque = power / output_speed
+        self.resting = output_speed / form.idle  # engine speed at which the motor stands
+
+    def pressure(self, side: Side) -> tuple[float, float]:
+        """Pressure torque at rest, and its change per motor speed [rad/s]."""
+        return (side.load * self.torque * side.grip, self.form.motor_damping * side.grip)
+
+    def motor(self, engine_speed: float) -> float:
+        """Motor speed [rad/s]."""
+        return (self.output_speed - self.form.idle * engine_speed) / self.form.hydraulic
+
+    def state(self, engine_speed: float) -> tuple[float, float]:
+        """Flow s and power of the engine [W]."""
+        form = self.form
+        motor = self.motor(engine_speed)
+        if engine_speed == self.resting:
+            motor = 0.0
+        side = form.forward if motor > 0.0 else form.backward
+        rest, slope = self.pressure(side)
+        if rest + slope * motor < 0.0:
+            side = form.turned
+            rest, slope = self.pressure(side)
+        pressure = rest + slope * motor
+        flow = (motor + pressure / form.stiffness) / engine_speed
+        torque = form.engine_torque(flow, motor / engine_speed, pressure, engine_speed,
+                                    self.torque * self.output_speed / engine_speed)
+        return flow, torque * engine_speed
+
+    def candidates(self, limits: tuple[float, float]) -> Iterator[float]:
+        """Yield every engine speed at which the power can be least: corners and vertices."""
+        yield from limits
+        yield self.resting
+        for side in (self.form.forward, self.form.backward, self.form.turned):
+            yield from self._candidates_of(side)
+
+    def _candidates_of(self, side: Side) -> Iterator[float]:
+        form = self.form
+        rest, slope = self.pressure(side)
+        # Over the engine speed: motor speed, pressure torque p + q w, flow a + b w [rad/s].
+        motor, motor_slope = self.output_speed / form.hydraulic, -form.idle / form.hydraulic
+        p, q = rest + slope * motor, slope * motor_slope
+        a, b = motor + p / form.stiffness, motor_slope + q / form.stiffness
+        if q != 0.0:
+            yield -p / q  # the pressure turns round
+        for flow in (0.0, form.full_flow, -form.full_flow):
+            if b != flow:
+                yield a / (flow - b)
+        friction, gears, drag = form.pump_friction, form.pump_gear_efficiency, form.pump_drag
+        mechanical = form.mechanical_load * self.torque
+        for share, drag_share in (((1.0 + friction) / gears, drag / gears),
+                                  ((1.0 - friction) / gears, drag / gears),
+                                  ((1.0 - friction) * gears, drag * gears)):
+            bend = share * q * b + drag_share
+            if bend > 0.0:
+                yield -(mechanical + share * (p * b + q * a)) / (2.0 * bend)
+        yield from _roots((1.0 - friction) * q * b + drag, (1.0 - friction) * (p * b + q * a),
+                          (1.0 - friction) * p * a)  # the pump begins to drive the engine
+
+
+def _roots(square: float, linear: float, constant: float) -> Iterator[float]:
+    inside = linear * linear - 4.0 * square * constant
+    if square != 0.0 and inside >= 0.0:
+        yield (math.sqrt(inside) - linear) / (2.0 * square)
+        yield (-math.sqrt(inside) - linear) / (2.0 * square)
