@@ -247,7 +247,7 @@ class _Run:
         self.evaluations = 0
         self.values = self.evaluate(self.points)
         self.best, self.best_values = self.points.copy(), self.values.copy()
-        self.temperature = np.full(schedule.chains, schedule.initial_temperature)
+        self.temperature = np.full(schedule.chains, float(schedule.initial_temperature))
 
     def evaluate(self, points: Array) -> Array:
         """Objective with NaN as infinitely bad."""

@@ -66,6 +66,11 @@ class ClosedForm:
     """
 
     def __init__(self, stage: Stage, parameters: HydraulicParameters) -> None:
+        """Work out the constants.
+
+        Parameters whose attributes are arrays serve `efficiency_broadcast` alone: identification
+        asks for many candidates at once.
+        """
         units, ratio = stage.pump_motor, stage.motor_speed_ratio
         self.idle, self.hydraulic = stage.mechanical_speed_ratio, abs(ratio)
         pump_gear = 1.0 / stage.pump.ratio
@@ -158,7 +163,7 @@ class ClosedForm:
         return self.mechanical_load * load_torque / output + (
             pump / gears if pump > 0.0 else pump * gears)
 
-    # --- many points ----------------------------------------------------------------------------
+    # --- many points, or many parameters ------------------------------------------------------
 
     def efficiency_array(
         self, displacement_ratio: Array, engine_speed: Array, load_torque: Array
@@ -166,51 +171,51 @@ class ClosedForm:
         """Efficiency [-] at points of one shape; NaN as for `efficiency`."""
         given = [np.ravel(item) for item in (displacement_ratio, engine_speed, load_torque)]
         found = np.empty(given[0].size)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            for start in range(0, found.size, _CHUNK):
-                part = slice(start, start + _CHUNK)
-                found[part] = self._efficiency_chunk(*(item[part] for item in given))
+        for start in range(0, found.size, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            found[part] = self.efficiency_broadcast(*(item[part] for item in given))
         return found.reshape(np.shape(displacement_ratio))
 
-    def _efficiency_chunk(self, stroke: Array, engine_speed: Array, load_torque: Array) -> Array:
-        flow = self.full_flow * stroke
-        motor, pressure = self._motors(flow, engine_speed, load_torque)
-        output = self.idle + self.hydraulic * motor
-        ideal = pressure * flow
-        pump = ideal + self.pump_friction * np.abs(ideal) + self.pump_drag * engine_speed
-        gears = self.pump_gear_efficiency
-        torque = self.mechanical_load * load_torque / output
-        torque += np.maximum(pump, 0.0) / gears + np.minimum(pump, 0.0) * gears
-        return np.where((output > 0.0) & (torque > 0.0), load_torque / torque, np.nan)
+    def efficiency_broadcast(
+        self, displacement_ratio: Array, engine_speed: Array, load_torque: Array
+    ) -> Array:
+        """Efficiency [-] at points that broadcast with parameters given as arrays."""
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            flow = self.full_flow * displacement_ratio
+            motor, pressure = self._motors(flow, engine_speed, load_torque)
+            output = self.idle + self.hydraulic * motor
+            ideal = pressure * flow
+            pump = ideal + self.pump_friction * np.abs(ideal) + self.pump_drag * engine_speed
+            gears = self.pump_gear_efficiency
+            torque = self.mechanical_load * load_torque / output + (
+                np.maximum(pump, 0.0) / gears + np.minimum(pump, 0.0) * gears)
+            return np.where((output > 0.0) & (torque > 0.0), load_torque / torque, np.nan)
 
     def _motors(self, flow: Array, engine_speed: Array, load_torque: Array) -> tuple[Array, Array]:
         load = load_torque / engine_speed
         speed = self._roots(self.forward, flow, load)
         pressure = self._pressure(self.forward, speed, engine_speed, load_torque)
-        rest = np.flatnonzero(~(speed > 0.0))
-        if rest.size:
-            stalled = np.isnan(speed[rest]) & (load[rest] > self.collapse)
-            speed[rest], pressure[rest] = self._driven(
-                flow[rest], load[rest], engine_speed[rest], load_torque[rest])
-            speed[rest[stalled]] = np.nan
-        return speed, pressure
+        forward = speed > 0.0
+        if forward.all():
+            return speed, pressure
+        stalled = np.isnan(speed) & (load > self.collapse)
+        driven, driven_pressure = self._driven(flow, load, engine_speed, load_torque)
+        return (np.where(forward, speed, np.where(stalled, np.nan, driven)),
+                np.where(forward, pressure, driven_pressure))
 
     def _driven(
         self, flow: Array, load: Array, engine_speed: Array, load_torque: Array
     ) -> tuple[Array, Array]:
         speed = self._roots(self.backward, flow, load)
         pressure = self._pressure(self.backward, speed, engine_speed, load_torque)
-        fast = np.flatnonzero(~(pressure >= 0.0))
-        if fast.size:
-            faster = self._roots(self.turned, flow[fast], load[fast])
-            turned = self._pressure(self.turned, faster, engine_speed[fast], load_torque[fast])
-            speed[fast] = np.where(turned < 0.0, faster, speed[fast])
-            pressure[fast] = np.where(turned < 0.0, turned, pressure[fast])
-        standing = np.flatnonzero(speed >= 0.0)
-        if standing.size:
-            speed[standing] = 0.0
-            pressure[standing] = flow[standing] * self.stiffness * engine_speed[standing]
-        return speed, pressure
+        if not (pressure >= 0.0).all():
+            faster = self._roots(self.turned, flow, load)
+            turned = self._pressure(self.turned, faster, engine_speed, load_torque)
+            fast = ~(pressure >= 0.0) & (turned < 0.0)
+            speed, pressure = np.where(fast, faster, speed), np.where(fast, turned, pressure)
+        standing = speed >= 0.0
+        return (np.where(standing, 0.0, speed),
+                np.where(standing, flow * self.stiffness * engine_speed, pressure))
 
     def _roots(self, side: Side, flow: Array, load: Array) -> Array:
         b = side.linear - self.hydraulic * flow

@@ -100,8 +100,7 @@ class EfficiencyModel:
     @cached_property
     def closed_form(self) -> ClosedForm | None:
         """The balance solved on paper; None where effects or the formulation rule that out."""
-        one = isinstance(self.parameters, HydraulicParameters)  # identification tries many at once
-        if self.effects or self.formulation != "power_balance" or not one:
+        if self.effects or self.formulation != "power_balance":
             return None
         return ClosedForm(self.stage, self.parameters)
 

@@ -25,6 +25,7 @@ from ..parameters import PAPER_PARAMETERS, HydraulicParameters
 from ..resources import data_path
 from ..stage import Stage
 from ..version import __version__
+from .polish import least_squares_polish, simplex_polish
 from .precision import Precision, findings, precision
 from .problem import BOUNDS, Problem, relative_error, to_parameters
 from .two_part import HydraulicRoots, hydraulic_roots, starting_points
@@ -32,8 +33,13 @@ from .two_part import HydraulicRoots, hydraulic_roots, starting_points
 Array = NDArray[np.float64]
 Progress = Callable[[AnnealingState], None]
 
-SCHEDULE = Schedule(chains=16, moves=20)
-"""The improved annealing of section 4.1, sixteen chains side by side."""
+SCHEDULES = {
+    # One smooth valley, as a rule: many short chains see whether there is another.
+    "power_balance": Schedule(chains=32, moves=1),
+    # Local minima, and regions without any answer: long chains.
+    "published": Schedule(chains=16, moves=20),
+}
+"""The improved annealing of section 4.1, as chains side by side, by formulation."""
 
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
 _POLISHED = 4  # chain ends that a local search finishes
@@ -112,7 +118,7 @@ def identify(
     gear_efficiency: float | None = None,
     effects: Sequence[Effect] = (),
     validation: BenchSamples | None = None,
-    schedule: Schedule = SCHEDULE,
+    schedule: Schedule | None = None,
     seed: int | None = 0,
     progress: Progress | None = None,
 ) -> Identification:
@@ -129,7 +135,7 @@ def identify(
         gear_efficiency: of every pair [-]; None keeps those of the stage.
         effects: effects with fixed parameters that act besides.
         validation: samples held back, to predict.
-        schedule: of the annealing.
+        schedule: of the annealing; None for that of `SCHEDULES`.
         seed: of the random numbers.
         progress: called after each temperature step; may raise to cancel.
 
@@ -140,6 +146,7 @@ def identify(
     model = EfficiencyModel(_stage(stage, gear_efficiency), PAPER_PARAMETERS[0.98], formulation,
                             tuple(effects))
     problem = Problem.of(model, samples)
+    schedule = SCHEDULES[formulation] if schedule is None else schedule
     roots: list[HydraulicRoots] = []
     if formulation == "published":
         roots = hydraulic_roots(model.stage, samples)
@@ -149,7 +156,9 @@ def identify(
     annealed = annealing.minimise(
         objective, BOUNDS, schedule=schedule, seed=seed, progress=progress,
         start=_starts(starts, schedule.chains, seed))
-    scaled, value = _polished(problem, objective, annealed.ends[:_POLISHED])
+    ends = annealed.ends[:_POLISHED]
+    scaled, value = (least_squares_polish(problem, ends) if formulation == "power_balance"
+                     else simplex_polish(objective, ends))
     if not np.isfinite(value):
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
@@ -184,29 +193,6 @@ def _starts(starts: Array | None, chains: int, seed: int | None) -> Array | None
     rng = np.random.default_rng(seed)
     fill = BOUNDS[:, 0] + (BOUNDS[:, 1] - BOUNDS[:, 0]) * rng.random((chains, len(BOUNDS)))
     return np.concatenate([starts[: max(1, chains // 2)], fill])[:chains]
-
-
-def _polished(
-    problem: Problem, objective: annealing.Objective, ends: Array
-) -> tuple[Array, float]:
-    """Finish the best chain ends by a simplex that keeps within the bounds."""
-    from scipy.optimize import minimize
-
-    def value(scaled: Array) -> float:
-        found = float(objective(scaled[None, :])[0])
-        return found if np.isfinite(found) else 1e9
-
-    best, lowest = ends[0], np.inf
-    for start in ends:
-        # A simplex also serves (21), whose answers may end at the edge of consistency; two runs,
-        # because one may collapse early.
-        point = start
-        for _ in range(2):
-            point = minimize(value, point, method="Nelder-Mead", bounds=BOUNDS,
-                             options={"xatol": 1e-9, "fatol": 1e-12, "maxfev": 2000}).x
-        if value(point) < lowest:
-            best, lowest = point, value(point)
-    return best, lowest if lowest < 1e9 else np.inf
 
 
 def _fitted(

@@ -81,12 +81,14 @@ class Problem:
         scaled = np.asarray(scaled)
         many = ManyParameters(10.0 ** scaled[..., :1], scaled[..., 1:2], scaled[..., 2:3])
         # The physics only reads attributes and broadcasts; one call serves every candidate.
-        shape = np.broadcast_shapes(scaled[..., :1].shape, (len(self.samples),))
+        model = replace(self.model, parameters=many)  # type: ignore[arg-type]
         points = self.points
-        points = points._replace(**{name: np.broadcast_to(axis, shape)
-                                    for name, axis in points._asdict().items()
-                                    if axis is not None})
-        return replace(self.model, parameters=many).efficiency_at(points)  # type: ignore[arg-type]
+        if model.closed_form is not None:
+            return model.closed_form.efficiency_broadcast(*points[:3])
+        shape = np.broadcast_shapes(scaled[..., :1].shape, (len(self.samples),))
+        return model.efficiency_at(points._replace(**{
+            name: np.broadcast_to(axis, shape) for name, axis in points._asdict().items()
+            if axis is not None}))
 
     def residuals(self, scaled: Array) -> Array:
         """(Predicted - measured) / deviation, shape (..., n); NaN where there is no answer."""
