@@ -10,6 +10,7 @@ from .common import (
     json_option,
     model_from,
     params_option,
+    picture_option,
     point_options,
     print_json,
     require,
@@ -18,16 +19,19 @@ from .common import (
 
 
 @click.command("breakdown", epilog="""\b
-Example:
-  hmcvt breakdown --displacement-ratio -0.5 --engine-speed 1400rpm --load-torque 200""")
+Examples:
+  hmcvt breakdown --displacement-ratio -0.5 --engine-speed 1400rpm --load-torque 200
+  hmcvt breakdown --displacement-ratio -0.5 --engine-speed 1400rpm --load-torque 200 \\
+      --picture losses.png""")
 @point_options
+@picture_option
 @params_option
 @json_option
 def command(
     displacement_ratio: float | None, engine_speed: float | None, load_torque: float | None,
-    oil_temperature: float | None, params: str | None, as_json: bool,
+    oil_temperature: float | None, picture: str | None, params: str | None, as_json: bool,
 ) -> None:
-    """Show where the watts go at one operating point."""
+    """Show where the watts go at one operating point; the picture goes over all strokes."""
     require(displacement_ratio=displacement_ratio, engine_speed=engine_speed,
             load_torque=load_torque)
     assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
@@ -36,6 +40,11 @@ def command(
     if refusal is not None:
         raise HmcvtError(f"no breakdown at this point: {refusal}")
     found = model.breakdown(displacement_ratio, engine_speed, load_torque, oil_temperature)
+    if picture is not None:
+        from ..pictures import draw_losses, save
+
+        save(lambda figure: draw_losses(figure, model, engine_speed, load_torque,
+                                        displacement_ratio), picture)
     if as_json:
         print_json({"input_power": found.input_power, "output_power": found.output_power,
                     "efficiency": found.output_power / found.input_power,

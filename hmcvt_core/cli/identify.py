@@ -22,6 +22,7 @@ from .common import (
     Progress,
     SampleNumbers,
     json_option,
+    picture_option,
     print_json,
     seed_option,
     table,
@@ -40,7 +41,7 @@ class _Split(NamedTuple):
 @click.command("identify", epilog="""\b
 Examples:
   hmcvt identify data/table2.csv
-  hmcvt identify data/table2.csv --fit 1,2,4-6 --out params/mine.yaml
+  hmcvt identify data/table2.csv --fit 1,2,4-6 --out params/mine.yaml --picture fit.png
   hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""")
 @click.argument("bench", metavar="BENCH.csv")
 @click.option("--fit", type=SampleNumbers(), default=None, metavar="1,2,4-6",
@@ -55,11 +56,13 @@ Examples:
 @click.option("--stage", default=None, metavar="NAME", help="Stage of the transmission file.")
 @click.option("--out", type=OutputFile(), default=None, metavar="P.yaml",
               help="Write the parameter file.")
+@picture_option
 @seed_option
 @json_option
 def command(
     bench: str, fit: list[int] | None, formulation: str, gears: tuple[list[float], ...],
-    transmission: str | None, stage: str | None, out: str | None, seed: int, as_json: bool,
+    transmission: str | None, stage: str | None, out: str | None, picture: str | None, seed: int,
+    as_json: bool,
 ) -> None:
     """Identify leakage and dampings from bench samples by improved simulated annealing."""
     split = _split(read_bench(bench), fit)
@@ -79,6 +82,10 @@ def command(
     best = min(found, key=lambda item: item.objective)
     if out is not None:
         best.save(out)
+    if picture is not None:
+        from ..pictures import draw_fit, save
+
+        save(lambda figure: draw_fit(figure, best, split.held), picture)
     if as_json:
         tried = [_record(item, split) for item in found]
         print_json(tried[0] if len(tried) == 1

@@ -12,10 +12,20 @@ import click
 import numpy as np
 
 from ..atomic import write_atomically
+from ..bench import read_bench
 from ..efficiency_map import EfficiencyMap
 from ..errors import InputError
 from ..ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE
-from .common import AngularSpeed, OutputFile, json_option, model_from, params_option, print_json
+from .common import (
+    AngularSpeed,
+    OutputFile,
+    Power,
+    json_option,
+    model_from,
+    params_option,
+    picture_option,
+    print_json,
+)
 
 _MOST_POINTS = 2_000_000
 
@@ -23,7 +33,8 @@ _MOST_POINTS = 2_000_000
 @click.command("map", epilog="""\b
 Examples:
   hmcvt map --out map.csv
-  hmcvt map --steps 21 11 5 --load-torque 100 400 --json""")
+  hmcvt map --steps 21 11 5 --load-torque 100 400 --json
+  hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
 @click.option("--engine-speed", type=AngularSpeed(), nargs=2, default=ENGINE_SPEED_LIMITS,
@@ -32,20 +43,40 @@ Examples:
               help="Lowest and highest in N m.")
 @click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
+@picture_option
+@click.option("--power", type=Power(), default="40kW", show_default=True,
+              help="Output power of the picture, in W or like 40kW.")
+@click.option("--bench", default=None, metavar="BENCH.csv",
+              help="Bench tests to mark in the picture.")
 @params_option
 @json_option
 def command(
     steps: tuple[int, int, int], engine_speed: tuple[float, float],
-    load_torque: tuple[float, float], out: str | None, params: str | None, as_json: bool,
+    load_torque: tuple[float, float], out: str | None, picture: str | None, power: float,
+    bench: str | None, params: str | None, as_json: bool,
 ) -> None:
-    """Write the efficiency over displacement ratio, engine speed and load torque."""
+    """Write the efficiency over displacement ratio, engine speed and load torque.
+
+    The picture shows it over engine speed and output speed / engine speed at one output power.
+    """
+    if bench is not None and picture is None:
+        raise click.UsageError("--bench marks tests in a picture: --picture is needed")
     points = math.prod(steps)
     if points > _MOST_POINTS:
         raise InputError(f"--steps gives {points} points; at most {_MOST_POINTS}")
     # Before the grid is made: NumPy would warn of infinity rather than refuse it.
     ENGINE_SPEED.check(engine_speed, "--engine-speed")
     LOAD_TORQUE.check(load_torque, "--load-torque")
-    found = model_from(params).efficiency_map(
+    model = model_from(params)
+    if picture is not None:
+        from ..pictures import draw_surface, save
+
+        samples = None if bench is None else read_bench(bench)
+        save(lambda figure: draw_surface(figure, model, power, engine_speed, samples), picture)
+        if out is None and not as_json:
+            click.echo(f"written to {picture}")
+            return
+    found = model.efficiency_map(
         np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed, steps[1]),
         np.linspace(*load_torque, steps[2]))
     if out is not None:

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures as files: what stands in them, and how a browser lays them out."""
+
+import struct
+import xml.etree.ElementTree as ET
+
+import pytest
+from diagnosis.html_browser import browse, measured
+
+from .running import POINT, TABLE2, assert_refused
+
+WORDS = {
+    "map": {"engine speed [r/min]", "output speed / engine speed [-]", "efficiency [%]",
+            "Efficiency at 30 kW", "best at an engine speed", "best at an output speed"},
+    "breakdown": {"displacement ratio [-]", "lost, % of engine power", "leakage",
+                  "motor damping", "Where the watts go: 1400 r/min, 200 N m"},
+    "identify": {"predicted efficiency [%]", "measured efficiency [%]", "fitted (5)",
+                 "held back (3)", "mean error 2.02 % fitted, 1.60 % held back"},
+}
+
+
+def command(name, picture):
+    return {
+        "map": ("map", "--power", "30kW", "--bench", TABLE2, "--picture", picture),
+        "breakdown": ("breakdown", *POINT, "--picture", picture),
+        "identify": ("identify", TABLE2, "--fit", "1,2,4-6", "--picture", picture),
+    }[name]
+
+
+def texts(svg):
+    return {"".join(item.itertext()).strip() for item in svg.iter("{http://www.w3.org/2000/svg}text")}
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_svg_says_what_it_shows(hmcvt, tmp_path, name):
+    path = tmp_path / "picture.svg"
+    assert hmcvt(*command(name, path)).code == 0
+    found = texts(ET.parse(path).getroot())
+    assert WORDS[name] <= found
+    # The same picture from the same input, so that it can be kept under version control.
+    before = path.read_bytes()
+    assert hmcvt(*command(name, path)).code == 0
+    assert path.read_bytes() == before
+
+
+def test_bench_tests_are_marked_with_their_residuals(hmcvt, tmp_path):
+    path = tmp_path / "picture.svg"
+    hmcvt(*command("map", path))
+    samples = hmcvt("predict", TABLE2, "--json").json
+    expected = {f"{100 * (one['measured'] - one['predicted']):+.1f}" for one in samples}
+    assert len(expected) > 4 and expected <= texts(ET.parse(path).getroot())
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_png_is_large_enough_for_a_projector(hmcvt, tmp_path, name):
+    path = tmp_path / "picture.png"
+    assert hmcvt(*command(name, path)).code == 0
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    width, height = struct.unpack(">II", data[16:24])
+    assert width >= 900 and height >= 700
+
+
+def test_pages_in_a_browser(hmcvt, tmp_path):
+    pages = {}
+    for name in WORDS:
+        path = tmp_path / f"{name}.html"
+        assert hmcvt(*command(name, path)).code == 0
+        pages[name] = path.read_text(encoding="utf-8")
+        assert browse(path, tmp_path).console == []
+    for where, found in measured(pages, (1280, 390), tmp_path).items():
+        assert found["figures"] == 1, where
+        assert found["scroll"] <= found["width"], where
+        assert not found["beyond"] and not found["clipped"], (where, found)
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("map", "--picture", "map.gif"), ("map.gif", ".png, .svg, .html")),
+    (("map", "--picture", "nowhere/map.png"), ("nowhere is not a folder",)),
+    (("map", "--picture", "map.png", "--power", "lots"), ("'lots' is not a power",)),
+    (("map", "--picture", "map.png", "--power", "40MW"), ("'40MW'",)),
+    (("map", "--bench", TABLE2), ("--picture is needed",)),
+])
+def test_bad_requests(hmcvt, arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert_refused(hmcvt(*arguments), *words)
+    assert list(tmp_path.iterdir()) == []
