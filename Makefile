@@ -4,6 +4,9 @@
 #   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
 #   make test    all tests, the ones over ROS 2 included
 #   make lint types    what CI checks besides
+#   make colcon  build and test the package as a ROS workspace does; in build/
+#   make soak    the endurance trial of the node; writes docs/soak.md (a quarter of an hour;
+#                the machine should do nothing else meanwhile)
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (an hour on two cores)
 #   make clean   remove .venv and what tools left behind
 
@@ -18,7 +21,7 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 
-.PHONY: demo test lint types blind browser clean
+.PHONY: demo test lint types colcon soak blind browser clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -41,11 +44,26 @@ browser:
 blind: $(VENV)/.dev
 	$(BIN)/hmcvt blind --seeds 20 --side-seeds 3 --out docs/blind.md
 
+soak: $(VENV)/.dev
+	$(BIN)/python -m tests.soak --out docs/soak.md
+
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 
 types: $(VENV)/.dev
 	$(BIN)/mypy
+
+# The newest setuptools that `colcon build --symlink-install` works with.
+COLCON = PATH=$(CURDIR)/$(BIN):$$PATH colcon --log-base build/log
+PLACES = --base-paths . --build-base build/colcon
+colcon: $(VENV)/.dev
+	@$(INSTALL) 'setuptools<80' colcon-common-extensions
+	$(COLCON) build $(PLACES) --install-base build/install
+	$(COLCON) build $(PLACES)-linked --install-base build/linked --symlink-install
+	$(COLCON) test $(PLACES) --install-base build/install --event-handlers console_direct+ \
+		--pytest-args tests/test_packaging.py tests/ros/test_parameters.py \
+		tests/ros/test_security.py tests/ros/test_node_serves.py
+	$(COLCON) test-result --test-result-base build/colcon --verbose
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
@@ -67,5 +85,5 @@ $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py
 
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
-	@$(INSTALL) --editable '.[ros,plot,bag,test,dev]'
+	@$(INSTALL) --editable '.[ros,plot,bag,compare,fleet,test,dev]'
 	@touch $@

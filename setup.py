@@ -28,13 +28,14 @@ setup(
         "hmcvt_core": ["py.typed"],
         "hmcvt_core.data": ["*.csv", "*.md"],
         "hmcvt_core.params": ["*.yaml", "*.md"],
-        "hmcvt_ros": ["py.typed", "config/*.yaml", "launch/*.launch.py"],
+        "hmcvt_ros": ["py.typed", "config/*.yaml", "launch/*.launch.py", "security/*.xml"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["hmcvt_ros/resource/hmcvt_ros"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", ["hmcvt_ros/launch/hmcvt.launch.py"]),
         (f"share/{NAME}/config", ["hmcvt_ros/config/hmcvt.yaml"]),
+        (f"share/{NAME}/security", ["hmcvt_ros/security/hmcvt.policy.xml"]),
     ],
     zip_safe=False,
     entry_points={

@@ -1,60 +1,97 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and what it takes that they stay."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 import tempfile
 from pathlib import Path
 
+_SUFFIX = ".tmp"
+_LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(_SUFFIX))
 
-def write_atomically(path: Path, text: str) -> None:
-    """Replace `path` by `text` so that a crash leaves the old file or the new one.
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Replace `path` by `content` so that a crash leaves the old file or the new one.
 
     A link stays a link, and what is no regular file (a device, a pipe) is written to.
 
     Raises:
         OSError: the folder cannot be written or is full; the old file is untouched.
     """
+    data = content.encode() if isinstance(content, str) else content
     target = Path(os.path.realpath(path))
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(data)
             return
-        _replace(target, text)
+        _replace(target, data)
     except OSError as error:
         # The user knows the file asked for, not the temporary one beside it.
         raise OSError(error.errno, error.strerror, str(path)) from error
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
-def _replace(path: Path, text: str) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        # mkstemp makes it private; a parameter file is read by others.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it, so that a power cut does not take them away again.
+
+    Raises:
+        OSError: one cannot be made, or is no folder.
+    """
+    if not path.is_dir():
+        if path.parent != path:
+            make_folder(path.parent)
+        path.mkdir(exist_ok=True)
+        sync_folder(path.parent)
 
 
-def _sync_folder(folder: Path) -> None:
-    # The rename itself is on disk only when the folder is; not every system can do that.
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on disk; not every system can do that."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
         return
     try:
-        os.fsync(handle)
-    except OSError:
-        pass
+        with contextlib.suppress(OSError):
+            os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def free_name(path: Path, why: str) -> Path:
+    """Return a name beside `path` that is not taken, such as `log.damaged-1.csv`."""
+    number = 1
+    while (name := path.with_name(f"{path.stem}.{why}-{number}{path.suffix}")).exists():
+        number += 1
+    return name
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files of writes that were killed.
+
+    For a folder in which no one writes at the moment; a write under way there would fail.
+    """
+    with contextlib.suppress(OSError):  # a file more does no harm
+        for path in folder.iterdir():
+            if _LEFTOVER.fullmatch(path.name) and path.is_file():
+                path.unlink()
+
+
+def _replace(path: Path, data: bytes) -> None:
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=_SUFFIX, dir=path.parent)
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            # mkstemp makes it private; a parameter file is read by others.
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(file.fileno(), 0o666 & ~umask)
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

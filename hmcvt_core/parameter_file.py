@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .atomic import write_atomically
+from .atomic import free_name, write_atomically
 from .domain import Domain
 from .effects import effect_from_mapping, effect_to_mapping
 from .errors import InputError
@@ -49,15 +49,21 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
 def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
     """Write a parameter file, whole or not at all.
 
+    A file that is there already and holds anything else is kept beside it, as
+    `name.previous-1.yaml` and so on.
+
     Raises:
         OSError: the folder cannot be written; an existing file is untouched.
     """
     import yaml
 
-    data = to_mapping(model)
-    data["checksum"] = _checksum(data)
-    text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=96)
-    write_atomically(Path(path), text)
+    path, data = Path(path), to_mapping(model)
+    # Above all that can be cut off: a file that has lost its end has not lost its checksum.
+    sealed = {"schema": data["schema"], "checksum": _checksum(data), **data}
+    text = yaml.safe_dump(sealed, sort_keys=False, default_flow_style=None, width=96)
+    if path.is_file() and not _holds(path, data):
+        write_atomically(free_name(path, "previous"), path.read_bytes())
+    write_atomically(path, text)
 
 
 def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
@@ -93,6 +99,19 @@ def to_mapping(model: EfficiencyModel) -> dict[str, Any]:
     data["provenance"] = dict(model.provenance)
     data["transmission"] = model.stage.to_mapping()
     return data
+
+
+def _holds(path: Path, data: Mapping[str, Any]) -> bool:
+    """Whether a file holds the same, but for its date."""
+    try:
+        there = to_mapping(load_model(path))
+    except InputError:
+        return False
+
+    def undated(data: Mapping[str, Any]) -> dict[str, Any]:
+        return {**data, "provenance": {**data["provenance"], "date": ""}}
+
+    return undated(there) == undated(data)
 
 
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
@@ -149,7 +168,11 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
 
 
 def _checksum(data: Mapping[str, Any]) -> str:
-    text = json.dumps(data, sort_keys=True, default=str)
+    try:
+        text = json.dumps(data, sort_keys=True, default=str)
+    except (TypeError, ValueError, RecursionError):
+        # Keys of several types, or a list within itself: not what `save_model` wrote.
+        return ""
     return hashlib.sha256(text.encode()).hexdigest()
 
 

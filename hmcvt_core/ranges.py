@@ -75,7 +75,10 @@ class Range:
         if not np.isfinite(value):
             return f"{self.name}{index} = {value} is not finite; allowed {self}"
         hint = f" ({self.hint})" if self.hint else ""
-        return f"{self.name}{index} = {value:g} is outside {self}{hint}"
+        text = f"{value:g}"
+        if self.low <= float(text) <= self.high:
+            text = repr(float(value))  # just beyond a limit, and inside once rounded
+        return f"{self.name}{index} = {text} is outside {self}{hint}"
 
 
 DISPLACEMENT_RATIO = Range(

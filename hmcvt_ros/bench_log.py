@@ -7,11 +7,11 @@ the log is opened and kept beside it.
 
 from __future__ import annotations
 
-import io
+import contextlib
 import os
 from pathlib import Path
 
-from hmcvt_core.atomic import write_atomically
+from hmcvt_core.atomic import free_name, make_folder, sync_folder, write_atomically
 from hmcvt_core.bench import BenchSamples
 from hmcvt_core.errors import InputError
 from hmcvt_core.ranges import BENCH_COLUMNS
@@ -20,6 +20,7 @@ COLUMNS = ("stamp", "displacement_ratio", "engine_speed", "load_torque", "effici
            "output_speed")
 _HEADER = ",".join(COLUMNS) + "\n"
 _RANGES = {column.name: column for column in BENCH_COLUMNS}
+_UNKNOWN = -1  # no size of a file
 
 
 class BenchLog:
@@ -33,7 +34,7 @@ class BenchLog:
     def __init__(self, path: Path, limit: int) -> None:
         """Open a log that holds at most `limit` samples.
 
-        A file that cannot be read is no error yet: the samples that follow will tell.
+        A file that cannot be read or repaired is no error yet: `append` tries again.
         """
         self.path = path
         self.recovered = ""
@@ -43,7 +44,7 @@ class BenchLog:
         try:
             self._recover()
         except OSError as error:
-            self.recovered = f"{path}: cannot be read: {error.strerror}"
+            self.recovered = f"{path}: cannot be read or repaired: {error.strerror}"
 
     def __len__(self) -> int:
         return self._count
@@ -52,27 +53,30 @@ class BenchLog:
         """Write samples and wait until they are on disk.
 
         Raises:
-            InputError: the log is full.
+            InputError: the log is full, or a column is missing.
             OSError: they could not be written; the log is as before.
         """
+        rows = _rows(sample)
         if self._count + len(sample) > self._limit:
             raise InputError(f"the bench log holds {self._count} samples and takes no more; "
                              "~/clear_samples sets it aside")
         if not self.path.exists():
+            make_folder(self.path.parent)
             write_atomically(self.path, _HEADER)
         if self.path.stat().st_size != self._size:
             self._recover()  # new, or changed by someone else
         handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
         try:
-            _write_all(handle, _rows(sample).encode())
+            _write_all(handle, rows)
             os.fsync(handle)
-            self._size = os.fstat(handle).st_size
         except OSError:
-            os.ftruncate(handle, self._size)
+            with contextlib.suppress(OSError):  # if not now, the next call repairs it
+                os.ftruncate(handle, self._size)
             raise
         finally:
             os.close(handle)
         self._count += len(sample)
+        self._size += len(rows)
 
     def set_aside(self) -> tuple[int, Path | None]:
         """Begin a new log; return how many samples the old one held and where it is now.
@@ -83,8 +87,9 @@ class BenchLog:
         count = self._count
         if not self.path.exists():
             return 0, None
-        kept = _free_name(self.path, "cleared")
+        kept = free_name(self.path, "cleared")
         self.path.rename(kept)
+        sync_folder(self.path.parent)
         self._count = self._size = 0
         return count, kept
 
@@ -99,23 +104,26 @@ class BenchLog:
         # A cut in the middle of a number leaves a number: a line counts only with its end.
         good = [line for line in lines[1:] if _is_row(line)]
         text = _HEADER + "".join(good)
+        self._count, self._size = len(good), _UNKNOWN
         if torn or lines[:1] != [_HEADER] or len(good) != len(lines) - 1:
-            kept = _free_name(self.path, "damaged")
-            kept.write_bytes(raw)
+            kept = free_name(self.path, "damaged")
+            write_atomically(kept, raw)
             write_atomically(self.path, text)
             lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
             self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
                               f"is kept as {kept.name}")
-        self._count, self._size = len(good), len(text.encode())
+        self._size = len(text.encode())
 
 
-def _rows(samples: BenchSamples) -> str:
-    buffer = io.StringIO()
-    for i in range(len(samples)):
-        values = (getattr(samples, name) for name in COLUMNS)
-        cells = ("" if value is None else repr(float(value[i])) for value in values)
-        buffer.write(",".join(cells) + "\n")
-    return buffer.getvalue()
+def _rows(samples: BenchSamples) -> bytes:
+    values = []
+    for name in COLUMNS:
+        column = getattr(samples, name)
+        if column is None:
+            # An empty cell would make a log that `read_bench` refuses.
+            raise InputError(f"{samples.source}: {name} is missing")
+        values.append(column.tolist())
+    return "".join(",".join(map(repr, row)) + "\n" for row in zip(*values, strict=True)).encode()
 
 
 def _is_row(line: str) -> bool:
@@ -132,10 +140,3 @@ def _is_row(line: str) -> bool:
 def _write_all(handle: int, data: bytes) -> None:
     while data:
         data = data[os.write(handle, data):]
-
-
-def _free_name(path: Path, why: str) -> Path:
-    number = 1
-    while (name := path.with_name(f"{path.stem}.{why}-{number}{path.suffix}")).exists():
-        number += 1
-    return name

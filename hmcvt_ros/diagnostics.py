@@ -10,7 +10,9 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from .inputs import Inputs, OperatingPoint, State
+from hmcvt_core.model import EfficiencyModel
+
+from .inputs import INPUT_RANGES, REASONS, Inputs, OperatingPoint, State
 from .model_store import ModelStore
 
 _LEVELS = {
@@ -20,6 +22,77 @@ _LEVELS = {
     State.INVALID: DiagnosticStatus.ERROR,
 }
 _WORST_LAST = (State.FRESH, State.MISSING, State.STALE, State.INVALID)
+NOT_WRITTEN = "not written"
+BENCH_REASONS = ("invalid", "log full", NOT_WRITTEN)
+"""Why a bench sample may be refused."""
+
+
+@dataclass
+class BenchCounts:
+    """What became of the bench samples received.
+
+    Attributes:
+        received: all that were accepted or refused.
+        accepted: written to the log.
+        refused: by `BENCH_REASONS`.
+        reason: why the last one was refused; empty when it was not.
+        complaint: the same for a person.
+    """
+
+    received: int = 0
+    accepted: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    reason: str = ""
+    complaint: str = ""
+
+    def accept(self) -> None:
+        """Count one that is in the log."""
+        self.accepted += 1
+        self.reason = self.complaint = ""
+
+    def refuse(self, reason: str, complaint: str) -> None:
+        """Count one that is not."""
+        self.refused[reason] += 1
+        self.reason, self.complaint = reason, complaint
+
+    def cannot_write(self, complaint: str) -> None:
+        """Say so before the first sample is lost; the first that is written proves it wrong."""
+        self.reason, self.complaint = NOT_WRITTEN, complaint
+
+
+@dataclass(frozen=True)
+class GapSummary:
+    """The last diagnosis in a few words; see the contract of `hmcvt diagnose` for the terms."""
+
+    time: str
+    model: str
+    samples: int
+    verdict: str
+    leading_cause: str
+    rmse: float
+    shrinkage: float | None
+    report: str
+
+    @classmethod
+    def of(cls, found: Mapping[str, Any], model: str, time: str) -> GapSummary:
+        """Summarise an answer of `~/diagnose` about the model with a fingerprint."""
+        causes = found["causes"]
+        leading = (f"{causes[0]['effect']}, probability {causes[0]['probability']:.2f}"
+                   if causes else "-")
+        return cls(time, model, found["gap"]["samples"], found["verdict"], leading,
+                   found["gap"]["rmse"], found["shrinkage"]["fraction"], found["report"] or "-")
+
+    def values(self) -> dict[str, Any]:
+        """Return what is shown."""
+        return {
+            "gap verdict": self.verdict,
+            "gap leading cause": self.leading_cause,
+            "gap rmse [-]": f"{self.rmse:.4g}",
+            "gap shrinkage [-]": "-" if self.shrinkage is None else f"{self.shrinkage:.3f}",
+            "gap diagnosed": f"{self.time}, {self.samples} samples",
+            "gap of model": self.model,
+            "report": self.report,
+        }
 
 
 @dataclass
@@ -27,53 +100,102 @@ class Activity:
     """What the node has done so far.
 
     Attributes:
-        outputs: count of points answered.
-        refusal: why the last operating point has no answer; empty when it has.
-        bench_refused: counts of bench samples by reason.
-        bench_complaint: about the last bench sample; empty when it was logged.
+        bench: the bench samples.
         last_refit: how the last refit ended.
+        last_diagnosis: how the last diagnosis ended.
+        gap: what the last one that succeeded found.
         running: the background job, empty when there is none.
     """
 
-    outputs: int = 0
-    refusal: str = ""
-    bench_refused: Counter[str] = field(default_factory=Counter)
-    bench_complaint: str = ""
+    bench: BenchCounts = field(default_factory=BenchCounts)
     last_refit: str = "none"
+    last_diagnosis: str = "none"
+    gap: GapSummary | None = None
     running: str = ""
 
 
 def inputs_status(
-    name: str, inputs: Inputs, activity: Activity, now: int, timeout: float
+    name: str, inputs: Inputs, now: int, timeouts: Mapping[str, float], answered: int
 ) -> DiagnosticStatus:
     """Return the status of the inputs: the worst state of the three, each with age and counts."""
-    states = {item.limits.name: item.state(now, timeout) for item in inputs.by_name.values()}
+    states = {key: item.state(now, timeouts[key]) for key, item in inputs.by_name.items()}
     worst = max(states.values(), key=_WORST_LAST.index)
-    problems = inputs.problems(now, timeout)
     values: dict[str, Any] = {}
     for key, item in inputs.by_name.items():
         age = item.age(now)
         values[f"{key} state"] = states[key].value
         values[f"{key} age [s]"] = "-" if age is None else f"{age:.3f}"
+        values[f"{key} age limit [s]"] = f"{timeouts[key]:g}"
+        values[f"{key} received"] = item.received
         values[f"{key} accepted"] = item.accepted
-        for reason in ("not finite", "out of range"):
+        for reason in REASONS:
             values[f"{key} refused, {reason}"] = item.refused[reason]
-    values["points answered"] = activity.outputs
-    message = "; ".join(problems) or "three fresh inputs"
+    values["points answered"] = answered
+    values["clock jumps"] = inputs.clock_jumps
+    message = "; ".join(inputs.problems(now, timeouts)) or "three fresh inputs"
     return _status(f"{name}: inputs", name, _LEVELS[worst], message, values)
 
 
 def model_status(
-    name: str, store: ModelStore, activity: Activity, samples: int, point: OperatingPoint | None
+    name: str,
+    store: ModelStore,
+    activity: Activity,
+    logged: int,
+    point: OperatingPoint | None,
+    refusal: str,
 ) -> DiagnosticStatus:
-    """Return the status of the model: which one, how good, and whether it covers the point now."""
-    model = store.model
-    warnings = [activity.refusal] if point is not None and activity.refusal else []
-    if point is not None and model.domain is not None and not model.predict(*point).inside_domain:
-        warnings.append("extrapolation: the operating point lies outside the identification data")
-    if activity.bench_complaint:
-        warnings.append(activity.bench_complaint)
+    """Return the status of the model: which one, how good, and whether it covers the point now.
+
+    Args:
+        name: of the node.
+        store: holds the model in service.
+        activity: of the node.
+        logged: samples in the bench log.
+        point: the operating point now, None without one.
+        refusal: why the model has no answer there; empty when it has.
+    """
+    outside = [] if point is None else outside_domain(store.model, point)
+    extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
+    complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint]
+    message = "; ".join(filter(None, complaints)) or f"serving {store.path}"
+    if activity.bench.reason == NOT_WRITTEN:
+        level = DiagnosticStatus.ERROR  # data is being lost
+    else:
+        level = DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK
     values = {
+        **_model_values(store),
+        "extrapolation": "; ".join(outside) or "no",
+        **_bench_values(activity.bench, logged),
+        "last refit": activity.last_refit,
+        "last diagnosis": activity.last_diagnosis,
+        **(activity.gap.values() if activity.gap else {}),
+        "running": activity.running or "-",
+    }
+    return _status(f"{name}: model", name, level, message, values)
+
+
+def outside_domain(model: EfficiencyModel, point: OperatingPoint) -> list[str]:
+    """Say which inputs lie outside the data that a model was identified from, and what those span.
+
+    Empty also for a model that does not know its data.
+    """
+    if model.domain is None:
+        return []
+    found = []
+    for limits in INPUT_RANGES:
+        value = getattr(point, limits.name)
+        low, high = getattr(model.domain, limits.name)
+        slack = 1e-9 * max(abs(low), abs(high), 1.0)  # as the domain itself allows for rounding
+        if not low - slack <= value <= high + slack:
+            unit = "" if limits.unit == "-" else f" {limits.unit}"
+            found.append(f"{limits.name} = {value:.4g}{unit} is outside {low:.4g} to {high:.4g}"
+                         f"{unit} of the identification data")
+    return found
+
+
+def _model_values(store: ModelStore) -> dict[str, Any]:
+    model = store.model
+    return {
         "file": store.path,
         "fingerprint": model.fingerprint,
         "formulation": model.formulation,
@@ -81,14 +203,16 @@ def model_status(
         "identified": model.provenance.get("date", "-"),
         "fit error [-]": model.provenance.get("fit_error", "-"),
         "in service since": store.since,
-        "bench samples logged": samples,
-        **{f"bench samples refused, {why}": n for why, n in activity.bench_refused.items()},
-        "last refit": activity.last_refit,
-        "running": activity.running or "-",
     }
-    level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
-    message = "; ".join(warnings) or f"serving {store.path}"
-    return _status(f"{name}: model", name, level, message, values)
+
+
+def _bench_values(bench: BenchCounts, logged: int) -> dict[str, Any]:
+    return {
+        "bench samples logged": logged,
+        "bench samples received": bench.received,
+        "bench samples accepted": bench.accepted,
+        **{f"bench samples refused, {reason}": bench.refused[reason] for reason in BENCH_REASONS},
+    }
 
 
 def _status(

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -28,16 +29,19 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
+from hmcvt_core.bench import BenchSamples
 from hmcvt_core.errors import HmcvtError, InputError
 from hmcvt_core.ranges import DISPLACEMENT_RATIO
 from hmcvt_core.resources import data_path
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
-from .diagnostics import Activity, inputs_status, model_status
+from .diagnostics import NOT_WRITTEN, Activity, inputs_status, model_status
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint
 from .model_store import ModelStore
+from .outputs import Outputs
 from .services import Services
+from .state_folder import StateFolder
 
 TICK = 0.1
 DIAGNOSTICS_EVERY = 10  # ticks: 1 Hz
@@ -52,7 +56,8 @@ class EfficiencyNode(Node):
     `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/revert`, `~/clear_samples`.
 
     Raises:
-        InputError: a parameter is wrong or the model file cannot be used.
+        InputError: a parameter is wrong, the model file cannot be used, or another node has the
+            state folder.
     """
 
     def __init__(self) -> None:
@@ -60,12 +65,15 @@ class EfficiencyNode(Node):
         self._settings = parameters.declare(self)
         self.add_on_set_parameters_callback(
             lambda changes: parameters.check_changes(self, changes))
-        self.add_post_set_parameters_callback(self._take_settings)
-        folder = self._state_folder()
+        self.add_post_set_parameters_callback(self._guarded(self._take_settings))
+        self._state = self._state_folder()
+        folder = self._state.path
         self._store = ModelStore(
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
         self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
         self._inputs, self._activity = Inputs(), Activity()
+        if not self._state.writable:
+            self._activity.bench.cannot_write(self._state.complaint)
         self._warned: dict[str, float] = {}
         self._last_output = -math.inf
         self._output_due = False
@@ -73,6 +81,10 @@ class EfficiencyNode(Node):
         # Ages follow the node's clock, which a simulation may drive; the timer must run even when
         # a simulated clock stands still.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        # Held on to: the callback lives as long as what is returned.
+        self._jumps = self.get_clock().create_jump_callback(
+            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
+            post_callback=lambda jump: self._inputs.clock_jumped())
         self._create_publishers()
         self._create_subscriptions()
         self._service_handlers = Services(self, self._store, self._log, self._activity,
@@ -84,45 +96,41 @@ class EfficiencyNode(Node):
     def close(self) -> None:
         """End what runs beside the node."""
         self._service_handlers.close()
+        self._state.close()
 
     # --- set-up -------------------------------------------------------------------------------
 
-    def _state_folder(self) -> Path:
+    def _state_folder(self) -> StateFolder:
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
         named = self._settings.state_folder
-        folder = Path(named) if named else home / self.get_fully_qualified_name().strip("/")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            # Without it nothing can be logged or refitted; what is there can still be served.
-            self.get_logger().error(f"state_folder: {error}")
-        return folder
+        return StateFolder(
+            Path(named) if named else home / self.get_fully_qualified_name().strip("/"))
 
     def _create_publishers(self) -> None:
         def create(kind: Any, topic: str, profile: Any) -> Any:
-            return self.create_publisher(kind, topic, profile,
+            return self.create_publisher(kind, topic, qos.own(profile),
                                          qos_overriding_options=qos.overridable())
 
-        self._efficiency_publisher = create(Float64, "efficiency", qos.OUTPUT)
-        self._optimum_publisher = create(Float64, "optimal_displacement_ratio", qos.OUTPUT)
+        self._outputs = Outputs(create)
         self._model_publisher = create(String, "~/model", qos.LATCHED)
         self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED)
         self._diagnostics_publisher = create(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
 
     def _create_subscriptions(self) -> None:
+        def create(kind: Any, topic: str, callback: Callable[..., None], profile: Any) -> None:
+            self.create_subscription(kind, topic, self._guarded(callback), qos.own(profile),
+                                     qos_overriding_options=qos.overridable())
+
         for limits in INPUT_RANGES:
-            self.create_subscription(
-                Float64, limits.name, self._guarded(self._input_callback(limits.name)), qos.INPUT,
-                qos_overriding_options=qos.overridable())
-        self.create_subscription(
-            JointState, "bench_sample", self._guarded(self._on_bench_sample), qos.BENCH_SAMPLE,
-            qos_overriding_options=qos.overridable())
+            create(Float64, limits.name, self._input_callback(limits.name), qos.INPUT)
+        create(JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)
 
     def _report_start(self) -> None:
         logger = self.get_logger()
         for name in parameters.undeclared(self):
             logger.warning(f"parameter {name} is unknown and has no effect")
-        for complaint in filter(None, (self._store.complaint, self._log.recovered)):
+        for complaint in filter(None, (self._state.complaint, self._store.complaint,
+                                       self._log.recovered)):
             logger.warning(complaint)
         logger.info(f"serving {self._store.path}, {len(self._log)} bench samples in "
                     f"{self._log.path}")
@@ -156,12 +164,14 @@ class EfficiencyNode(Node):
     def _input_callback(self, name: str) -> Callable[[Float64], None]:
         def take(message: Float64) -> None:
             item = self._inputs.by_name[name]
-            if item.take(float(message.data), self._now()):
-                self._output_due = True
-                self._publish_outputs()
-            else:
+            if not item.take(float(message.data), self._now()):
                 self._warn(name, item.complaint)
+            self._output_due = True
+            self._publish_outputs()
         return take
+
+    def _point(self) -> OperatingPoint | None:
+        return self._inputs.point(self._now(), self._settings.input_timeouts)
 
     def _publish_outputs(self) -> None:
         """Answer the inputs as they stand, unless the rate limit says later."""
@@ -170,46 +180,39 @@ class EfficiencyNode(Node):
         if rate > 0.0 and steady - self._last_output < 1.0 / rate:
             return
         self._output_due = False
-        point = self._inputs.point(self._now(), self._settings.input_timeout)
-        if point is None:
-            return
-        self._last_output = steady
-        self._answer(point)
-
-    def _answer(self, point: OperatingPoint) -> None:
-        model = self._store.model
-        efficiency = model.efficiency(*point)
-        best = model.optimal_displacement_ratio(
-            point.engine_speed, point.load_torque, hold=self._settings.optimum_hold,
-            displacement_ratio=point.displacement_ratio,
-            engine_speed_limits=self._settings.engine_speed_limits).displacement_ratio
-        # No answer is silence: a controller takes a number for what it is.
-        if math.isfinite(efficiency):
-            self._efficiency_publisher.publish(messages.float64(efficiency))
-            self._activity.refusal = ""
-        else:
-            self._activity.refusal = model.refusal(*point) or ""
-            self._warn("no answer", self._activity.refusal)
-        if math.isfinite(best):
-            self._optimum_publisher.publish(messages.float64(best))
-        self._activity.outputs += math.isfinite(efficiency)
+        point = self._point()
+        if point is not None:
+            self._last_output = steady
+            self._outputs.answer(self._store.model, point, self._settings)
+            if self._outputs.refusal:
+                self._warn("no answer", self._outputs.refusal)
+        elif self._settings.invalid_output == parameters.NAN:
+            self._last_output = steady
+            self._outputs.deny()
 
     # --- bench samples ------------------------------------------------------------------------
 
     def _on_bench_sample(self, message: JointState) -> None:
-        activity = self._activity
+        bench = self._activity.bench
+        bench.received += 1
         try:
-            self._log.append(messages.bench_sample_from_message(
-                message, self._now() * NANOSECONDS))
-            activity.bench_complaint = ""
+            sample = messages.bench_sample_from_message(message, self._now() * NANOSECONDS)
         except InputError as error:
-            activity.bench_refused["invalid"] += 1
-            activity.bench_complaint = str(error)
+            bench.refuse("invalid", str(error))
+        else:
+            self._log_bench_sample(sample)
+        if bench.complaint:
+            self._warn("bench_sample", bench.complaint)
+
+    def _log_bench_sample(self, sample: BenchSamples) -> None:
+        bench = self._activity.bench
+        try:
+            self._log.append(sample)
+            bench.accept()
+        except InputError as error:
+            bench.refuse("log full", str(error))
         except OSError as error:
-            activity.bench_refused["not written"] += 1
-            activity.bench_complaint = f"bench log: {error}"
-        if activity.bench_complaint:
-            self._warn("bench_sample", activity.bench_complaint)
+            bench.refuse(NOT_WRITTEN, f"bench log: {error}")
 
     # --- model --------------------------------------------------------------------------------
 
@@ -239,19 +242,21 @@ class EfficiencyNode(Node):
 
     def _tick(self) -> None:
         self._service_handlers.poll()
-        if self._output_due:
+        # NaN is said again and again, so that whoever listens only now hears it too.
+        unanswered = self._settings.invalid_output == parameters.NAN and self._point() is None
+        if self._output_due or unanswered:
             self._publish_outputs()
         self._ticks += 1
         if self._ticks % DIAGNOSTICS_EVERY == 0:
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
-        now, timeout = self._now(), self._settings.input_timeout
         name = self.get_fully_qualified_name().strip("/")
         array = DiagnosticArray(status=[
-            inputs_status(name, self._inputs, self._activity, now, timeout),
-            model_status(name, self._store, self._activity, len(self._log),
-                         self._inputs.point(now, timeout)),
+            inputs_status(name, self._inputs, self._now(), self._settings.input_timeouts,
+                          self._outputs.answered),
+            model_status(name, self._store, self._activity, len(self._log), self._point(),
+                         self._outputs.refusal),
         ])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
@@ -13,6 +14,8 @@ from hmcvt_core.ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, Ran
 
 INPUT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 NANOSECONDS = 1e-9
+REASONS = ("not finite", "out of range")
+"""Why a message may be refused."""
 
 
 class OperatingPoint(NamedTuple):
@@ -39,22 +42,25 @@ class Input:
     Attributes:
         limits: its range.
         value: of the last message, None when that was refused or none came.
-        received: time of the last message [ns], None before the first.
+        stamp: time of the last message [ns], None before the first.
         complaint: why the last message was refused, empty when it was not.
+        received: count of messages; all that were accepted or refused.
         accepted: count of messages.
-        refused: counts of messages by reason.
+        refused: counts of messages by `REASONS`.
     """
 
     limits: Range
     value: float | None = None
-    received: int | None = None
+    stamp: int | None = None
     complaint: str = ""
+    received: int = 0
     accepted: int = 0
     refused: Counter[str] = field(default_factory=Counter)
 
     def take(self, value: float, now: int) -> bool:
         """Take a message; False when the value is refused, `complaint` says why."""
-        self.received = now
+        self.stamp = now
+        self.received += 1
         if self.limits.low <= value <= self.limits.high:  # false for NaN
             self.value, self.complaint = value, ""
             self.accepted += 1
@@ -64,16 +70,17 @@ class Input:
         self.refused["out of range" if math.isfinite(value) else "not finite"] += 1
         return False
 
+    def forget(self) -> None:
+        """Be as if nothing had come yet; the counts stay."""
+        self.value = self.stamp = None
+        self.complaint = ""
+
     def age(self, now: int) -> float | None:
         """Seconds since the last message, None when there is none."""
-        if self.received is None:
-            return None
-        if now < self.received:
+        if self.stamp is not None and now < self.stamp:
             # The clock went back (a bag was restarted): what came before is of another time.
-            self.received = self.value = None
-            self.complaint = ""
-            return None
-        return (now - self.received) * NANOSECONDS
+            self.forget()
+        return None if self.stamp is None else (now - self.stamp) * NANOSECONDS
 
     def state(self, now: int, timeout: float) -> State:
         """Return the state at a time, for an age limit in seconds."""
@@ -95,21 +102,38 @@ class Input:
 
 
 class Inputs:
-    """The set of the three inputs."""
+    """The set of the three inputs.
+
+    Attributes:
+        by_name: each input.
+        clock_jumps: how often the clock that tells the ages was set back or exchanged.
+    """
 
     def __init__(self) -> None:
         self.by_name = {limits.name: Input(limits) for limits in INPUT_RANGES}
+        self.clock_jumps = 0
 
-    def point(self, now: int, timeout: float) -> OperatingPoint | None:
-        """Return the operating point, None unless all three inputs are fresh and valid."""
+    def point(self, now: int, timeouts: Mapping[str, float]) -> OperatingPoint | None:
+        """Return the operating point, None unless all three inputs are fresh and valid.
+
+        Args:
+            now: [ns].
+            timeouts: age limit of each input by name [s].
+        """
         values = []
-        for item in self.by_name.values():
-            if item.state(now, timeout) is not State.FRESH or item.value is None:
+        for name, item in self.by_name.items():
+            if item.state(now, timeouts[name]) is not State.FRESH or item.value is None:
                 return None
             values.append(item.value)
         return OperatingPoint(*values)
 
-    def problems(self, now: int, timeout: float) -> list[str]:
+    def problems(self, now: int, timeouts: Mapping[str, float]) -> list[str]:
         """Say what is wrong with each input that is not fresh and valid."""
-        found = (item.problem(now, timeout) for item in self.by_name.values())
+        found = (item.problem(now, timeouts[name]) for name, item in self.by_name.items())
         return [problem for problem in found if problem]
+
+    def clock_jumped(self) -> None:
+        """Forget what came by the clock before: its ages mean nothing now."""
+        self.clock_jumps += 1
+        for item in self.by_name.values():
+            item.forget()

@@ -19,6 +19,8 @@ from hmcvt_core.errors import HmcvtError
 from hmcvt_core.model import EfficiencyModel
 from hmcvt_core.parameter_file import load_model
 
+from .numbered_files import next_name
+
 
 class ModelStore:
     """Which model is in service, and the way back.
@@ -58,9 +60,7 @@ class ModelStore:
         Raises:
             OSError: the folder cannot be made.
         """
-        self._models.mkdir(parents=True, exist_ok=True)
-        taken = [int(path.stem) for path in self._models.glob("*.yaml") if path.stem.isdigit()]
-        return self._models / f"{max(taken, default=0) + 1:04d}.yaml"
+        return next_name(self._models).with_suffix(".yaml")
 
     def adopt(self, path: Path) -> EfficiencyModel:
         """Put a model written under `new_path` into service.

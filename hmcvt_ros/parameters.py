@@ -7,7 +7,8 @@ import math
 import textwrap
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -24,8 +25,16 @@ from hmcvt_core.errors import InputError
 from hmcvt_core.optimum import HOLDS
 from hmcvt_core.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, Range
 
+from .inputs import INPUT_RANGES
+
 MAP_POINTS_LIMIT = 100_000
 """Most points of the efficiency map (0.8 MB as a message)."""
+
+SHORTEST_TIMEOUT, LONGEST_TIMEOUT = 0.01, 60.0
+"""Limits of the age limits of the inputs [s]."""
+
+SILENCE, NAN = "silence", "nan"
+"""What the outputs do where there is no answer."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +42,12 @@ class Declaration:
     """One parameter.
 
     Attributes:
-        name: as in YAML.
+        name: as in YAML; a dot stands for a level.
         default: also tells the type.
         unit: empty where there is none.
         description: what it does, for a person.
         limits: closed interval of the value, or of each element of an array.
+        choices: what a text may be; empty when anything.
         read_only: settled at start.
     """
 
@@ -46,7 +56,24 @@ class Declaration:
     unit: str
     description: str
     limits: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
     read_only: bool = False
+
+    @property
+    def field(self) -> str:
+        """Name of the field of `Settings`."""
+        return self.name.replace(".", "_")
+
+    @property
+    def allowed(self) -> str:
+        """What the value may be, in words; empty when anything of its type."""
+        if self.choices:
+            return " or ".join(self.choices)
+        if self.limits is None:
+            return ""
+        each = "each " if isinstance(self.default, list) else ""
+        low, high = (f"{limit:.10g}" for limit in self.limits)
+        return f"{each}{low} to {high} {self.unit}".rstrip()
 
     def range(self) -> Range:
         """Return the range of the value, for a parameter that has limits."""
@@ -56,7 +83,8 @@ class Declaration:
     def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows."""
         text = f"{self.description} [{self.unit}]" if self.unit else self.description
-        descriptor = ParameterDescriptor(description=text, read_only=self.read_only)
+        descriptor = ParameterDescriptor(description=text, read_only=self.read_only,
+                                         additional_constraints=self.allowed)
         if self.limits is None or isinstance(self.default, list):
             return descriptor
         low, high = self.limits
@@ -77,24 +105,35 @@ PARAMETERS: tuple[Declaration, ...] = (
         read_only=True),
     Declaration(
         "state_folder", "", "",
-        "Folder for the bench log and refitted models; empty for $ROS_HOME (else ~/.ros) / name of "
-        "the node with its namespace.",
+        "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else ~/.ros) "
+        "/ name of the node with its namespace.",
         read_only=True),
     Declaration(
         "samples_file", "", "",
         "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for the "
         "log of bench_sample."),
     Declaration(
-        "input_timeout", 0.5, "s", "Age at which an input is stale and the outputs fall silent.",
-        (0.01, 60.0)),
+        "input_timeout", 0.5, "s",
+        "Age of its last message at which an input is stale; there is no output before all three "
+        "are fresh.", (SHORTEST_TIMEOUT, LONGEST_TIMEOUT)),
+    *(Declaration(
+        f"input_timeouts.{limits.name}", 0.0, "s",
+        f"Age at which {limits.name} is stale; 0 for input_timeout.",
+        (0.0, LONGEST_TIMEOUT))
+      for limits in INPUT_RANGES),
+    Declaration(
+        "invalid_output", SILENCE, "",
+        "What the outputs do while an input is missing, stale or refused, or the model has no "
+        "answer: silence, or nan for every arrival and ten times a second when none comes.",
+        choices=(SILENCE, NAN)),
     Declaration(
         "max_output_rate", 0.0, "Hz",
-        "Limit to the rate of the outputs, the last input is always answered; 0 answers every "
-        "arrival.", (0.0, 1000.0)),
+        "Limit to the rate of the outputs by the wall clock, the last input is always answered; 0 "
+        "answers every arrival.", (0.0, 1000.0)),
     Declaration(
         "optimum_hold", HOLDS[0], "",
-        f"What stays the same when the displacement ratio is optimised: {' or '.join(HOLDS)} (and "
-        "output power)."),
+        "What stays the same when the displacement ratio is optimised, besides the output power.",
+        choices=HOLDS),
     Declaration(
         "engine_speed_limits", [round(limit, 2) for limit in ENGINE_SPEED_LIMITS], "rad/s",
         "Engine speeds that the optimum may use and the map covers.",
@@ -109,11 +148,12 @@ PARAMETERS: tuple[Declaration, ...] = (
     Declaration(
         "reidentify_min_samples", 4, "", "Fewest samples that ~/reidentify accepts.", (1, 100_000)),
     Declaration(
-        "reidentify_seed", 0, "", "Seed of the annealing, so that a refit can be repeated.",
+        "reidentify_seed", 0, "",
+        "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be repeated.",
         (0, 2**31 - 1)),
     Declaration(
         "bench_log_limit", 100_000, "", "Samples that the bench log holds before it refuses more.",
-        (1, 10_000_000)),
+        (1, 10_000_000), read_only=True),
 )
 
 
@@ -129,6 +169,10 @@ class Settings:
     state_folder: str
     samples_file: str
     input_timeout: float
+    input_timeouts_displacement_ratio: float
+    input_timeouts_engine_speed: float
+    input_timeouts_load_torque: float
+    invalid_output: str
     max_output_rate: float
     optimum_hold: str
     engine_speed_limits: tuple[float, float]
@@ -140,9 +184,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         for declaration in PARAMETERS:
-            _check_range(declaration, getattr(self, declaration.name))
-        if self.optimum_hold not in HOLDS:
-            raise InputError(f"optimum_hold = {self.optimum_hold!r}; there is {', '.join(HOLDS)}")
+            _check(declaration, getattr(self, declaration.field))
+        for name, timeout in self.input_timeouts.items():
+            if timeout < SHORTEST_TIMEOUT:
+                raise InputError(f"input_timeouts.{name} = {timeout:g}; needs 0 for input_timeout, "
+                                 f"or at least {SHORTEST_TIMEOUT:g} s")
         for name in ("engine_speed_limits", "map_load_torque_limits"):
             limits = getattr(self, name)
             if len(limits) != 2 or not limits[0] < limits[1]:
@@ -154,10 +200,19 @@ class Settings:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
         """Take the fields from a mapping of parameter values, ignoring the rest."""
-        return cls(**{field.name: values[field.name] for field in fields(cls)})
+        return cls(**{item.field: values[item.name] for item in PARAMETERS})
+
+    @cached_property
+    def input_timeouts(self) -> dict[str, float]:
+        """Age limit of each input by name [s]."""
+        return {limits.name: getattr(self, f"input_timeouts_{limits.name}") or self.input_timeout
+                for limits in INPUT_RANGES}
 
 
-def _check_range(declaration: Declaration, value: Any) -> None:
+def _check(declaration: Declaration, value: Any) -> None:
+    if declaration.choices and value not in declaration.choices:
+        raise InputError(f"{declaration.name} = {value!r}; there is "
+                         f"{', '.join(declaration.choices)}")
     if declaration.limits is not None:
         # The middleware checks single numbers too, but lets NaN through and skips arrays.
         declaration.range().check(value)
@@ -170,6 +225,7 @@ def declare(node: Node) -> Settings:
         InputError: a value given at start is of the wrong type or out of range.
     """
     for declaration in PARAMETERS:
+        _take_nan_for_a_word(node, declaration)
         try:
             node.declare_parameter(declaration.name, declaration.default, declaration.descriptor())
         except InvalidParameterTypeException:
@@ -177,8 +233,16 @@ def declare(node: Node) -> Settings:
         except InvalidParameterValueException as error:
             given = node._parameter_overrides[declaration.name].value
             raise InputError(f"parameter {declaration.name} = {given!r}: "
-                             f"allowed {declaration.range()}") from error
+                             f"allowed {declaration.allowed}") from error
     return Settings.of(current_values(node))
+
+
+def _take_nan_for_a_word(node: Node, declaration: Declaration) -> None:
+    # ROS reads nan on the command line and in a file as a number, with or without a dot.
+    given = node._parameter_overrides.get(declaration.name)
+    if NAN in declaration.choices and given is not None and isinstance(given.value, float) \
+            and math.isnan(given.value):
+        node._parameter_overrides[declaration.name] = Parameter(declaration.name, value=NAN)
 
 
 def _type_complaint(node: Node, declaration: Declaration) -> str:
@@ -222,8 +286,10 @@ def usage() -> str:
              "", "The ROS 2 node hmcvt: efficiency of a hydromechanical CVT. Parameters:", ""]
     for declaration in PARAMETERS:
         unit = f" [{declaration.unit}]" if declaration.unit else ""
-        limits = f"; {declaration.range()}" if declaration.limits else ""
-        lines.append(f"  {declaration.name}{unit}, default {declaration.default!r}{limits}")
+        allowed = f"; {declaration.allowed}" if declaration.allowed else ""
+        start = "; read at start only" if declaration.read_only else ""
+        lines.append(
+            f"  {declaration.name}{unit}, default {declaration.default!r}{allowed}{start}")
         lines += textwrap.wrap(declaration.description, 88, initial_indent=" " * 6,
                                subsequent_indent=" " * 6)
     return "\n".join(lines)

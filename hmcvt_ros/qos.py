@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import copy
+
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -21,6 +23,11 @@ LATCHED = QoSProfile(
 )
 
 DIAGNOSTICS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def own(profile: QoSProfile) -> QoSProfile:
+    """Return a copy for one topic: rclpy writes the overrides of a topic into what it is given."""
+    return copy.copy(profile)
 
 
 def overridable() -> QoSOverridingOptions:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,28 @@ from std_srvs.srv import Trigger
 from hmcvt_core.errors import HmcvtError, InputError
 
 from .bench_log import BenchLog
-from .diagnostics import Activity
+from .diagnostics import Activity, GapSummary
 from .json_text import json_text
 from .model_store import ModelStore
 from .parameters import Settings
 from .refit import BackgroundJob
 
+Data = dict[str, Any]
+
+
+class _NotAdoptedError(HmcvtError):
+    """A refit that is worse than the model in service; `found` tells what was compared."""
+
+    def __init__(self, found: Data) -> None:
+        super().__init__(found["refused"])
+        self.found = {key: value for key, value in found.items() if key != "refused"}
+
 
 class Services:
-    """`~/reidentify`, `~/diagnose`, `~/revert` and `~/clear_samples`."""
+    """`~/reidentify`, `~/diagnose`, `~/revert` and `~/clear_samples`.
+
+    None takes a file name: whoever can reach the node over the network can call them.
+    """
 
     def __init__(
         self,
@@ -36,14 +50,15 @@ class Services:
     ) -> None:
         self._node, self._store, self._log, self._activity = node, store, log, activity
         self._settings, self._model_changed = settings, model_changed
+        self._folder = log.path.parent
         self._job = BackgroundJob()
         self._answer: Future | None = None
         # Of their own group: one that awaits a job would hold up all else in the node's default
         # group; and re-entrant: a second request is refused while the first is being served.
         group = ReentrantCallbackGroup()
-        for name, callback in (("reidentify", self._reidentify), ("diagnose", self._diagnose),
-                               ("revert", self._revert), ("clear_samples", self._clear_samples)):
-            node.create_service(Trigger, f"~/{name}", callback, callback_group=group)
+        for work in (self.reidentify, self.diagnose, self.revert, self.clear_samples):
+            node.create_service(Trigger, f"~/{work.__name__}", self._answering(work),
+                                callback_group=group)
 
     def poll(self) -> None:
         """Look whether the background job has ended; from the node's timer.
@@ -64,57 +79,92 @@ class Services:
 
     # --- services -----------------------------------------------------------------------------
 
-    async def _reidentify(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
+    async def reidentify(self) -> Data:
+        """Refit the model in service to the bench samples and put the refit into service."""
         try:
-            output = self._store.new_path()
-            result = await self._in_background("reidentify", output=str(output), min_samples=
-                                               self._settings().reidentify_min_samples)
-            self._store.adopt(output)
+            result = await self._refit()
+        except _NotAdoptedError as error:
+            self._activity.last_refit = f"{_utc_now()}, not adopted: {error}"
+            raise
         except (HmcvtError, OSError) as error:
-            self._activity.last_refit = f"failed: {error}"
-            return self._refused(response, "reidentify", error)
+            self._activity.last_refit = f"{_utc_now()}, failed: {error}"
+            raise
         self._activity.last_refit = f"{self._store.since}, {result['samples']} samples"
         self._model_changed()
-        return self._done(response, "reidentify", {**result, **self._in_service()})
+        return {**result, **self._in_service()}
 
-    async def _diagnose(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        try:
-            return self._done(response, "diagnose", await self._in_background("diagnose"))
-        except (HmcvtError, OSError) as error:
-            return self._refused(response, "diagnose", error)
+    async def _refit(self) -> Data:
+        output, before = self._store.new_path(), self._store.path
+        result = await self._in_background(
+            "reidentify", output=str(output), candidates=str(self._folder / "candidates"),
+            min_samples=self._settings().reidentify_min_samples)
+        if "refused" in result:
+            raise _NotAdoptedError(result)
+        if self._store.path != before:
+            raise HmcvtError("the model in service was reverted meanwhile, and the refit was "
+                             "compared with the one before; call again")
+        self._store.adopt(output)
+        return result
 
-    def _revert(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def diagnose(self) -> Data:
+        """Say why model and bench samples disagree."""
+        fingerprint = self._store.model.fingerprint
         try:
-            self._store.revert()
+            result = await self._in_background("diagnose", reports=str(self._folder / "reports"))
         except (HmcvtError, OSError) as error:
-            return self._refused(response, "revert", error)
+            self._activity.last_diagnosis = f"{_utc_now()}, failed: {error}"
+            raise
+        found = GapSummary.of(result, fingerprint, _utc_now())
+        self._activity.gap = found
+        self._activity.last_diagnosis = f"{found.time}, {found.verdict}"
+        self._node.get_logger().info(
+            f"diagnose: {found.verdict}, leading cause {found.leading_cause}; report "
+            f"{result['report'] or 'not written: ' + result['report_error']}")
+        return result
+
+    async def revert(self) -> Data:
+        """Put the model before into service."""
+        self._store.revert()
         self._model_changed()
-        return self._done(response, "revert", self._in_service())
+        return self._in_service()
 
-    def _clear_samples(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        try:
-            count, kept = self._log.set_aside()
-        except OSError as error:
-            return self._refused(response, "clear_samples", error)
-        kept_as = None if kept is None else str(kept)
-        return self._done(response, "clear_samples", {"cleared": count, "kept_as": kept_as})
+    async def clear_samples(self) -> Data:
+        """Begin a new bench log and keep the old one beside it."""
+        count, kept = self._log.set_aside()
+        return {"cleared": count, "kept_as": None if kept is None else str(kept)}
 
     # --- helpers ------------------------------------------------------------------------------
 
-    async def _in_background(self, job: str, **options: Any) -> dict[str, Any]:
+    def _answering(self, work: Callable[[], Awaitable[Data]]) -> Callable[..., Any]:
+        """Make a service callback of what returns the answer or raises why there is none."""
+        name = work.__name__
+
+        async def serve(
+            request: Trigger.Request, response: Trigger.Response
+        ) -> Trigger.Response:
+            try:
+                result = await work()
+            except Exception as error:  # of any kind: it must not end the node
+                expected = isinstance(error, (HmcvtError, OSError))
+                text = str(error) if expected else f"{type(error).__name__}: {error}"
+                self._node.get_logger().warning(f"{name}: {text}")
+                found = error.found if isinstance(error, _NotAdoptedError) else {}
+                response.success, response.message = False, json_text({"error": text, **found})
+            else:
+                self._node.get_logger().info(f"{name}: done")
+                response.success, response.message = True, json_text(result)
+            return response
+
+        return serve
+
+    async def _in_background(self, job: str, **options: Any) -> Data:
         """Run a job of the worker and wait for its answer without blocking the executor."""
         request = {"job": job, "samples": str(self._samples()), "model": str(self._store.path),
                    "seed": self._settings().reidentify_seed, **options}
         self._job.start(request)
         self._node.get_logger().info(f"{job}: started on {request['samples']}")
         self._answer = Future(executor=self._node.executor)
-        result: dict[str, Any] = await self._answer
+        result: Data = await self._answer
         if "error" in result:
             raise HmcvtError(result["error"])
         return result
@@ -125,26 +175,16 @@ class Services:
             if len(self._log) == 0:
                 raise InputError("no bench samples logged yet (topic bench_sample)")
             return self._log.path
-        folder = self._log.path.parent.resolve()
+        folder = self._folder.resolve()
         path = (folder / name).resolve()
         # Parameters can be set from the network: they must not reach files elsewhere.
         if not path.is_relative_to(folder):
             raise InputError(f"samples_file = {name!r} lies outside the state folder {folder}")
         return path
 
-    def _in_service(self) -> dict[str, str]:
+    def _in_service(self) -> Data:
         return {"model": self._store.model.fingerprint, "file": str(self._store.path)}
 
-    def _done(
-        self, response: Trigger.Response, name: str, result: Mapping[str, Any]
-    ) -> Trigger.Response:
-        response.success, response.message = True, json_text(result)
-        self._node.get_logger().info(f"{name}: done")
-        return response
 
-    def _refused(
-        self, response: Trigger.Response, name: str, error: Exception
-    ) -> Trigger.Response:
-        response.success, response.message = False, json_text({"error": str(error)})
-        self._node.get_logger().warning(f"{name}: {error}")
-        return response
+def _utc_now() -> str:
+    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import ast
+import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -13,6 +16,9 @@ import hmcvt_core as hmcvt
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
+# What rosdep calls the packages that Python imports under another name.
+KEYS = {"click": "python3-click", "hypothesis": "python3-hypothesis", "numpy": "python3-numpy",
+        "pytest": "python3-pytest", "scipy": "python3-scipy", "yaml": "python3-yaml"}
 
 
 def test_package_xml_repeats_name_and_version():
@@ -43,3 +49,49 @@ def test_every_shipped_file_is_found(folder):
 def test_file_that_does_not_ship_is_told():
     with pytest.raises(hmcvt.InputError, match=r"params/hm5\.yaml does not ship"):
         hmcvt.data_path("params/hm5.yaml")
+
+
+def third_party(*folders):
+    """What the Python files of some folders import from elsewhere, under the names of rosdep."""
+    found, own = set(), {"hmcvt_core", "hmcvt_ros", "setuptools"}
+    for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
+        own |= {path.stem} | ({path.parent.name} if path.stem == "__init__" else set())
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                found.add(node.module.partition(".")[0])
+    return {KEYS.get(name, name) for name in found - own - sys.stdlib_module_names}
+
+
+def optional():
+    """The words in the extras of pyproject.toml for users."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    section = text.partition("[project.optional-dependencies]\n")[2].partition("\n[")[0]
+    _, *parts = re.split(r"^(\w+) = ", section, flags=re.MULTILINE)
+    extras = dict(zip(parts[::2], parts[1::2], strict=True))
+    return {word for name in extras.keys() - {"ros", "test", "dev"}
+            for word in re.findall(r"[\w-]+", extras[name])}
+
+
+def depends(kind):
+    return {element.text for element in PACKAGE.iterfind(kind)}
+
+
+def test_rosdep_installs_what_is_imported_and_no_more():
+    # ros2launch is the command that starts the launch file.
+    assert depends("exec_depend") - {"ros2launch"} == (
+        third_party("hmcvt_core", "hmcvt_ros") - optional())
+
+
+def test_rosdep_installs_what_the_tests_import():
+    assert depends("test_depend") - {"python3-pytest-timeout"} == (
+        third_party("tests") - depends("exec_depend") - optional() - {"cyclonedds"})
+
+
+def test_everything_beside_the_modules_is_installed_for_ros():
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    for folder in ("config", "launch", "security"):
+        for path in (ROOT / "hmcvt_ros" / folder).iterdir():
+            if path.is_file():
+                assert f'(f"share/{{NAME}}/{folder}", ["hmcvt_ros/{folder}/{path.name}"])' in setup

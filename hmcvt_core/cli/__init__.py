@@ -3,7 +3,8 @@
 
 A command is a module here with a `command` in it and a line in `COMMANDS`.
 
-Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted.
+Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted;
+3 when a fleet is done but some of its logs are broken.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ COMMANDS = {
     "map": "write the efficiency over displacement ratio, engine speed and load",
     "breakdown": "show where the watts go",
     "diagnose": "diagnose the gap between model and bench",
+    "fleet": "identify and diagnose every bench log of a folder",
     "separable": "tell which effects a test plan can tell apart",
     "blind": "run the blind trial of the diagnosis",
+    "reproduce": "put every number and figure of the paper beside ours",
     "import-bag": "turn a recorded bag (rosbag2) into bench samples",
 }
 

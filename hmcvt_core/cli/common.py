@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-import numpy as np
 
 from ..model import EfficiencyModel
 from ..parameter_file import load_model
 from ..ranges import RPM
 from ..resources import data_path
+from ..strict_json import plain
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
@@ -112,6 +112,47 @@ class OutputFile(click.ParamType):  # type: ignore[type-arg]
         return str(value)
 
 
+class PictureFile(OutputFile):
+    """A picture to write; its ending names the format."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Return the path."""
+        from ..pictures.canvas import writes
+
+        writes(str(value))
+        return super().convert(value, param, ctx)
+
+
+class Power(click.ParamType):  # type: ignore[type-arg]
+    """A power in W, or in kW when written `40kW`."""
+
+    name = "power"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return watts."""
+        if isinstance(value, (int, float)):
+            return float(value)
+        text, factor = str(value).strip().lower(), 1.0
+        for unit, size in (("kw", 1e3), ("w", 1.0)):
+            if text.endswith(unit):
+                text, factor = text.removesuffix(unit), size
+                break
+        try:
+            watts = float(text) * factor
+        except ValueError:
+            self.fail(f"{value!r} is not a power: write 40000 (W) or 40kW", param, ctx)
+        if not 100.0 <= watts <= 1e6:
+            self.fail(f"{value!r} is outside 100 W to 1000 kW", param, ctx)
+        return watts
+
+
+picture_option = click.option(
+    "--picture", type=PictureFile(), default=None, metavar="FILE",
+    help="Draw it; the ending (.png, .svg, .html) names the format.")
 params_option = click.option(
     "--params", "params", metavar="P.yaml", default=None,
     help="Parameter file of the model; the shipped params/hm4.yaml when left out.")
@@ -152,21 +193,6 @@ def model_from(path: str | None) -> EfficiencyModel:
 def print_json(value: Any) -> None:
     """Print plain data as JSON; NaN and infinity become null."""
     click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
-
-
-def plain(value: Any) -> Any:
-    """Return data that strict JSON can hold."""
-    if isinstance(value, dict):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

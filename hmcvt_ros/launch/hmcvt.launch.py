@@ -15,8 +15,10 @@ DEFAULTS = Path(__file__).resolve().parent.parent / "config" / "hmcvt.yaml"
 ARGUMENTS = {
     "params_file": (str(DEFAULTS), "YAML with parameters of the node"),
     "namespace": ("", "namespace of the node and its topics"),
+    "name": ("hmcvt", "name of the node"),
     "use_sim_time": ("false", "follow /clock"),
     "log_level": ("info", "debug, info, warn or error"),
+    "enclave": ("/", "SROS2 enclave"),
 }
 
 
@@ -27,14 +29,15 @@ def generate_launch_description() -> LaunchDescription:
     node = Node(
         package="hmcvt_ros",
         executable="efficiency_node",
-        name="hmcvt",
+        name=LaunchConfiguration("name"),
         namespace=LaunchConfiguration("namespace"),
         parameters=[
             LaunchConfiguration("params_file"),
             {"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"),
                                             value_type=bool)},
         ],
-        arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
+        arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level"),
+                   "--enclave", LaunchConfiguration("enclave")],
         output="screen",
     )
     return LaunchDescription([*declarations, node])

@@ -13,7 +13,7 @@ from hmcvt_core.cli import COMMANDS, cli
 from .running import ROOT
 
 # The trial and the diagnosis take longer; what they print is tested with them.
-PARSED_ONLY = ("blind", "diagnose", "import-bag", "separable")
+PARSED_ONLY = ("blind", "diagnose", "fleet", "import-bag", "reproduce", "separable")
 
 
 def _examples(text):

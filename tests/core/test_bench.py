@@ -99,6 +99,7 @@ def test_spellings_that_are_read(tmp_path, text):
     ("1.3,150,200,0.8", r"row 3: displacement_ratio = 1.3 is outside -1 to 1 \(a fraction of full"),
     ("0.5,150,-200,0.8", r"row 3: load_torque = -200 is outside 1 to 5000 N m"),
     ("0.5,150,200,0", r"row 3: efficiency = 0 is outside 0.01 to 1"),
+    ("0.5,150,5000.0000001,0.8", r"row 3: load_torque = 5000.0000001 is outside 1 to 5000 N m"),
     ("0.5,fast,200,0.8", r"row 3: engine_speed 'fast' is not a number"),
     ("0.5,150,,0.8", r"row 3: load_torque is empty"),
     ("0.5,150,200", r"row 3: 3 fields, the header has 4"),

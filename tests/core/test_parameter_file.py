@@ -2,6 +2,7 @@
 """Parameter files: round trip, refusal by the name of the field, and damage of every field."""
 
 import copy
+import dataclasses
 import math
 import stat
 
@@ -85,8 +86,29 @@ def test_saving_replaces_the_whole_file(model, saved):
     saved.write_text("x" * 100_000, encoding="utf-8")
     model.save(saved)
     assert hmcvt.load_model(saved).fingerprint == model.fingerprint
-    assert [path.name for path in saved.parent.iterdir()] == ["model.yaml"]
     assert stat.S_IMODE(saved.stat().st_mode) & 0o444 == 0o444 & ~_umask()
+
+
+def test_what_was_there_is_kept(model, saved, tmp_path):
+    first = saved.read_bytes()
+    other = dataclasses.replace(
+        model, parameters=dataclasses.replace(model.parameters, leakage=1e-12))
+    other.save(saved)
+    assert (tmp_path / "model.previous-1.yaml").read_bytes() == first
+    saved.write_bytes(b"notes of mine\xff")
+    model.save(saved)
+    assert (tmp_path / "model.previous-2.yaml").read_bytes() == b"notes of mine\xff"
+    assert hmcvt.load_model(saved).fingerprint == model.fingerprint
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_the_same_model_again_is_no_other_version(model, saved, tmp_path):
+    later = {**model.provenance, "date": "2999-01-01T00:00:00Z"}
+    dataclasses.replace(model, provenance=later).save(saved)
+    assert [path.name for path in tmp_path.iterdir()] == ["model.yaml"]
+    assert hmcvt.load_model(saved).provenance == later
+    dataclasses.replace(model, provenance={**later, "data": "b.csv"}).save(saved)
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def _umask():
@@ -115,6 +137,12 @@ def test_edit_on_purpose_is_allowed(saved):
         data["parameters"]["pump_damping"]["value"] = 0.25
 
     assert hmcvt.load_model(edited(saved, change)).parameters.pump_damping == 0.25
+
+
+@pytest.mark.parametrize("line", ["1: one", "list: &list [*list]"])
+def test_checksum_of_what_was_never_written_does_not_match(saved, line):
+    saved.write_text(f"{saved.read_text(encoding='utf-8')}{line}\n", encoding="utf-8")
+    assert_refused(saved, "checksum does not match")
 
 
 def test_numbers_as_people_write_them(saved):
@@ -203,19 +231,65 @@ def test_transmission_file_is_no_model_and_the_other_way_round(saved):
     assert_refused(saved, "this version reads 'hmcvt-transmission/1'", hmcvt.load_stage)
 
 
-def test_truncated_at_any_byte(saved):
-    """No cut is read as another model: the last line is the checksum."""
-    whole = saved.read_bytes()
-    for length in range(0, len(whole) - 1, 97):
-        saved.write_bytes(whole[:length])
+def test_cut_at_any_byte_is_refused(model, tmp_path):
+    bare = hmcvt.EfficiencyModel(model.stage, model.parameters)  # short, for the sake of time
+    path = tmp_path / "model.yaml"
+    bare.save(path)
+    whole = path.read_bytes()
+    assert whole.endswith(b"ring\n")
+    for length in range(len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(hmcvt.InputError) as caught:
+            hmcvt.load_model(path)
+        assert str(caught.value).startswith(f"{path}: ")
+        assert len(str(caught.value).splitlines()) == 1
+    path.write_bytes(whole[:-1])
+    assert hmcvt.load_model(path).to_mapping() == bare.to_mapping()
+
+
+@pytest.mark.parametrize("name", ["hm4", "paper"])
+def test_shipped_file_cut_at_the_end_is_refused_or_the_same(tmp_path, name):
+    shipped = hmcvt.data_path(f"params/{name}.yaml")
+    path, whole = tmp_path / "model.yaml", shipped.read_bytes()
+    expected = hmcvt.load_model(shipped).to_mapping()
+    read = 0
+    for length in range(len(whole) - 400, len(whole)):
+        path.write_bytes(whole[:length])
         try:
-            hmcvt.load_model(saved)
-        except hmcvt.InputError as error:
-            assert str(error).startswith(f"{saved}: ")
-            assert len(str(error).splitlines()) == 1
+            model = hmcvt.load_model(path)
+        except hmcvt.InputError:
+            continue
+        assert model.to_mapping() == expected
+        read += 1
+    assert 1 <= read <= 5
+
+
+def damaged(data, rng):
+    """Change bytes as failing memory, disks and transfers do."""
+    place, length = rng.integers(len(data)), rng.integers(1, 65)
+    end = place + length
+    return [
+        data[:place] + bytes([data[place] ^ 1 << rng.integers(8)]) + data[place + 1:],
+        data[:place] + b"\0" * length + data[end:],
+        data[:place] + data[end:],
+        data[:place] + data[place:end] * 2 + data[end:],
+        data[:place] + rng.bytes(length) + data[end:],
+    ][rng.integers(5)]
+
+
+def test_damaged_file_is_refused_or_the_same(model, saved):
+    rng = np.random.default_rng(0)
+    whole, expected = saved.read_bytes(), model.to_mapping()
+    refused = 0
+    for _ in range(1000):
+        saved.write_bytes(damaged(whole, rng))
+        try:
+            read = hmcvt.load_model(saved)
+        except hmcvt.InputError:
+            refused += 1
         else:
-            # Cut within the last line, where nothing but the checksum stands.
-            assert whole[:length].rstrip().splitlines()[-1].startswith(b"checksum")
+            assert read.to_mapping() == expected
+    assert refused > 750
 
 
 JUNK = [None, True, -1, 0, math.inf, math.nan, "x", "", [], {}, [1], [[2, 3]], {"a": 1}, [None],

@@ -108,18 +108,22 @@ def start_node(
     environment: Mapping[str, str],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Callable[..., NodeUnderTest]]:
-    """Start a node with parameters, in a namespace of its own, and wait until it answers."""
+    """Start a node with parameters, in a namespace of its own, and wait until it answers.
+
+    `launcher` are the words of a command that goes before that of the node.
+    """
     nodes: list[NodeUnderTest] = []
 
-    def start(model_file: Path, state: Path | None = None, **parameters: Any) -> NodeUnderTest:
+    def start(model_file: Path, state: Path | None = None, launcher: tuple[str, ...] = (),
+              **parameters: Any) -> NodeUnderTest:
         folder = tmp_path_factory.mktemp("node")
         state = state or folder / "state"
         namespace = f"/node{next(_numbers)}"
         given = {"model_file": model_file, "state_folder": state, **parameters}
         with (folder / "log").open("w") as log:
             process = subprocess.Popen(
-                command(*(f"{name}:={value}" for name, value in given.items()),
-                        arguments=("-r", f"__ns:={namespace}")),
+                [*launcher, *command(*(f"{name}:={value}" for name, value in given.items()),
+                                     arguments=("-r", f"__ns:={namespace}"))],
                 stdout=log, stderr=log)
         node = NodeUnderTest(process, folder / "log", state, namespace, connect)
         nodes.append(node)

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from full_disk import file_limit
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.bench_log import BenchLog
@@ -104,22 +107,47 @@ def test_log_changed_by_someone_else_is_taken_up(path):
 
 
 def test_failed_write_leaves_the_log_as_it_was(path):
-    # /dev/full takes no byte; a log there is the nearest thing to a full disk.
-    import resource
-
     log = filled(path, 3)
     before = path.read_bytes()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    import signal
-
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
-    try:
-        with pytest.raises(OSError):
-            log.append(sample(3))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        signal.signal(signal.SIGXFSZ, handler)
+    # The first bytes of the row fit: what a disk does that fills up.
+    with file_limit(len(before) + 10), pytest.raises(OSError):
+        log.append(sample(3))
     assert path.read_bytes() == before
     log.append(sample(3))
     assert len(hmcvt.read_bench(path)) == len(log) == 4
+
+
+def test_torn_log_that_cannot_be_repaired_yet_is_repaired_later(path):
+    filled(path, 3)
+    with path.open("ab") as file:
+        file.write(b"3.0,0.1")
+    torn = path.read_bytes()
+    with file_limit(20):
+        log = BenchLog(path, limit=100)
+        assert len(log) == 3 and "cannot be read or repaired" in log.recovered
+        for _ in range(3):
+            with pytest.raises(OSError):
+                log.append(sample(3))
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    assert path.read_bytes() == torn
+    log.append(sample(3))
+    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(4.0))
+    assert path.with_name("log.damaged-1.csv").read_bytes() == torn
+
+
+def test_folder_that_comes_back_is_logged_into(tmp_path):
+    (tmp_path / "disk").write_text("")
+    log = BenchLog(tmp_path / "disk" / "state" / "log.csv", limit=100)
+    with pytest.raises(OSError):
+        log.append(sample(0))
+    (tmp_path / "disk").unlink()
+    log.append(sample(0))
+    assert len(hmcvt.read_bench(log.path)) == len(log) == 1
+
+
+@pytest.mark.parametrize("column", ["stamp", "output_speed"])
+def test_sample_without_a_column_is_refused(path, column):
+    log = filled(path, 1)
+    with pytest.raises(hmcvt.InputError, match=f"{column} is missing"):
+        log.append(dataclasses.replace(sample(1), **{column: None}))
+    assert len(hmcvt.read_bench(path)) == len(log) == 1

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import signal
 import time
@@ -166,14 +167,55 @@ def test_samples_file_is_read_and_confined_to_the_state_folder(
         assert "outside the state folder" in reply.data["error"]
 
 
-def test_diagnose_answers_with_the_contract(start_node, paper_file, table2):
+def test_diagnose_answers_with_the_contract_and_leaves_a_report(start_node, paper_file, table2):
     node = start_node(paper_file)
     send_table(node.player, table2)
-    reply = node.player.call("diagnose", timeout=90.0)
-    assert reply.success, reply.data
+
+    def value(key):
+        status = node.player.statuses.get("model", {"values": {}})
+        return status["values"].get(key)
+
+    reply = node.player.request("diagnose")
+    assert node.player.wait_until(
+        lambda: "diagnose has been running for" in value("running"), 5.0)
+    assert "busy" in node.player.call("reidentify").data["error"]
+    assert node.player.wait_until(reply.done, 90.0)
+    assert reply.result().success, reply.result().message
+    found = json.loads(reply.result().message)
     assert {"gap", "where", "component", "verdict", "causes", "shrinkage", "next_tests"} <= set(
-        reply.data)
-    assert reply.data["gap"]["samples"] == 8
+        found)
+    assert found["gap"]["samples"] == 8
+
+    page = node.state / "reports" / "0001.html"
+    assert found["report"] == str(page)
+    text = page.read_text()
+    assert text.startswith("<!DOCTYPE html>") and text.rstrip().endswith("</html>")
+    data = json.loads(page.with_suffix(".json").read_text())
+    assert data == {key: found[key] for key in data} and data.keys() >= {"gap", "verdict"}
+    assert node.says(f"diagnose: {found['verdict']}")
+    assert f"report {page}" in node.log
+
+    assert node.player.wait_until(lambda: value("gap verdict") == found["verdict"], 5.0)
+    values = node.player.statuses["model"]["values"]
+    assert values["running"] == "-"
+    assert float(values["gap rmse [-]"]) == pytest.approx(found["gap"]["rmse"], rel=1e-3)
+    leading = found["causes"][0]["effect"] if found["causes"] else "-"
+    assert values["gap leading cause"].startswith(leading)
+    fraction = found["shrinkage"]["fraction"]
+    assert values["gap shrinkage [-]"] == ("-" if fraction is None else f"{fraction:.3f}")
+    assert values["gap of model"] == hmcvt.load_model(paper_file).fingerprint
+    assert values["report"] == str(page)
+    assert values["gap diagnosed"].endswith("Z, 8 samples")
+
+
+def test_report_that_cannot_be_written_costs_the_report_only(start_node, paper_file, table2):
+    node = start_node(paper_file)
+    (node.state / "reports").write_text("a file where the folder should be")
+    send_table(node.player, table2)
+    reply = node.player.call("diagnose", timeout=90.0)
+    assert reply.success and reply.data["report"] is None
+    assert "reports" in reply.data["report_error"]
+    assert node.says("report not written")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -183,7 +225,9 @@ def test_ends_cleanly_in_the_middle_of_a_refit(start_node, paper_file, table2, n
     node.player.request("reidentify")
     assert node.player.wait_until(lambda: bool(node.children()), 5.0)
     workers = node.children()
+    asked = time.monotonic()
     assert node.stop(number) == 0, node.log
+    assert time.monotonic() - asked < 3.0
     assert "Traceback" not in node.log
     assert not any(alive(pid) for pid in workers)
 

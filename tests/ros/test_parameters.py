@@ -13,7 +13,7 @@ import hmcvt_core as hmcvt
 import hmcvt_ros
 from hmcvt_ros.parameters import PARAMETERS, Settings, usage
 
-FOLDER = Path(hmcvt_ros.__file__).parent
+FILE = Path(hmcvt_ros.__file__).parent / "config" / "hmcvt.yaml"
 DEFAULTS = {declaration.name: declaration.default for declaration in PARAMETERS}
 
 
@@ -21,16 +21,64 @@ def settings(**changes):
     return Settings.of({**DEFAULTS, **changes})
 
 
-def test_yaml_holds_every_parameter_with_its_default_and_a_comment():
-    path = FOLDER / "config" / "hmcvt.yaml"
-    data = yaml.safe_load(path.read_text())
-    given = data["/**"]["ros__parameters"]
+def flat(data, prefix=""):
+    """Names with a dot for each level, as ROS makes them of a YAML file."""
+    for name, value in data.items():
+        if isinstance(value, dict):
+            yield from flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def comments():
+    """The comment above each key of the YAML file, as one line."""
+    found, comment, path = {}, [], []
+    for line in FILE.read_text().splitlines():
+        text = line.strip()
+        if text.startswith("#"):
+            comment.append(text.removeprefix("#").strip())
+        else:
+            path[(len(line) - len(text)) // 2:] = [text.partition(":")[0]]
+            found[".".join(path[2:])] = " ".join(comment)
+            comment = []
+    return found
+
+
+def test_yaml_holds_every_parameter_with_its_default():
+    given = dict(flat(yaml.safe_load(FILE.read_text())["/**"]["ros__parameters"]))
     assert given == DEFAULTS
     assert all(type(given[name]) is type(value) for name, value in DEFAULTS.items())
-    lines = path.read_text().splitlines()
-    for number, line in enumerate(lines):
-        if line.strip().partition(":")[0] in DEFAULTS:
-            assert lines[number - 1].strip().startswith("#"), line
+
+
+@pytest.mark.parametrize("declaration", PARAMETERS, ids=lambda declaration: declaration.name)
+def test_every_key_of_the_yaml_has_a_comment_with_unit_range_and_default(declaration):
+    comment = comments()[declaration.name]
+    default = declaration.default
+    if isinstance(default, str):
+        assert f'default "{default}"' in comment or f"{default} (default)" in comment
+    else:
+        assert f"default {default}" in comment
+    assert ("start only" in comment) == declaration.read_only
+    if declaration.unit:
+        assert f"[{declaration.unit}" in comment
+    if declaration.limits:
+        assert f"{declaration.limits[1]:.12g}" in comment
+    for choice in declaration.choices:
+        assert choice in comment
+
+
+@pytest.mark.parametrize("declaration", PARAMETERS, ids=lambda declaration: declaration.name)
+def test_every_number_has_limits_and_every_descriptor_tells_all(declaration):
+    descriptor = declaration.descriptor()
+    assert len(declaration.description) > 20
+    assert declaration.description in descriptor.description
+    assert declaration.unit in descriptor.description
+    assert descriptor.read_only == declaration.read_only
+    if isinstance(declaration.default, str):
+        assert declaration.default == "" or declaration.default in declaration.choices
+    else:
+        assert declaration.limits is not None
+    assert descriptor.additional_constraints == declaration.allowed
 
 
 def test_defaults_are_valid_and_help_names_all():
@@ -40,8 +88,17 @@ def test_defaults_are_valid_and_help_names_all():
     assert max(map(len, text.splitlines())) <= 100
 
 
+def test_age_limit_of_one_input_goes_before_the_common_one():
+    found = settings(input_timeout=0.7, **{"input_timeouts.load_torque": 2.0}).input_timeouts
+    assert found == {"displacement_ratio": 0.7, "engine_speed": 0.7, "load_torque": 2.0}
+
+
 @pytest.mark.parametrize(("name", "value", "word"), [
     ("input_timeout", float("nan"), "0.01 to 60 s"),
+    ("input_timeouts.engine_speed", -1.0, "0 to 60 s"),
+    ("input_timeouts.engine_speed", 0.005, "at least 0.01 s"),
+    ("invalid_output", "zero", "silence, nan"),
+    ("optimum_hold", "ground", "engine_speed, output_speed"),
     ("max_output_rate", -1.0, "0 to 1000 Hz"),
     ("engine_speed_limits", (100.0,), "two rising numbers"),
     ("engine_speed_limits", (100.0, 100.0), "two rising numbers"),

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make the bench logs of a fleet of simulated transmissions, to try `hmcvt fleet` on.
+
+    python examples/make_fleet.py fleet --logs 40
+    hmcvt fleet fleet/logs --out fleet/fitted
+
+Every transmission is a plant of `hmcvt_core.blind`, whose physics are written apart from the model
+that is fitted. Leakage and dampings scatter by 5 % around one design. The last of every ten
+transmissions is worn (its leakage is half as much again), the third of every five has an effect
+that the fitted model does not know. Logs go to FOLDER/logs; what is hidden in them is sealed in
+FOLDER/labels.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from hmcvt_core.blind.campaign import Campaign, CampaignOptions, Label, fresh
+from hmcvt_core.blind.catalogue import draw_effect, size_effect
+from hmcvt_core.blind.seal import seal
+from hmcvt_core.blind.twin import BaseTruth
+
+DESIGN = BaseTruth(leakage=1.8e-11, motor_damping=0.185, pump_damping=0.101)
+SCATTER = 0.05
+WORN = 1.5
+EFFECTS = ("charge_pump", "displacement_error", "stroke_leakage", "clutch_drag")
+SHIFT = 0.02  # of the efficiency, by an effect
+
+
+def transmission(number: int, samples: int, seed: int) -> Campaign:
+    """Measure one transmission of the fleet."""
+    rng = np.random.default_rng([seed, number])
+    leakage, motor, pump = np.exp(SCATTER * rng.standard_normal(3))
+    if number % 10 == 9:
+        leakage *= WORN
+    base = BaseTruth(DESIGN.leakage * leakage, DESIGN.motor_damping * motor,
+                     DESIGN.pump_damping * pump)
+    effects = []
+    if number % 5 == 2:
+        effect = draw_effect(EFFECTS[number // 5 % len(EFFECTS)], rng)
+        effects.append(size_effect(base, effect, SHIFT))
+    label = Label(number, seed, tuple(effects), base, CampaignOptions(samples))
+    return fresh(Campaign({}, {}, label), int(rng.integers(2**31)))
+
+
+def main() -> None:
+    """Write the logs."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--logs", type=int, default=40, help="how many (40)")
+    parser.add_argument("--samples", type=int, default=96, help="in each log (96)")
+    parser.add_argument("--seed", type=int, default=0, help="of the random numbers (0)")
+    options = parser.parse_args()
+    for number in range(options.logs):
+        seal(transmission(number, options.samples, options.seed), f"{number:05d}",
+             options.folder / "logs", options.folder / "labels")
+    print(f"{options.logs} logs in {options.folder / 'logs'}")
+
+
+if __name__ == "__main__":
+    main()

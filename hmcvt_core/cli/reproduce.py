@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt reproduce`."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..errors import InputError
+from .common import Progress, json_option, print_json
+
+_SEEDS = 30
+_JOBS = 2
+
+
+class OutputFolder(click.ParamType):  # type: ignore[type-arg]
+    """A folder to write into, refused before the work rather than after it."""
+
+    name = "folder"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Path:
+        """Return the path; the folder is made later."""
+        path = Path(value)
+        if path.exists() and not path.is_dir():
+            self.fail(f"{value}: is not a folder", param, ctx)
+        there = path if path.exists() else path.absolute().parent
+        if not there.is_dir():
+            self.fail(f"{value}: {there} is not a folder", param, ctx)
+        if not os.access(there, os.W_OK):
+            self.fail(f"{value}: folder {there} cannot be written", param, ctx)
+        return path
+
+
+@click.command("reproduce", epilog="""\b
+Examples:
+  hmcvt reproduce
+  hmcvt reproduce --out reproduction --seeds 100
+  hmcvt reproduce --json""")
+@click.option("--out", type=OutputFolder(), default="reproduction", show_default=True,
+              metavar="DIR", help="Folder for report.html, report.md and the figures.")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=_SEEDS, show_default=True,
+              help="Runs of each algorithm of figure 6.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=min(_JOBS, os.cpu_count() or 1),
+              show_default=f"cores, at most {_JOBS}", help="Processes side by side.")
+@json_option
+def command(out: Path, seeds: int, jobs: int, as_json: bool) -> None:
+    """Put every number and figure of the paper beside ours, with a verdict on each."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise InputError("the figures need matplotlib: pip install 'hmcvt-ros[plot,compare]'")
+    from ..reproduce import reproduce
+    from ..reproduce.report import write
+    from ..reproduce.text import plain
+
+    progress = Progress("reproducing")
+    try:
+        found = reproduce(seeds, jobs, progress)
+        progress("drawing")
+        written = write(found, out, f"hmcvt reproduce --seeds {seeds}")
+    finally:
+        progress.close()
+    if as_json:
+        print_json([item.to_dict() for item in found.items])
+        return
+    click.echo(plain(found))
+    click.echo(f"written to {' and '.join(map(str, written))}")

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One published thing beside ours, and the rules by which it is judged.
+
+* A printed number is `reproduced` when ours, written with the printed digits, is the same.
+* A number that is not is `better` when it is an error and ours is smaller, or an estimate and ours
+  lies closer to the measured value; otherwise it `differs`.
+* A claim in words is turned into a condition: `reproduced` when it holds, else it `differs`.
+* `not reproducible` is kept for what the paper leaves out; the reason is told.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+REPRODUCED, BETTER = "reproduced", "better"
+DIFFERS, NOT_REPRODUCIBLE = "differs", "not reproducible"
+VERDICTS = (REPRODUCED, BETTER, DIFFERS, NOT_REPRODUCIBLE)
+
+
+@dataclass(frozen=True)
+class Item:
+    """One line of the comparison.
+
+    Attributes:
+        group: heading that it stands under.
+        name: what is compared, with its unit; no two items have the same.
+        published, ours: numbers in that unit, or words; None where there is none.
+        verdict: one of `VERDICTS`.
+        why: reason for the verdict, or a remark; may be empty when reproduced.
+        form: format of the numbers, such as `.2f`.
+    """
+
+    group: str
+    name: str
+    published: float | str | None
+    ours: float | str | None
+    verdict: str
+    why: str = ""
+    form: str = ".2f"
+
+    @property
+    def published_text(self) -> str:
+        """The published value as text."""
+        return self._text(self.published)
+
+    @property
+    def ours_text(self) -> str:
+        """Our value as text."""
+        return self._text(self.ours)
+
+    @property
+    def verdict_text(self) -> str:
+        """Verdict and reason in one."""
+        return f"{self.verdict}: {self.why}" if self.why else self.verdict
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"item": self.name, "published": self.published, "ours": self.ours,
+                "verdict": self.verdict, "why": self.why}
+
+    def _text(self, value: float | str | None) -> str:
+        if value is None:
+            return "-"
+        if isinstance(value, str):
+            return value
+        return format(value, self.form) if math.isfinite(value) else "no answer"
+
+
+def printed(
+    group: str, name: str, published: float, ours: float, form: str, *,
+    better: bool = False, why: str = "", remark: str = "",
+) -> Item:
+    """Judge a printed number.
+
+    Args:
+        group, name, published, ours, form: see `Item`.
+        better: whether ours is the better one when it is not the same.
+        why: told when it is not reproduced.
+        remark: told when it is.
+    """
+    same = math.isfinite(ours) and format(ours, form) == format(published, form)
+    verdict = REPRODUCED if same else BETTER if better else DIFFERS
+    return Item(group, name, published, ours, verdict, remark if same else why, form)
+
+
+def printed_error(
+    group: str, name: str, published: float, ours: float, *, form: str = ".2f", why: str = ""
+) -> Item:
+    """Judge a printed error: the smaller one is better."""
+    smaller = ours < published
+    return printed(group, name, published, ours, form, better=smaller,
+                   why="" if smaller else why)
+
+
+def claim(
+    group: str, name: str, published: str, ours: str, holds: bool, *, why: str = "",
+    remark: str = "",
+) -> Item:
+    """Judge a claim in words by whether its condition holds."""
+    return Item(group, name, published, ours, REPRODUCED if holds else DIFFERS,
+                remark if holds else why)

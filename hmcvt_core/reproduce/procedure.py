@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs everything and gathers the items and what the figures are drawn from."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from . import (
+    algorithms,
+    comparison,
+    conclusions,
+    gear_choice,
+    intervals,
+    kinematics,
+    paper,
+    subsets,
+    surfaces,
+    tables,
+    uncertainty_items,
+)
+from .comparison import Summary
+from .gear_choice import Enumeration
+from .intervals import Profile
+from .item import VERDICTS, Item
+from .subsets import SubsetFit
+from .surfaces import Surface
+from .tables import Fit
+from .workers import Progress, Workers
+
+SEEDS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """Everything that was found.
+
+    Attributes:
+        items: every comparison, in the order of the report.
+        fits: by formulation and gear efficiency.
+        surfaces: figures 3 to 5.
+        summaries: figure 6 and the ablation, by algorithm.
+        lowest: lowest 1 - RSQ known of the paper's identification.
+        enumerations: Table 3 under every kind of fit.
+        subset_fits: fits to all subsets.
+        profiles: of the parameters.
+        seeds: of each algorithm.
+    """
+
+    items: tuple[Item, ...]
+    fits: dict[tuple[str, float], Fit]
+    surfaces: tuple[Surface, ...]
+    summaries: dict[str, Summary]
+    lowest: float
+    enumerations: tuple[Enumeration, ...]
+    subset_fits: tuple[SubsetFit, ...]
+    profiles: tuple[Profile, ...]
+    seeds: int
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Items by verdict, in the order of `VERDICTS`."""
+        counted = Counter(item.verdict for item in self.items)
+        return {verdict: counted[verdict] for verdict in VERDICTS}
+
+
+def reproduce(
+    seeds: int = SEEDS, jobs: int = 1, progress: Progress | None = None
+) -> Reproduction:
+    """Compare every number and figure of the paper with ours.
+
+    Args:
+        seeds: runs of each algorithm of figure 6.
+        jobs: processes side by side; they do not change the results, times apart.
+        progress: called with a line of text after each piece of work.
+    """
+    with Workers(jobs, progress) as workers:
+        fits = dict(zip(tables.fit_tasks(), workers.map(
+            tables.fit, tables.fit_tasks(), "identification"), strict=True))
+        lowest = fits["published", paper.BEST_GEAR_EFFICIENCY].identification.objective
+        tried = gear_choice.enumerations(workers.map(
+            gear_choice.fit, gear_choice.tasks(), "gear efficiency"))
+        subset_fits = workers.map(subsets.fit, subsets.tasks(), "subset of the tests")
+        squares = workers.map(intervals.profile_point, intervals.tasks(), "point of the profiles")
+        runs = workers.map(algorithms.run, comparison.tasks(seeds, lowest), "run of figure 6")
+        workers.tell("gathering")
+    profiles = intervals.profiles(squares)
+    drawn = surfaces.surfaces(fits)
+    summaries = comparison.summaries(runs, lowest)
+    items = [*uncertainty_items.items(), *kinematics.items(), *tables.items(fits),
+             *conclusions.items(fits), *subsets.items(subset_fits),
+             *gear_choice.items(fits, tried), *surfaces.items(drawn),
+             *comparison.items(summaries), *intervals.items(profiles)]
+    groups = list(dict.fromkeys(item.group for item in items))
+    items.sort(key=lambda item: groups.index(item.group))
+    return Reproduction(tuple(items), fits, tuple(drawn), summaries, lowest, tuple(tried),
+                        tuple(subset_fits), tuple(profiles), seeds)

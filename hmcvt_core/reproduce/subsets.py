@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Are five tests enough? Every subset of Table 2 with at least three, fitted and predicted."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import paper
+from .bench import OBJECTIVES, Cloud, problem, table2
+from .item import Item, claim
+from .tables import FORMULATIONS
+
+GROUP = "Conclusion 1: five tests are enough"
+FEWEST = 3
+
+
+@dataclass(frozen=True)
+class SubsetFit:
+    """One fit to some of the tests.
+
+    Attributes:
+        formulation: of the model.
+        tests: numbers from 1.
+        fit_error: mean |predicted - measured| / measured over them [%].
+        prediction_error: over the other tests; NaN when there are none, infinite when the
+            formulation has no answer at one of them.
+        objective: value reached, as `bench.OBJECTIVES` has it.
+    """
+
+    formulation: str
+    tests: tuple[int, ...]
+    fit_error: float
+    prediction_error: float
+    objective: float
+
+
+def subsets() -> list[tuple[int, ...]]:
+    """Test numbers of every subset."""
+    numbers = range(1, len(table2()) + 1)
+    return [subset for size in range(FEWEST, len(numbers) + 1)
+            for subset in itertools.combinations(numbers, size)]
+
+
+def tasks() -> list[tuple[str, tuple[int, ...]]]:
+    """Every fit."""
+    return [(formulation, subset) for formulation in FORMULATIONS for subset in subsets()]
+
+
+@functools.cache
+def _cloud(formulation: str) -> Cloud:
+    return Cloud.of(problem(formulation))
+
+
+def fit(task: tuple[str, tuple[int, ...]]) -> SubsetFit:
+    """Fit one subset and predict the other tests."""
+    formulation, subset = task
+    tests = np.array(subset) - 1
+    cloud, objective = _cloud(formulation), OBJECTIVES[formulation]
+    predicted = cloud.problem.predict(cloud.lowest(objective, tests))
+    relative = 100.0 * np.abs(predicted / table2().efficiency - 1.0)
+    rest = np.setdiff1d(np.arange(len(relative)), tests)
+    held = float(np.nan_to_num(relative[rest], nan=np.inf).mean()) if len(rest) else np.nan
+    return SubsetFit(formulation, subset, float(relative[tests].mean()), held,
+                     float(objective(predicted[tests], table2().efficiency[tests])))
+
+
+def prediction_errors(
+    fits: list[SubsetFit], formulation: str, size: int
+) -> NDArray[np.float64]:
+    """Prediction errors of all subsets of a size [%]."""
+    return np.array([each.prediction_error for each in fits
+                     if each.formulation == formulation and len(each.tests) == size])
+
+
+def items(fits: list[SubsetFit]) -> list[Item]:
+    """Whether any five tests do, and what a sixth or seventh adds."""
+    return [item for formulation in reversed(FORMULATIONS)
+            for item in _items(fits, formulation)]
+
+
+def _items(fits: list[SubsetFit], formulation: str) -> list[Item]:
+    limit = paper.TABLE_3[paper.BEST_GEAR_EFFICIENCY].prediction
+    five, seven = (prediction_errors(fits, formulation, size) for size in (5, 7))
+    low, middle, high = np.percentile(five, (25, 50, 75), method="nearest")
+    within = int((five <= limit).sum())
+    most = float(np.percentile(seven, 50, method="nearest"))
+    missing = int(np.isinf(five).sum())
+    worst = f"worst {five.max():.2f}" if not missing else f"no answer in {missing}"
+    return [
+        claim(GROUP, f"any five tests predict the other three to {limit:g} %, {formulation}",
+              f"{limit:.2f} %", f"median {middle:.2f} % ({low:.2f} to {high:.2f}), "
+              f"{worst}", within == len(five),
+              why=f"{within} of {len(five)} choices of five do"),
+        claim(GROUP, f"more than five tests bring nothing, {formulation}", "five suffice",
+              f"median error with 7: {most:.2f} %, with 5: {middle:.2f} %",
+              middle < 1.2 * most, why="two more tests lower the error by more than a fifth",
+              remark="two more tests lower the error by less than a fifth"),
+    ]

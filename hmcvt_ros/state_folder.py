@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder in which a node keeps what must outlive it, for that node alone."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+
+from hmcvt_core.atomic import make_folder, remove_leftovers
+from hmcvt_core.errors import InputError
+
+
+class StateFolder:
+    """A folder that no other node uses meanwhile, cleared of what killed writes left.
+
+    The folder itself is locked, not a file in it: nothing has to be written, so that it works on a
+    full disk and in a read-only folder, and the kernel takes the lock back however a node ends.
+
+    Attributes:
+        path: the folder.
+        writable: whether anything can be kept in it, as far as can be told at start.
+        complaint: what is wrong with it, as a sentence; empty when nothing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Make the folder if need be, and take it.
+
+        Raises:
+            InputError: another node has it.
+        """
+        self.path = path
+        self.writable = False
+        self.complaint = ""
+        self._handle: int | None = None
+        try:
+            make_folder(path)
+            self._handle = os.open(path, os.O_RDONLY)
+        except OSError as error:
+            # Nothing can be logged or refitted; what is there can still be served.
+            self.complaint = f"state_folder: {error}"
+            return
+        locked = self._lock()
+        self.writable = os.access(path, os.W_OK)
+        if not self.writable:
+            self.complaint = f"state_folder: {path} cannot be written: no logging, no refits"
+        elif locked:
+            for folder in (path, *filter(Path.is_dir, path.iterdir())):
+                remove_leftovers(folder)
+
+    def close(self) -> None:
+        """Let others have the folder."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+    def _lock(self) -> bool:
+        assert self._handle is not None
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.close()
+            raise InputError(
+                f"state_folder: {self.path} is in use by another node; give each node a name, a "
+                "namespace or a state_folder of its own") from None
+        except OSError as error:
+            # Some network file systems cannot; that is no reason not to serve.
+            self.complaint = (f"state_folder: {self.path} cannot be locked ({error.strerror}); "
+                              "see to it that no other node uses it")
+            return False
+        return True

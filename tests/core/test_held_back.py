@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The comparison of a refit with the model in service on samples held back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.identification.held_back import FOLDS, folds, held_back
+
+NOISE = 0.011  # relative, about that of the paper's bench
+
+
+@pytest.fixture(scope="module")
+def plant():
+    return hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+
+
+def campaign(plant, count, seed, noise=NOISE):
+    rng = np.random.default_rng(seed)
+    speed = rng.uniform(80.0, 230.0, count)
+    torque = np.clip(rng.uniform(18e3, 60e3, count) / speed, 40.0, 400.0)
+    ratio = rng.uniform(-1.0, 1.0, count)
+    efficiency = plant.efficiency(ratio, speed, torque) * (1 + noise * rng.standard_normal(count))
+    return hmcvt.BenchSamples(ratio, speed, torque, np.clip(efficiency, 0.02, 0.99))
+
+
+def spoiled(samples, part, by=0.3):
+    """Some of the samples with a reading that is far too low."""
+    efficiency = samples.efficiency.copy()
+    index = np.random.default_rng(0).permutation(len(samples))[: max(1, round(part * len(samples)))]
+    efficiency[index] = np.clip(efficiency[index] - by, 0.02, 0.99)
+    return replace(samples, efficiency=efficiency)
+
+
+def refit(plant, samples):
+    return hmcvt.identify(samples, stage=plant.stage).model
+
+
+def compare(plant, samples, in_service=None):
+    found = refit(plant, samples)
+    return held_back(samples, found, in_service or found, lambda part: refit(plant, part))
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 23, 10_000])
+def test_every_sample_is_held_back_once_and_every_fold_spans_the_ratios(count):
+    ratio = np.random.default_rng(1).permutation(np.linspace(-1.0, 1.0, count))
+    parts = list(folds(ratio, seed=3))
+    np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(count))
+    assert len(parts) == min(count, FOLDS)
+    assert max(map(len, parts)) - min(map(len, parts)) <= 1
+    if count >= 20:
+        assert all(ratio[part].min() < -0.6 and ratio[part].max() > 0.3 for part in parts)
+    again = list(folds(ratio, seed=3))
+    assert all(np.array_equal(a, b) for a, b in zip(parts, again, strict=True))
+
+
+def test_errors_are_those_of_models_that_have_not_seen_the_sample(plant):
+    samples = campaign(plant, 5, seed=0)
+    found = compare(plant, samples, plant)
+    others = [refit(plant, samples.select(np.delete(np.arange(5), i))) for i in range(5)]
+    errors = [abs(model.efficiency(s.displacement_ratio, s.engine_speed, s.load_torque)[0]
+                  / s.efficiency[0] - 1.0)
+              for model, s in ((others[i], samples.select([i])) for i in range(5))]
+    assert found.error_refit == pytest.approx(np.mean(errors), rel=1e-4)
+    assert (found.samples, found.folds) == (5, 5)
+
+
+@pytest.mark.parametrize("count", [5, 30])
+def test_refit_of_unchanged_samples_is_never_worse(plant, count):
+    found = compare(plant, campaign(plant, count, seed=1))
+    # It has seen every sample, so those held back always look worse.
+    assert found.error_refit > found.error_in_service
+    assert found.change == 0.0 and not found.worse
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_refit_is_not_worse_than_the_true_model_for_noise_alone(plant, seed):
+    assert not compare(plant, campaign(plant, 20, seed), plant).worse
+
+
+@pytest.mark.parametrize(("count", "part"), [(5, 0.2), (8, 0.125), (40, 0.2)])
+def test_refit_to_spoiled_samples_is_worse(plant, count, part):
+    found = compare(plant, spoiled(campaign(plant, count, seed=2), part), plant)
+    assert found.error_refit > 1.3 * found.error_in_service
+    assert found.worse
+
+
+@pytest.mark.parametrize("count", [4, 8])
+def test_refit_is_better_than_a_wrong_model(plant, count):
+    wrong = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
+    found = compare(plant, campaign(plant, count, seed=3), wrong)
+    assert found.error_refit < 0.5 * found.error_in_service and not found.worse
+
+
+def test_three_samples_cannot_spare_one(plant):
+    assert compare(plant, campaign(plant, 3, seed=0), plant) is None
+
+
+def test_no_answer_counts_as_no_power_out(plant):
+    leaking = replace(plant, parameters=replace(plant.parameters, leakage=1e-8))
+    samples = campaign(plant, 6, seed=4)
+    predicted = leaking.efficiency(
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque)
+    stalled = np.isnan(predicted)
+    assert stalled.any() and not stalled.all()
+    errors = np.where(stalled, 1.0, np.abs(predicted / samples.efficiency - 1.0))
+    assert compare(plant, samples, leaking).error_in_service == pytest.approx(errors.mean())

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+
+from .fleets import fleet, make_fleet
+
+
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory):
+    """Four logs of 20 samples."""
+    return make_fleet(tmp_path_factory.mktemp("fleet"), 4, 20)
+
+
+@pytest.fixture(scope="session")
+def alone(logs, tmp_path_factory):
+    """What one process makes of the logs."""
+    out = tmp_path_factory.mktemp("alone")
+    done = fleet(logs, "--out", out, "--processes", "1", "--json")
+    assert done.code == 0, done
+    return out, done
+
+
+@pytest.fixture(scope="session")
+def identified(logs, tmp_path_factory):
+    """The same without diagnosis, which takes a third of the time."""
+    out = tmp_path_factory.mktemp("identified")
+    done = fleet(logs, "--out", out, "--processes", "1", "--no-diagnose", "--json")
+    assert done.code == 0, done
+    return out, done

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fleets to run, their results without what the clock wrote, and their worker processes."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+# A warning on stderr would be noise to the user.
+HMCVT = (sys.executable, "-W", "error", "-m", "hmcvt_core.cli")
+_WORKER = b"hmcvt_core.fleet.worker"
+
+
+class Done(NamedTuple):
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+def make_fleet(folder, logs, samples):
+    """Make logs with the script that docs/fleet.md names."""
+    subprocess.run(
+        [sys.executable, "examples/make_fleet.py", folder, "--logs", str(logs),
+         "--samples", str(samples)],
+        cwd=ROOT, check=True, timeout=60, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    return folder / "logs"
+
+
+def fleet(*arguments):
+    """Run `hmcvt fleet` as its own process."""
+    return finish(start("fleet", *arguments))
+
+
+def start(*arguments, **options):
+    """Start the command."""
+    return subprocess.Popen([*HMCVT, *map(str, arguments)], cwd=ROOT, text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+
+
+def finish(running):
+    """Wait for a command."""
+    with running:
+        out, err = running.communicate(timeout=60)
+    return Done(running.returncode, out, err)
+
+
+def assert_refused(done, *words):
+    """One line on stderr with these words, nothing on stdout, exit code 2."""
+    assert (done.code, done.out) == (2, ""), done
+    assert done.err.startswith("hmcvt: error: ") and done.err.count("\n") == 1, done.err
+    for word in words:
+        assert word in done.err, (word, done.err)
+
+
+def results(out):
+    """What a fleet left behind by file, to the last digit, without time of day and its hashes."""
+    found = {}
+    for path in out.rglob("*.json"):
+        result = json.loads(path.read_text())
+        del result["parameters_sha256"]
+        found[path.relative_to(out).as_posix()] = json.dumps(result)
+    for path in out.rglob("*.yaml"):
+        parameters = yaml.safe_load(path.read_text())
+        del parameters["provenance"]["date"], parameters["checksum"]
+        found[path.relative_to(out).as_posix()] = json.dumps(parameters)
+    return found
+
+
+def workers(parent):
+    """Process ids of the workers of a process."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        try:
+            if folder.name.isdigit() and _WORKER in (folder / "cmdline").read_bytes():
+                status = (folder / "stat").read_text().rpartition(")")[2].split()
+                if status[0] != "Z" and status[1] == str(parent):
+                    found.append(int(folder.name))
+        except OSError:
+            continue  # gone meanwhile
+    return found
+
+
+def wait_for(condition, seconds=30.0):
+    """Return the first true value of a condition."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if value := condition():
+            return value
+        time.sleep(0.02)
+    raise AssertionError("it did not happen")

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs and folders as they should not be."""
+
+import json
+import os
+import resource
+import shutil
+
+import pytest
+
+from hmcvt_core.cli import main
+from hmcvt_core.errors import InputError
+from hmcvt_core.fleet import study as study_module
+from hmcvt_core.fleet.plan import find_logs
+from hmcvt_core.fleet.results import locked
+from hmcvt_core.fleet.settings import Settings
+from hmcvt_core.fleet.study import Broken, study
+from hmcvt_core.parameter_file import load_model, load_stage
+from hmcvt_core.resources import data_path
+
+from .fleets import assert_refused, finish, fleet, make_fleet, start
+
+
+@pytest.fixture
+def refused(capsys):
+    """Run `hmcvt fleet` in this process and expect one line on stderr."""
+    def run(*words, arguments):
+        with pytest.raises(SystemExit) as stopped:
+            main(["fleet", *map(str, arguments)])
+        seen = capsys.readouterr()
+        assert (stopped.value.code, seen.out) == (2, "")
+        assert seen.err.count("\n") == 1
+        for word in words:
+            assert word in seen.err, (word, seen.err)
+
+    return run
+
+
+def test_broken_logs_are_told_and_stop_nothing(logs, tmp_path):
+    folder, out = tmp_path / "logs", tmp_path / "out"
+    (folder / "unit7").mkdir(parents=True)
+    shutil.copy(logs / "00000.csv", folder / "unit7" / "run1.CSV")
+    lines = (logs / "00000.csv").read_text().splitlines(keepends=True)
+    cells = lines[3].split(",")
+    (folder / "nan.csv").write_text("".join([*lines[:3], ",".join([cells[0], "nan", *cells[2:]])]))
+    (folder / "rpm.csv").write_text("".join([*lines[:2], ",".join([cells[0], "1400", *cells[2:]])]))
+    (folder / "few.csv").write_text("".join(lines[:4]))
+    (folder / "column.csv").write_text("time,speed\n1,2\n")
+    (folder / "void.csv").write_text("")
+    (folder / "noise.csv").write_bytes(os.urandom(2000))
+    (folder / "link.csv").symlink_to("nowhere")
+    (folder / "two\nlines.csv").write_text("")
+    os.mkfifo(folder / "pipe.csv")
+    # None of these is a log.
+    (folder / "notes.txt").write_text("hello")
+    (folder / "folder.csv").mkdir()
+    (folder / ".hidden.csv").write_text("")
+    done = fleet(folder, "--out", out, "--processes", "2", "--json")
+    assert done.code == 3
+    found = json.loads(done.out)
+    assert [entry["log"] for entry in found["logs"]] == ["unit7/run1.CSV"]
+    assert sorted(path.relative_to(out).as_posix() for path in out.rglob("*.*")) \
+        == [".hmcvt-fleet.lock", "unit7/run1.json", "unit7/run1.yaml"]
+    reasons = {entry["log"]: entry["error"] for entry in found["broken"]}
+    expected = {
+        "nan.csv": f"{folder}/nan.csv: row 4: engine_speed = nan is not finite; "
+                   "allowed 10 to 320 rad/s",
+        "rpm.csv": f"{folder}/rpm.csv: row 3: engine_speed = 1400 is outside 10 to 320 rad/s "
+                   "(is it in r/min?)",
+        "few.csv": "few.csv: 3 samples", "column.csv": "displacement_ratio", "void.csv": "is empty",
+        "noise.csv": "noise.csv: ", "link.csv": "No such file", "pipe.csv": "is not a file",
+        r"'two\nlines.csv'": "rename the log"}
+    assert set(reasons) == set(expected)
+    for name, words in expected.items():
+        assert words in reasons[name]
+        assert f"hmcvt: broken: {reasons[name]}\n" in done.err
+    assert found["counts"]["broken"] == 9
+    # They are tried again each time, and the table for a person tells them too.
+    again = fleet(folder, "--out", out)
+    assert again.code == 3 and expected["nan.csv"] in again.out
+    assert "10 logs: 0 finished now, 1 before, 9 broken" in again.out
+
+
+def test_failure_inside_one_log_is_told_with_its_place(monkeypatch):
+    def fail(*_, **__):
+        raise ZeroDivisionError("a\nb")
+
+    monkeypatch.setattr(study_module, "identify", fail)
+    found = study(None, Settings((load_stage(data_path("params/transmission.yaml")),)))
+    assert isinstance(found, Broken)
+    assert found.reason.startswith("internal failure (please report it): ZeroDivisionError: a b at")
+    assert "test_broken_logs.py:" in found.reason and "\n" not in found.reason
+
+
+def test_folders_that_cannot_be_used(refused, logs, tmp_path):
+    out, empty, file = tmp_path / "out", tmp_path / "empty", tmp_path / "file"
+    empty.mkdir()
+    (empty / "notes.txt").write_text("")
+    file.write_text("")
+    refused("holds no .csv file", arguments=(empty, "--out", out))
+    refused("none: No such file", arguments=(tmp_path / "none", "--out", out))
+    refused("is not a folder", arguments=(file, "--out", out))
+    refused("folder of their own", arguments=(logs, "--out", logs / ".." / logs.name))
+    refused(str(file), arguments=(logs, "--out", file))
+    refused("/proc/", arguments=(logs, "--out", "/proc/fleet"))
+    assert not out.exists()
+
+
+def test_two_logs_never_share_their_files(refused, logs, tmp_path):
+    for name in ("a.csv", "a.CSV"):
+        shutil.copy(logs / "00000.csv", tmp_path / name)
+    refused("a.csv", "a.CSV", "a.json: rename one",
+            arguments=(tmp_path, "--out", tmp_path / "out"))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every folder")
+def test_folder_that_cannot_be_read_is_not_passed_over(tmp_path):
+    (tmp_path / "closed").mkdir(mode=0)
+    (tmp_path / "a.csv").write_text("")
+    with pytest.raises(OSError, match="closed"):
+        find_logs(tmp_path, tmp_path / "out")
+
+
+def test_second_run_in_the_same_folder_is_refused(logs, tmp_path):
+    with locked(tmp_path):
+        assert_refused(fleet(logs, "--out", tmp_path), "another hmcvt fleet writes there")
+        with pytest.raises(InputError, match="another"), locked(tmp_path):
+            pass
+    with locked(tmp_path):
+        pass
+
+
+def _limit_file_size():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+
+
+def test_full_disk_ends_the_run_and_leaves_whole_files(tmp_path):
+    out, log = tmp_path / "out", make_fleet(tmp_path, 1, 96)
+    done = finish(start("fleet", log, "--out", out, "--no-diagnose", preexec_fn=_limit_file_size))
+    # The parameter file fits, the result does not.
+    assert_refused(done, "00000.json: File too large")
+    assert sorted(path.name for path in out.iterdir()) == [".hmcvt-fleet.lock", "00000.yaml"]
+    assert load_model(out / "00000.yaml").provenance["samples"] == 96
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    (("--processes", "2", "--scheduler", "x:1"), "give one"),
+    (("--params", "p.yaml", "--stage", "HM4"), "leave --transmission and --stage out"),
+    (("--no-diagnose", "--noise", "0.004"), "--no-diagnose leaves it out"),
+    (("--formulation", "published"), "needs formulation power_balance"),
+    (("--noise", "3"), "outside"),
+    (("--gear-efficiency", "1.4"), "gear_efficiency"),
+    (("--params", "none.yaml"), "none.yaml"),
+    (("--processes", "0"), "--processes")], ids=str)
+def test_settings_are_refused_before_the_work(refused, logs, tmp_path, options, words):
+    refused(words, arguments=(logs, "--out", tmp_path / "out", *options))
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Disks that are full and folders that cannot be written, for whoever runs the tests."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+# Root may write everywhere, unless it does without that right; for others this changes nothing.
+_PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE = 24, 1
+BOUND_BY_PERMISSIONS = (
+    sys.executable, "-c",
+    f"import ctypes, os, sys; ctypes.CDLL(None).prctl({_PR_CAPBSET_DROP}, {_CAP_DAC_OVERRIDE}, "
+    "0, 0, 0); os.execv(sys.argv[1], sys.argv[1:])")
+"""Launcher of a process for which the permissions of files hold, even when root runs it."""
+
+
+@contextmanager
+def file_limit(size: int, process: int = 0) -> Iterator[None]:
+    """Let a process write no file beyond a size [bytes], as if the disk were full; 0 is this one.
+
+    Python ignores the signal that goes with it, so that the writes fail.
+    """
+    assert process or signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN
+    soft, hard = resource.prlimit(process, resource.RLIMIT_FSIZE)
+    resource.prlimit(process, resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.prlimit(process, resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextmanager
+def read_only(*paths: Path) -> Iterator[None]:
+    """Take away the right to write files and folders."""
+    modes = {path: path.stat().st_mode for path in paths}
+    for path, mode in modes.items():
+        path.chmod(mode & ~0o222)
+    try:
+        yield
+    finally:
+        for path, mode in modes.items():
+            path.chmod(mode)
+
+
+def fill(folder: Path) -> Path:
+    """Fill the file system of a folder to the last byte; return the file that does."""
+    ballast = folder / "ballast"
+    with ballast.open("wb", buffering=0) as file:
+        for size in (4096, 1):
+            try:
+                while file.write(b"x" * size):
+                    pass
+            except OSError:
+                pass
+        os.fsync(file.fileno())
+    return ballast

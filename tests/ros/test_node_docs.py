@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/node.md against a node that runs: every table, every reply, every file."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import json
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters
+from ros_bench import command, send_table
+
+from hmcvt_ros.diagnostics import _LEVELS
+from hmcvt_ros.inputs import INPUT_RANGES
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
+OF_EVERY_NODE = {"/rosout", "/parameter_events"}
+
+
+def table(head, number=0):
+    """The rows of the table whose head begins with a text, as lists of cells; code marks off."""
+    rows = []
+    for line in PAGE.split(f"\n| {head}")[number + 1].split("\n")[2:]:
+        if not line.startswith("|"):
+            break
+        cells = re.split(r"(?<!\\)\|", line[1:-1])
+        rows.append([cell.strip().replace("`", "") for cell in cells])
+    return rows
+
+
+def block(language):
+    """The code block of a language; the page has one."""
+    text, = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+    return text
+
+
+def reply(name):
+    """The reply that the page shows under a name."""
+    text, = re.findall(rf"<!-- reply: {name} -->\n```json\n(.*?)```", PAGE, re.DOTALL)
+    return json.loads(text)
+
+
+def full(name, node):
+    """The name of a topic or service in the page, as a node in a namespace has it."""
+    if name.startswith("/"):
+        return name
+    return f"{node.namespace}/{name.replace('~', 'hmcvt')}"
+
+
+def same(written, real, path=""):
+    """Whether two replies have the same keys and types, and numbers that agree within 5 %."""
+    if isinstance(written, dict) and isinstance(real, dict):
+        assert list(written) == list(real), path
+        for key in written:
+            same(written[key], real[key], f"{path}/{key}")
+    elif isinstance(written, list) and isinstance(real, list):
+        assert len(written) == len(real), path
+        for i, (one, other) in enumerate(zip(written, real, strict=True)):
+            same(one, other, f"{path}/{i}")
+    elif isinstance(written, (int, float)) and path != "/seconds":
+        assert real == pytest.approx(written, rel=0.05), path
+    else:
+        assert type(written) is type(real), path
+
+
+@pytest.fixture(scope="module")
+def node(start_node, paper_file, tmp_path_factory):
+    state = tmp_path_factory.mktemp("state")
+    (state / "bench_samples.csv").write_text("what a power cut left")
+    return start_node(paper_file, state=state)
+
+
+@pytest.fixture(scope="module")
+def replies(node, table2):
+    """What the services answer in the order of the page."""
+    found = {}
+    send_table(node.player, table2)
+    for service in ("reidentify", "diagnose", "revert", "clear_samples"):
+        success, found[service] = node.player.call(service, 60.0)
+        assert success, found[service]
+    return found
+
+
+@pytest.fixture(scope="module")
+def refused(start_node, table2):
+    """A node that has refused a refit, and its reply: the third test read 30 % too low."""
+    node = start_node("''")
+    efficiency = table2.efficiency.copy()
+    efficiency[2] *= 0.7
+    send_table(node.player, dataclasses.replace(table2, efficiency=efficiency))
+    success, data = node.player.call("reidentify", 60.0)
+    assert not success
+    return node, data
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def endpoints(observer, namespace):
+    """Topic, type, direction, reliability and durability of what a node has on the graph."""
+    found = []
+    for topic, _ in observer.get_topic_names_and_types():
+        for direction, infos in (("out", observer.get_publishers_info_by_topic(topic)),
+                                 ("in", observer.get_subscriptions_info_by_topic(topic))):
+            for info in infos:
+                if (info.node_name, info.node_namespace) == ("hmcvt", namespace):
+                    qos = info.qos_profile
+                    words = (qos.reliability.name, qos.durability.name)
+                    found.append((topic, info.topic_type, direction,
+                                  *(word.lower().replace("_", " ") for word in words)))
+    return sorted(end for end in found if end[0] not in OF_EVERY_NODE)
+
+
+def test_topics(node):
+    written = sorted((full(row[0], node), *row[1:5]) for row in table("topic"))
+
+    def found():
+        return endpoints(node.player, node.namespace)
+
+    assert node.player.wait_until(lambda: found() == written, 10.0), found()
+
+
+def test_depth_of_the_queues(node):
+    names, depths = [], []
+    for topic, _, direction, _, _, depth, _ in table("topic"):
+        end = "publisher" if direction == "out" else "subscription"
+        names.append(f"qos_overrides.{full(topic, node)}.{end}.depth")
+        depths.append(int(depth))
+    values = parameter_values(node, names)
+    assert values == depths
+
+
+def parameter_values(node, names):
+    client = node.player.create_client(GetParameters, f"{node.namespace}/hmcvt/get_parameters")
+    assert node.player.wait_until(client.service_is_ready, 10.0)
+    future = client.call_async(GetParameters.Request(names=names))
+    assert node.player.wait_until(future.done, 10.0)
+    return [value.integer_value for value in future.result().values]
+
+
+def test_services(node):
+    written = {(full(name, node), kind) for name, kind, _ in table("service")}
+    graph = node.player.get_service_names_and_types_by_node("hmcvt", node.namespace)
+    own = {(name, kind) for name, (kind,) in graph if kind.startswith("std_srvs/")}
+    assert own == written
+    for name, kind in re.findall(r"ros2 service call (\S+) (\S+)", PAGE):
+        assert (f"{node.namespace}{name}", kind) in own
+
+
+def test_parameters():
+    path = ROOT / "docs" / "parameter_table.py"
+    spec = importlib.util.spec_from_file_location("parameter_table", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.page(PAGE) == PAGE, "run: python docs/parameter_table.py"
+    for word in re.findall(r"ros2 param set /hmcvt (\S+)", PAGE):
+        assert f"| `{word}`" in PAGE
+
+
+def test_states_and_levels():
+    names = {DiagnosticStatus.OK: "OK", DiagnosticStatus.WARN: "WARN",
+             DiagnosticStatus.ERROR: "ERROR", DiagnosticStatus.STALE: "STALE"}
+    assert {(state, level) for state, level, _ in table("state")} == {
+        (state.value, names[level]) for state, level in _LEVELS.items()}
+
+
+def test_keys_of_the_diagnostics(node, replies):
+    statuses = node.player.statuses
+    assert node.player.wait_until(lambda: "gap verdict" in statuses["model"]["values"], 5.0)
+    keys = [row[0] for row in table("key", 0)]
+    assert list(statuses["inputs"]["values"]) == [
+        key.replace("<input>", limits.name) for limits in INPUT_RANGES
+        for key in keys if "<input>" in key] + [key for key in keys if "<input>" not in key]
+    assert list(statuses["model"]["values"]) == [row[0] for row in table("key", 1)]
+
+
+def test_files_of_the_state_folder(node, replies, refused):
+    names = set()
+    for folder in (node.state, refused[0].state):
+        names |= {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    assert names == {row[0] for row in table("file")}
+
+
+# --- replies --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("service", ["reidentify", "revert", "clear_samples"])
+def test_replies(replies, service):
+    same(reply(service), replies[service])
+
+
+def test_refused_refit(refused):
+    same(reply("reidentify, refused"), refused[1])
+
+
+def test_reply_of_diagnose_names_the_report(node, replies):
+    assert Path(replies["diagnose"]["report"]).parent == node.state / "reports"
+
+
+# --- what one can do with it ----------------------------------------------------------------------
+
+
+@pytest.fixture
+def run_node(environment, tmp_path):
+    """Run a node with more ROS arguments."""
+    processes = []
+
+    def run(*arguments):
+        processes.append(subprocess.Popen(
+            command(f"state_folder:={tmp_path}", arguments=arguments)))
+
+    yield run
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=10) == 0
+
+
+def test_quality_of_service_can_be_overridden(run_node, connect, tmp_path):
+    path = tmp_path / "qos.yaml"
+    path.write_text(block("yaml"))
+    changed = yaml.safe_load(block("yaml"))["/**"]["ros__parameters"]["qos_overrides"]
+    expected = {f"/tractor1/{name.replace('~', 'hmcvt')}": reliability
+                for name, _, _, reliability, *_ in table("topic") if name != "/diagnostics"}
+    for topic, ends in changed.items():
+        values, = ends.values()
+        expected[topic] = values["reliability"].replace("_", " ")
+    run_node("-r", "__ns:=/tractor1", "--params-file", str(path))
+    observer = connect("/observer")
+
+    def found():
+        return {topic: reliability for topic, _, _, reliability, _
+                in endpoints(observer, "/tractor1") if topic != "/diagnostics"}
+
+    assert observer.wait_until(lambda: found() == expected, 10.0), found()
+
+
+def test_python_example_runs(run_node, environment):
+    run_node()
+    result = subprocess.run([sys.executable, "-c", block("python")], env=dict(environment),
+                            capture_output=True, text=True, timeout=60)
+    assert "Reply(success=False, data={'error': 'no bench samples logged yet" in result.stdout, (
+        result.stderr)
+
+
+def test_command_line_that_the_launch_file_makes(run_node, connect, tmp_path):
+    # launch_ros is on no machine without ROS from apt; this is what it would start.
+    path = tmp_path / "launch_params"
+    path.write_text("/**:\n  ros__parameters:\n    use_sim_time: true\n")
+    run_node("--log-level", "warn", "--enclave", "/hmcvt", "--ros-args", "-r", "__node:=cvt",
+             "-r", "__ns:=/launched", "--params-file", str(ROOT / "hmcvt_ros/config/hmcvt.yaml"),
+             "--params-file", str(path))
+    observer = connect("/observer")
+
+    def found():
+        return observer.get_node_names_and_namespaces_with_enclaves()
+
+    assert observer.wait_until(lambda: ("cvt", "/launched", "/hmcvt") in found(), 10.0), found()
+    assert observer.wait_until(lambda: observer.count_subscribers("/clock") == 1, 10.0)
+
+
+def test_every_test_named_exists():
+    for row in table("..."):
+        file, _, name = row[2].partition("::")
+        assert re.search(rf"^def {name}\(", (ROOT / "tests" / "ros" / file).read_text(), re.M), row
+
+
+def test_launch_arguments():
+    text = (ROOT / "hmcvt_ros" / "launch" / "hmcvt.launch.py").read_text()
+    written = [row[0] for row in table("launch argument")]
+    assert written == re.findall(r'^    "(\w+)": \(', text, re.M)

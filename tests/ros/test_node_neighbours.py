@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node among others: of its own kind, and strangers on the same domain."""
+
+from __future__ import annotations
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from ros_bench import GOOD, send_table
+from std_msgs.msg import Float64, Float64MultiArray, String
+
+import hmcvt_core as hmcvt
+from hmcvt_ros import qos
+
+
+@pytest.fixture
+def stranger(environment):
+    """A node of a participant of its own: within one, a topic has one type."""
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("stranger", context=context)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_two_nodes_in_two_namespaces_do_not_mix(start_node, paper_file, table2):
+    shipped = hmcvt.data_path("params/hm4.yaml")
+    first, second = start_node(paper_file), start_node(shipped)
+    models = hmcvt.load_model(paper_file), hmcvt.load_model(shipped)
+
+    assert first.player.hold(GOOD).efficiency == models[0].efficiency(*GOOD)
+    second.player.spin_for(0.3)
+    assert second.player.efficiencies == [] and second.player.optima == []
+    assert second.player.hold(GOOD).efficiency == models[1].efficiency(*GOOD)
+
+    send_table(first.player, table2)
+    assert first.player.call("reidentify").success
+    assert not second.player.call("reidentify").success  # it has no samples
+    assert second.player.wait_until(lambda: "model" in second.player.statuses, 5.0)
+    assert second.player.statuses["model"]["values"]["fingerprint"] == models[1].fingerprint
+    assert second.player.statuses["model"]["values"]["bench samples received"] == "0"
+    assert models[1].fingerprint in second.player.model_text
+    assert second.player.hold(GOOD).efficiency == models[1].efficiency(*GOOD)
+    assert first.player.hold(GOOD).efficiency != models[0].efficiency(*GOOD)
+
+
+def test_stranger_on_the_domain_does_no_harm(start_node, paper_file, stranger: Node):
+    node = start_node(paper_file)
+    space = node.namespace
+    model = hmcvt.load_model(paper_file)
+    # Other types on the topics of the node, its own outputs among them.
+    wrong = [(stranger.create_publisher(kind, f"{space}/{topic}", profile), kind())
+             for kind, topic, profile in [
+                 (String, "engine_speed", qos.INPUT), (Float64MultiArray, "load_torque", 10),
+                 (String, "bench_sample", qos.BENCH_SAMPLE), (String, "efficiency", qos.OUTPUT),
+                 (Float64, "hmcvt/model", qos.LATCHED), (Float64, "hmcvt/efficiency_map", 10)]]
+    # The diagnostics of someone else, in good shape and in bad.
+    other = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    status = DiagnosticStatus(name="camera: frames", level=DiagnosticStatus.ERROR)
+    arrays = [DiagnosticArray(), DiagnosticArray(status=[status] * 50)]
+    flood = stranger.create_publisher(String, f"{space}/unrelated", 10)
+    noise = String(data="x" * 10_000)
+
+    for _ in range(100):
+        for publisher, message in wrong:
+            publisher.publish(message)
+        for array in arrays:
+            other.publish(array)
+        for _ in range(20):
+            flood.publish(noise)
+        node.player.spin_for(0.005)
+
+    assert node.player.hold(GOOD).efficiency == model.efficiency(*GOOD)
+    assert node.player.wait_until(
+        lambda: {"inputs", "model"} <= set(node.player.statuses), 5.0)
+    values = node.player.statuses["inputs"]["values"]
+    assert all(values[f"{name} refused, {reason}"] == "0" for name in GOOD._fields
+               for reason in ("not finite", "out of range"))
+    assert node.player.statuses["model"]["values"]["bench samples received"] == "0"
+    late = node.connect(space)
+    assert late.wait_until(lambda: late.model_text is not None and late.map is not None, 10.0)
+    assert node.process.poll() is None and "Traceback" not in node.log

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The SROS2 policy that ships, against what a running node and its client really use."""
+
+from __future__ import annotations
+
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+from ros_bench import command
+
+import hmcvt_ros
+
+POLICY = ElementTree.parse(Path(hmcvt_ros.__file__).parent / "security" / "hmcvt.policy.xml")
+# (element, attribute, value): the query of the graph that tells what a node uses in this way.
+QUERIES = {
+    ("topics", "publish"): "get_publisher_names_and_types_by_node",
+    ("topics", "subscribe"): "get_subscriber_names_and_types_by_node",
+    ("services", "reply"): "get_service_names_and_types_by_node",
+    ("services", "request"): "get_client_names_and_types_by_node",
+}
+
+
+def expand(name, node, namespace):
+    """A name as ROS expands it for a node."""
+    if name.startswith("~"):
+        return f"{namespace}/{node}{name[1:]}"
+    return name if name.startswith("/") else f"{namespace}/{name}"
+
+
+def allowed(node, namespace):
+    """What the policy allows a node, by the kinds of `QUERIES`; names stand once."""
+    profile, = POLICY.iterfind(f"enclaves/enclave/profiles/profile[@node='{node}']")
+    found = {kind: [] for kind in QUERIES}
+    for group in profile:
+        (verb, rule), = group.attrib.items()
+        assert rule == "ALLOW"
+        found[group.tag, verb] += [expand(item.text, node, namespace) for item in group]
+    return {kind: sorted(names) for kind, names in found.items()}
+
+
+def used(observer, node, namespace):
+    """What a running node uses, as another node sees it."""
+    return {kind: sorted(name for name, _ in getattr(observer, query)(node, namespace))
+            for kind, query in QUERIES.items()}
+
+
+@pytest.fixture(scope="module")
+def node(start_node, paper_file):
+    return start_node(paper_file, use_sim_time="true")  # subscribes to /clock
+
+
+@pytest.mark.parametrize("name", ["hmcvt", "bench_player"])
+def test_policy_allows_what_the_node_uses_and_nothing_else(node, connect, name):
+    observer = connect("/observer")
+    namespace = node.namespace
+    assert observer.wait_until(
+        lambda: used(observer, name, namespace) == allowed(name, namespace), 10.0
+    ), (used(observer, name, namespace), allowed(name, namespace))
+
+
+def test_policy_has_the_form_that_sros2_reads():
+    root = POLICY.getroot()
+    assert (root.tag, root.attrib) == ("policy", {"version": "0.2.0"})
+    assert [enclave.get("path") for enclave in root.iterfind("enclaves/enclave")] == [
+        "/hmcvt", "/bench_player"]
+    for profile in root.iter("profile"):
+        assert profile.attrib == {"ns": "/", "node": profile.get("node")}
+        assert {child.tag for group in profile for child in group} == {"topic", "service"}
+
+
+def test_node_does_not_run_unprotected_where_protection_is_asked_for(environment, tmp_path):
+    # The DDS of the wheels has no security; where it has, the keystore is empty.
+    (tmp_path / "enclaves").mkdir()
+    asked = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce",
+             "ROS_SECURITY_KEYSTORE": str(tmp_path)}
+    result = subprocess.run(command(f"state_folder:={tmp_path}"), env={**environment, **asked},
+                            capture_output=True, text=True, timeout=20)
+    assert result.returncode == 2
+    assert "hmcvt: error: " in result.stderr and "serving" not in result.stderr

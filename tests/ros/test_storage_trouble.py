@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A full disk, a folder that cannot be written, a folder that two nodes want, leftovers."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from full_disk import BOUND_BY_PERMISSIONS, file_limit, fill, read_only
+from ros_bench import GOOD, command, message, send_table
+
+import hmcvt_core as hmcvt
+from hmcvt_core.atomic import write_atomically
+from hmcvt_ros.bench_log import BenchLog
+from hmcvt_ros.model_store import ModelStore
+from hmcvt_ros.state_folder import StateFolder
+
+# --- the node -------------------------------------------------------------------------------------
+
+
+def says(node, level, *words):
+    """Wait for a level and words in the status of the model."""
+    def said():
+        status = node.player.statuses.get("model", {"level": None, "message": ""})
+        return status["level"] == level and all(word in status["message"] for word in words)
+
+    return node.player.wait_until(said, 5.0)
+
+
+def serves(node, paper_file):
+    expected = hmcvt.load_model(paper_file).efficiency(*GOOD)
+    return node.player.hold(GOOD).efficiency == pytest.approx(expected, rel=1e-12)
+
+
+def logs_again(node, table2, before):
+    node.player.send_sample(message(table2, 0))
+    assert node.player.wait_for_logged(before + 1), node.player.statuses["model"]
+    assert says(node, DiagnosticStatus.OK, "serving")
+    assert len(hmcvt.read_bench(node.bench_file)) == before + 1
+
+
+def large_log(folder: Path) -> int:
+    """Make a log larger than all else that a node writes; return how many samples it has."""
+    count = 20_000
+    column = np.full(count, 0.5)
+    folder.mkdir()
+    BenchLog(folder / "bench_samples.csv", 10 * count).append(hmcvt.BenchSamples(
+        displacement_ratio=column, engine_speed=200.0 * column, load_torque=400.0 * column,
+        efficiency=column, output_speed=200.0 * column, stamp=np.arange(float(count))))
+    return count
+
+
+def test_full_disk_while_logging(start_node, paper_file, table2, tmp_path):
+    state = tmp_path / "state"
+    count = large_log(state)
+    node = start_node(paper_file, state=state)
+    whole = node.bench_file.read_bytes()
+    with file_limit(len(whole) + 10, node.process.pid):
+        for i in range(3):
+            node.player.send_sample(message(table2, i))
+        assert says(node, DiagnosticStatus.ERROR, "bench log", "File too large"), node.log
+        assert serves(node, paper_file)
+        values = node.player.statuses["model"]["values"]
+        assert values["bench samples logged"] == str(count)
+        assert values["bench samples refused, not written"] == "3"
+        assert node.bench_file.read_bytes() == whole
+    logs_again(node, table2, count)
+
+
+def test_full_disk_while_refitting(start_node, paper_file, table2):
+    node = start_node(paper_file)
+    send_table(node.player, table2)
+    # Less than a parameter file needs, and more than the answer of the worker.
+    with file_limit(1000, node.process.pid):
+        reply = node.player.call("reidentify")
+        assert not reply.success and "File too large" in reply.data["error"], reply.data
+        assert "0001.yaml" in reply.data["error"]
+        assert node.player.wait_until(lambda: "failed: [Errno" in node.player.statuses["model"][
+            "values"]["last refit"], 5.0)
+        assert serves(node, paper_file)
+    assert list((node.state / "models").iterdir()) == []
+    assert node.player.call("reidentify").success
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 128 KiB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    made = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=128k", "hmcvt-test", str(folder)],
+                          capture_output=True, text=True)
+    if made.returncode != 0:
+        pytest.skip(f"no right to mount ({made.stderr.strip()}); the two tests before do without")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+@pytest.mark.slow  # a diagnosis
+def test_full_file_system(start_node, paper_file, table2, small_disk):
+    node = start_node(paper_file, state=small_disk / "state")
+    send_table(node.player, table2)
+    ballast = fill(small_disk)
+
+    def refused():
+        node.player.send_sample(message(table2, 0))
+        return node.player.statuses["model"]["level"] == DiagnosticStatus.ERROR
+
+    # The page that the log ends in has room for some samples.
+    assert node.player.wait_until(refused, 10.0)
+    assert says(node, DiagnosticStatus.ERROR, "bench log", "No space left")
+    assert serves(node, paper_file)
+    logged = int(node.player.statuses["model"]["values"]["bench samples logged"])
+    read = hmcvt.read_bench(node.bench_file)
+    assert len(read) == logged > 8
+    reply = node.player.call("reidentify")
+    assert not reply.success and "No space left" in reply.data["error"]
+    reply = node.player.call("diagnose", timeout=90.0)
+    assert reply.success and reply.data["report"] is None
+    assert "No space left" in reply.data["report_error"]
+    ballast.unlink()
+    logs_again(node, table2, logged)
+    assert node.player.call("reidentify").success
+    assert node.stop() == 0
+    assert f"{logged + 1} bench samples" in start_node(paper_file, state=node.state).log
+
+
+def test_folder_turns_read_only_and_back(start_node, paper_file, table2):
+    node = start_node(paper_file, launcher=BOUND_BY_PERMISSIONS)
+    send_table(node.player, table2)
+    with read_only(node.state, node.bench_file):
+        node.player.send_sample(message(table2, 0))
+        assert says(node, DiagnosticStatus.ERROR, "bench log", "Permission denied")
+        reply = node.player.call("reidentify")
+        assert not reply.success and "Permission denied" in reply.data["error"]
+        reply = node.player.call("clear_samples")
+        assert not reply.success and "Permission denied" in reply.data["error"]
+        assert serves(node, paper_file)
+    logs_again(node, table2, 8)
+    assert node.player.call("reidentify").success
+
+
+def test_start_in_a_read_only_folder_is_told_before_a_sample_is_lost(
+    start_node, paper_file, table2, tmp_path
+):
+    state = tmp_path / "state"
+    StateFolder(state).close()
+    with read_only(state):
+        node = start_node(paper_file, state=state, launcher=BOUND_BY_PERMISSIONS)
+        assert node.says("state_folder: ")
+        assert says(node, DiagnosticStatus.ERROR, str(state), "cannot be written")
+        assert serves(node, paper_file)
+    logs_again(node, table2, 0)
+
+
+def test_refit_that_cannot_be_put_into_service(start_node, paper_file, table2):
+    node = start_node(paper_file, launcher=BOUND_BY_PERMISSIONS)
+    send_table(node.player, table2)
+    (node.state / "models").mkdir()
+    with read_only(node.state):  # but not the folder of the models
+        reply = node.player.call("reidentify")
+        assert not reply.success and "in_service.json" in reply.data["error"], reply.data
+        assert serves(node, paper_file)
+    assert [path.name for path in (node.state / "models").iterdir()] == ["0001.yaml"]
+    reply = node.player.call("reidentify")
+    assert reply.success and Path(reply.data["file"]).name == "0002.yaml"
+
+
+def test_second_node_on_one_state_folder_does_not_start(
+    start_node, environment, paper_file, table2
+):
+    first = start_node(paper_file)
+    given = command(f"model_file:={paper_file}", f"state_folder:={first.state}")
+    second = subprocess.run(given, env=dict(environment), capture_output=True, text=True,
+                            timeout=20)
+    assert second.returncode == 2
+    assert second.stderr.startswith(f"hmcvt: error: state_folder: {first.state} is in use by")
+    assert second.stderr.count("\n") == 1
+    send_table(first.player, table2)
+    first.process.kill()
+    first.process.wait()
+    assert "8 bench samples" in start_node(paper_file, state=first.state).log
+
+
+# --- what it is made of ---------------------------------------------------------------------------
+
+
+def test_model_that_cannot_be_adopted_leaves_the_one_before(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    first, second = store.new_path(), tmp_path / "models" / "0002.yaml"
+    for path, leakage in ((first, 1e-12), (second, 2e-12)):
+        replace(store.model, parameters=replace(store.model.parameters, leakage=leakage)).save(path)
+    before = store.adopt(first)
+    state = (tmp_path / "in_service.json").read_bytes()
+    with file_limit(50):
+        with pytest.raises(OSError, match=r"in_service\.json"):
+            store.adopt(second)
+        with pytest.raises(OSError, match=r"in_service\.json"):
+            store.revert()
+    assert store.model is before and store.path == first
+    assert (tmp_path / "in_service.json").read_bytes() == state
+    assert ModelStore(paper_file, tmp_path).model.fingerprint == before.fingerprint
+    assert json.loads(state)["in_service"] == ["0001.yaml"]
+
+
+def test_leftovers_of_killed_writes_are_removed_and_nothing_else(tmp_path, monkeypatch):
+    kept = [".bench.csv.swp", ".notes.tmp", "x.yaml.abcdefgh.tmp", ".x.yaml.ABCDEFGH.tmp",
+            "bench_samples.csv", "models/.hidden", "models/0001.yaml"]
+    (tmp_path / "models").mkdir()
+    for name in kept:
+        (tmp_path / name).write_text("")
+    left = set(tmp_path.rglob("*"))
+    # What a write makes first, and a kill before the rename leaves.
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", lambda *_: None)
+        for name in ("in_service.json", "models/0002.yaml"):
+            write_atomically(tmp_path / name, "text")
+    assert len(set(tmp_path.rglob("*")) - left) == 2
+    StateFolder(tmp_path).close()
+    assert set(tmp_path.rglob("*")) == left
+
+
+def test_state_folder_is_taken_once_and_given_back(tmp_path):
+    first = StateFolder(tmp_path / "a" / "b")
+    assert first.writable and first.complaint == ""
+    with pytest.raises(hmcvt.InputError, match="in use by another node"):
+        StateFolder(first.path)
+    StateFolder(tmp_path / "a" / "c").close()
+    first.close()
+    StateFolder(first.path).close()
+
+
+def test_held_folder_is_not_cleared_by_another(tmp_path):
+    first = StateFolder(tmp_path)
+    under_way = tmp_path / ".x.yaml.abcdefgh.tmp"
+    under_way.write_text("")
+    with pytest.raises(hmcvt.InputError):
+        StateFolder(tmp_path)
+    assert under_way.exists()
+    first.close()
+    StateFolder(tmp_path).close()
+    assert not under_way.exists()
+
+
+def test_folder_that_cannot_be_made_is_a_complaint(tmp_path):
+    (tmp_path / "file").write_text("")
+    found = StateFolder(tmp_path / "file" / "state")
+    assert not found.writable and str(tmp_path / "file") in found.complaint
+    found.close()

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nonsense on the three inputs, and what the node may say to it: nothing, or what is right.
+
+Reliable subscriptions that hold a whole burst, so that nothing is lost and every count is exact.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64
+
+from hmcvt_core import EfficiencyModel
+from hmcvt_ros import qos
+
+from .ear import Ear, Statuses
+from .points import ORDINARY
+from .processes import Process
+
+# As the interface promises it, not as the code has it.
+LIMITS = {"displacement_ratio": (-1.0, 1.0), "engine_speed": (10.0, 320.0),
+          "load_torque": (1.0, 5000.0)}
+TOPICS = tuple(LIMITS)
+REASONS = ("not finite", "out of range")
+DEPTH = 5000
+_BURST = 200
+
+_NONSENSE = (math.nan, -math.nan, math.inf, -math.inf, 5e-324, -5e-324, 2.2e-308, -0.0, 0.0,
+             1.7e308, -1.7e308, 1e30, 50.0, 1.5, 750.0, 2200.0, -100.0, 1e-6)
+
+
+def overrides(namespace: str) -> dict[str, Any]:
+    """Return the parameters that a node needs to lose nothing and find no input stale."""
+    profiles: dict[str, Any] = {"input_timeout": 60.0}
+    for topic in (*TOPICS, "bench_sample"):
+        profiles[f"qos_overrides.{namespace}/{topic}.subscription.reliability"] = "reliable"
+        profiles[f"qos_overrides.{namespace}/{topic}.subscription.depth"] = DEPTH
+    for topic in ("efficiency", "optimal_displacement_ratio"):
+        profiles[f"qos_overrides.{namespace}/{topic}.publisher.depth"] = DEPTH
+    return profiles
+
+
+class Oracle:
+    """What a node that keeps its promises has counted and published after some messages.
+
+    Attributes:
+        counts: by the keys of diagnostics.
+        efficiency, optimum: what must have been published since they were last cleared, in order.
+        answers: how many efficiencies in all.
+    """
+
+    def __init__(self, model: EfficiencyModel) -> None:
+        self.counts = Counter({f"{topic} {what}": 0 for topic in TOPICS for what in (
+            "accepted", *(f"refused, {reason}" for reason in REASONS))})
+        self.efficiency: list[float] = []
+        self.optimum: list[float] = []
+        self.answers = 0
+        self._inputs: dict[str, float | None] = dict.fromkeys(TOPICS)
+        self._model_efficiency = lru_cache(1 << 14)(model.efficiency)
+        self._model_optimum = lru_cache(1 << 14)(model.optimal_displacement_ratio)
+
+    def hear(self, topic: str, value: float) -> None:
+        """Take a message as the node should."""
+        low, high = LIMITS[topic]
+        valid = low <= value <= high
+        reason = REASONS[math.isfinite(value)]
+        self.counts[f"{topic} accepted" if valid else f"{topic} refused, {reason}"] += 1
+        self._inputs[topic] = value if valid else None
+        point = [self._inputs[name] for name in TOPICS]
+        if not valid or None in point:
+            return
+        efficiency = float(self._model_efficiency(*point))
+        best = float(self._model_optimum(*point[1:]).displacement_ratio)
+        if math.isfinite(efficiency):
+            self.efficiency.append(efficiency)
+            self.answers += 1
+        if math.isfinite(best):
+            self.optimum.append(best)
+
+
+class InputFuzzer:
+    """Sends nonsense to a node started with `overrides` and holds it to an oracle.
+
+    Waits `patience` [s] for what is due; only a failure takes as long.
+
+    Attributes:
+        sent: count of messages.
+        oracle: what must have come of them.
+        differences: where the node did something else; empty when it kept its promises.
+    """
+
+    def __init__(self, client: Node, process: Process, namespace: str, model: EfficiencyModel,
+                 seed: int, patience: float = 20.0) -> None:
+        self.sent = 0
+        self._patience = patience
+        self.oracle = Oracle(model)
+        self.differences: list[str] = []
+        self._process = process
+        self._random = np.random.default_rng(seed)
+        self._statuses = Statuses(namespace)
+        self._efficiency: list[float] = []
+        self._optimum: list[float] = []
+        self._publishers = {topic: client.create_publisher(
+            Float64, f"{namespace}/{topic}", QoSProfile(depth=DEPTH)) for topic in TOPICS}
+        outputs = {"efficiency": self._efficiency, "optimal_displacement_ratio": self._optimum}
+        self._outputs = {client.create_subscription(
+            Float64, f"{namespace}/{topic}", _unused, QoSProfile(depth=DEPTH)): values
+            for topic, values in outputs.items()}
+        diagnostics = client.create_subscription(
+            DiagnosticArray, "/diagnostics", _unused, qos.DIAGNOSTICS)
+        self.ear = Ear(client, {
+            diagnostics: self._statuses.take,
+            **{subscription: lambda message, _, values=values: values.append(message.data)
+               for subscription, values in self._outputs.items()}})
+
+    def run(self, count: int) -> None:
+        """Send about `count` messages; stop at the first difference."""
+        self._connect()
+        self._while_one_is_bad(TOPICS[0], count // 20, begun=False)
+        self._set(TOPICS[0])
+        blind_at = [count * share // 20 for share in (15, 12, 9, 6, 3)]
+        while self.sent < count and not self.differences:
+            if blind_at and self.sent > blind_at[-1]:
+                blind_at.pop()
+                self._while_one_is_bad(TOPICS[len(blind_at) % 3], count // 20)
+            self._burst(TOPICS[self._random.integers(3)])
+        self._compare_counts()
+
+    # --- what is sent -------------------------------------------------------------------------
+
+    def _burst(self, topic: str) -> None:
+        """Send nonsense and good values on one topic while the two others are good."""
+        for other in TOPICS:
+            if other != topic:
+                self._set(other)
+        self._send(topic, (self._value(topic) for _ in range(_BURST)))
+        self._set(topic)
+
+    def _while_one_is_bad(self, bad: str, count: int, begun: bool = True) -> None:
+        """Send on two topics while the third is bad, or has not begun: no word may come."""
+        if begun:
+            self._send(bad, [float(self._random.choice(_NONSENSE[:4]))])
+            self._compare_counts()  # which also waits until it was heard
+        others = [topic for topic in TOPICS if topic != bad]
+        for start in range(0, count, DEPTH):
+            for topic in others:
+                number = min(count - start, DEPTH) // 2
+                self._send(topic, (self._value(topic) for _ in range(number)))
+                self._send(topic, [self._ordinary(topic)])
+            self._compare_counts()
+        self._set(bad)
+
+    def _set(self, topic: str) -> None:
+        """Send a good value and wait for the answers to everything up to it."""
+        self._send(topic, [self._ordinary(topic)])
+        self._compare_outputs()
+
+    def _send(self, topic: str, values: Iterable[float]) -> None:
+        for value in values:
+            self._publishers[topic].publish(Float64(data=value))
+            self.oracle.hear(topic, value)
+            self.sent += 1
+
+    def _value(self, topic: str) -> float:
+        """Draw a value: nonsense, arbitrary bits, the limits and their neighbours, good ones."""
+        random, (low, high) = self._random, LIMITS[topic]
+        kind = random.integers(5)
+        if kind == 0:
+            return float(random.choice(_NONSENSE))
+        if kind == 1:
+            return float(struct.unpack("<d", random.bytes(8))[0])
+        if kind == 2:
+            limit = low if random.integers(2) else high
+            return float(random.choice([np.nextafter(limit, -np.inf), limit,
+                                        np.nextafter(limit, np.inf)]))
+        return float(random.uniform(low, high)) if kind == 3 else self._ordinary(topic)
+
+    def _ordinary(self, topic: str) -> float:
+        low, high = ORDINARY[TOPICS.index(topic)]
+        return float(self._random.choice(np.linspace(low, high, 50)))
+
+    # --- what comes back ----------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        if not self.ear.listen_until(lambda: (
+                all(publisher.get_subscription_count() for publisher in self._publishers.values())
+                and all(output.get_publisher_count() for output in self._outputs)
+                and self._statuses.stamp > 0), 20.0):
+            raise TimeoutError(f"the node did not come up:\n{self._process.log}")
+
+    def _compare_outputs(self) -> None:
+        """Wait for as many answers as there must be, and compare each of them."""
+        pairs = ((self._efficiency, self.oracle.efficiency), (self._optimum, self.oracle.optimum))
+        self.ear.listen_until(
+            lambda: all(len(heard) >= len(due) for heard, due in pairs), self._patience)
+        for heard, due in pairs:
+            if heard != due:
+                first = next((i for i, (one, other) in enumerate(zip(heard, due, strict=False))
+                              if one != other), min(len(heard), len(due)))
+                self.differences.append(
+                    f"answer {first} of {len(due)} is {heard[first:first + 1]}, not "
+                    f"{due[first:first + 1]}; {len(heard)} came")
+        self.differences += [f"efficiency {value} was published" for value in self._efficiency
+                             if not 0.0 < value < 1.0]
+        for values in (*pairs[0], *pairs[1]):
+            values.clear()
+
+    def _compare_counts(self) -> None:
+        """Wait until the counts in diagnostics are those of the oracle, and compare the rest."""
+        due = {**self.oracle.counts, "points answered": self.oracle.answers}
+
+        def counted() -> dict[str, int]:
+            return {key: int(self._statuses.values["inputs"][key]) for key in due}
+
+        if not self.ear.listen_until(lambda: counted() == due, self._patience):
+            self.differences.append(f"diagnostics count {counted()}, not {due}")
+        self._compare_outputs()
+
+
+def _unused(message: object) -> None:
+    """The callback of a subscription that no executor serves."""

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The load: three inputs at a rate, every answer recognised, its latency taken from the stamps.
+
+An arrival begins when this process is about to publish it and ends when the middleware of this
+process has received the answer; that stamp is set by a thread of the middleware, so that what
+Python does here meanwhile does not count.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64
+
+from hmcvt_ros import qos
+from hmcvt_ros.inputs import INPUT_RANGES
+
+from .ear import Ear, Statuses
+from .matching import match
+from .points import TOPICS, Answer, Cycle
+from .processes import Process, busy_seconds
+
+# Of this side only: a listener that is late must not lose what the node has sent.
+_DEEP = QoSProfile(depth=20_000)
+_SETTLE = 0.3  # seconds after the last arrival in which answers may still come
+_TICK = 0.1
+
+
+@dataclass(frozen=True)
+class Segment:
+    """What one stretch of load showed.
+
+    Attributes:
+        rate: aimed at, of each input [Hz].
+        seconds: that it took to send.
+        sent: arrivals sent.
+        answers, optima: messages on `efficiency` and on `optimal_displacement_ratio`.
+        right: answers that are exactly what must be said to one arrival, on both outputs.
+        repeats: answers that say again what was said before, as a new model does.
+        efficiency_latency, optimum_latency: of the right answers [ms].
+        cpu: share of one core used by the process under test, 1 = all of it.
+        generator_cpu, other_cpu: the same of this process and of all others on the machine.
+        memory: bytes held by the process under test, ten times a second.
+        clock_slip: how much the system clock was moved meanwhile [s]; the stamps follow it.
+    """
+
+    rate: float
+    seconds: float
+    sent: int
+    answers: int
+    optima: int
+    right: int
+    repeats: int
+    efficiency_latency: NDArray[np.float64]
+    optimum_latency: NDArray[np.float64]
+    cpu: float
+    generator_cpu: float
+    other_cpu: float
+    memory: tuple[int, ...]
+    clock_slip: float
+
+
+@dataclass
+class _Answers:
+    """Values and times of reception of one output."""
+
+    values: list[float] = field(default_factory=list)
+    received: list[int] = field(default_factory=list)
+
+    def take(self, message: Float64, received: int) -> None:
+        self.values.append(message.data)
+        self.received.append(received)
+
+
+class Target:
+    """A process under test, as seen from here.
+
+    Attributes:
+        process: it.
+        ear: hears its outputs, and its diagnostics.
+        statuses: its last diagnostics, when it has any.
+    """
+
+    def __init__(self, client: Node, process: Process, namespace: str) -> None:
+        self.process = process
+        self.statuses = Statuses(namespace)
+        self._inputs = [client.create_publisher(Float64, f"{namespace}/{limits.name}", qos.INPUT)
+                        for limits in INPUT_RANGES]
+        self._efficiency, self._optimum = _Answers(), _Answers()
+        outputs = {"efficiency": self._efficiency, "optimal_displacement_ratio": self._optimum}
+        self._outputs = {
+            client.create_subscription(Float64, f"{namespace}/{topic}", _unused, _DEEP): answers
+            for topic, answers in outputs.items()}
+        diagnostics = client.create_subscription(
+            DiagnosticArray, "/diagnostics", _unused, qos.DIAGNOSTICS)
+        self.ear = Ear(client, {
+            **{subscription: answers.take for subscription, answers in self._outputs.items()},
+            diagnostics: self.statuses.take})
+
+    def wait(self) -> None:
+        """Wait until the process is connected.
+
+        Raises:
+            TimeoutError: it is not.
+        """
+        def connected() -> bool:
+            return (all(publisher.get_subscription_count() for publisher in self._inputs)
+                    and all(output.get_publisher_count() for output in self._outputs))
+
+        if not self.ear.listen_until(lambda: connected() or not self.process.running, 20.0) \
+                or not connected():
+            raise TimeoutError(f"a process under test did not come up:\n{self.process.log}")
+        self.ear.listen_for(0.5)  # the other side connects a little later
+
+    def counts(self) -> tuple[int, int]:
+        """Return how many arrivals the node says it has accepted and answered, up to now.
+
+        Raises:
+            TimeoutError: it says nothing.
+        """
+        now = time.time_ns()
+        if not self.ear.listen_until(lambda: self.statuses.stamp > now, 5.0):
+            raise TimeoutError(f"no diagnostics:\n{self.process.log}")
+        return (self.statuses.sum("inputs", " accepted"),
+                self.statuses.sum("inputs", "points answered"))
+
+    def load(self, cycle: Cycle, rate: float, seconds: float,
+             meanwhile: Callable[[], None] = lambda: None) -> Segment:
+        """Send arrivals, one topic after the other at even distances.
+
+        Args:
+            cycle: what to send and what to expect.
+            rate: of each input [Hz].
+            seconds: for how long.
+            meanwhile: is called ten times a second.
+
+        Raises:
+            TimeoutError: not even a single point is answered.
+        """
+        self._prime(cycle)
+        before, start, wall = self._usage(), time.monotonic(), _clock_offset()
+        memory: list[int] = []
+
+        def tick() -> None:
+            memory.append(self.process.memory())
+            meanwhile()
+
+        gc.collect()
+        gc.disable()
+        try:
+            sent = self._send(cycle, rate * TOPICS, round(seconds * rate * TOPICS), tick)
+        finally:
+            gc.enable()
+        spent = time.monotonic() - start
+        used = (self._usage() - before) / spent
+        self.ear.listen_for(_SETTLE)
+        return Segment(
+            rate=rate, seconds=spent, sent=len(sent),
+            cpu=used[0], generator_cpu=used[1], other_cpu=used[2] - used[0] - used[1],
+            memory=tuple(memory), clock_slip=_clock_offset() - wall,
+            **self._matched(cycle, sent))
+
+    def _usage(self) -> NDArray[np.float64]:
+        return np.array([self.process.cpu_seconds(), time.process_time(), busy_seconds()])
+
+    def _prime(self, cycle: Cycle) -> None:
+        """Send the last three arrivals of the cycle, so that the first one completes a set."""
+        self._forget()
+        for i in range(-TOPICS, 0):
+            self._inputs[i].publish(Float64(data=cycle.values[i]))
+            self.ear.listen_for(0.02)
+        last = cycle.answers[-1]
+        if not self.ear.listen_until(lambda: (
+                self._efficiency.values[-1:], self._optimum.values[-1:])
+                == ([last[0]], [last[1]]), 5.0):
+            raise TimeoutError(f"the first point was not answered with {last}, but with "
+                               f"{self._efficiency.values}:\n{self.process.log}")
+        self._forget()
+
+    def _forget(self) -> None:
+        for answers in (self._efficiency, self._optimum):
+            answers.values.clear()
+            answers.received.clear()
+
+    def _send(self, cycle: Cycle, rate: float, count: int, tick: Callable[[], None]) -> list[int]:
+        """Publish `count` arrivals; return when each began [ns since 1970]."""
+        sent: list[int] = []
+        due = next_tick = time.monotonic()
+        while len(sent) < count:
+            now = time.monotonic()
+            if now >= next_tick:
+                next_tick += _TICK
+                tick()
+            if now < due:
+                self.ear.listen(due - now)
+                continue
+            i = len(sent) % len(cycle.values)
+            sent.append(time.time_ns())
+            self._inputs[i % TOPICS].publish(Float64(data=cycle.values[i]))
+            # A load that was held up goes on later; it does not make up for it with a burst.
+            due = max(due + 1.0 / rate, now)
+            if i % TOPICS == 0:
+                self.ear.listen(0.0)  # also when there is no time to wait
+        return sent
+
+    def _matched(self, cycle: Cycle, sent: list[int]) -> dict[str, Any]:
+        """Say which answers are right, and how long they took."""
+        answers = self._efficiency.values
+        found = match(cycle, len(sent), list(map(Answer, answers, self._optimum.values)))
+        numbers = [number for number, _ in found.pairs]
+        began = np.array([sent[arrival] for _, arrival in found.pairs], dtype=np.int64)
+        return {
+            "answers": len(answers), "optima": len(self._optimum.values), "right": len(found.pairs),
+            "repeats": found.repeats,
+            "efficiency_latency": (np.array(self._efficiency.received)[numbers] - began) * 1e-6,
+            "optimum_latency": (np.array(self._optimum.received)[numbers] - began) * 1e-6,
+        }
+
+
+def _unused(message: object) -> None:
+    """The callback of a subscription that no executor serves."""
+
+
+def _clock_offset() -> float:
+    return min(time.time() - time.monotonic() for _ in range(5))

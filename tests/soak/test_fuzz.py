@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""100,000 messages of nonsense, and that what they are held to can be missed."""
+
+from __future__ import annotations
+
+import pytest
+
+import hmcvt_core as hmcvt
+
+from . import processes, trial
+from .fuzz_inputs import InputFuzzer, overrides
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_nonsense_does_not_make_the_node_break_a_promise(folder):
+    fuzzed = trial.nonsense(trial.Plan(), folder)
+    assert fuzzed.differences == ()
+    assert fuzzed.survived and fuzzed.exit_code == 0
+    assert fuzzed.sent >= 100_000 and fuzzed.answers > 10_000 and fuzzed.logged > 1_000
+
+
+def test_fuzzer_notices_a_wrong_model(folder):
+    other = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
+    with (trial.client() as here, processes.node("/wrong", folder, **overrides("/wrong")) as node):
+        fuzzer = InputFuzzer(here, node, "/wrong", other, seed=0, patience=2.0)
+        fuzzer.run(100)
+    assert fuzzer.differences[0].startswith("answer 0 of 1 is [0.")
