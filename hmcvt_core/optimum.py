@@ -19,12 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 from .closed_form_optimum import best_engine_speed, best_flow
 from .errors import InputError
 from .optimum_search import search_pair, search_stroke
-from .ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED
+from .ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, Range
 
 if TYPE_CHECKING:
     from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
+Value = Any
+"""A float, or an array."""
+Pairs = tuple[Any, Any]
+"""Displacement ratio and engine speed: floats, or arrays of one shape."""
 HOLDS = ("engine_speed", "output_speed")
 _LIMIT_SLACK = 1e-5  # of the width between two limits
 
@@ -83,27 +87,35 @@ def optimum(
     """
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
-    speed, torque = ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)
+    speed, torque = _checked(ENGINE_SPEED, engine_speed), _checked(LOAD_TORQUE, load_torque)
     if hold == "engine_speed":
-        pairs = _held_engine_speed(model, *np.broadcast_arrays(speed, torque))
+        pairs = _held_engine_speed(model, speed, torque)
         return _packed(model, pairs, speed * torque, hold)
     limits = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
     if not limits[0] < limits[1]:
         raise InputError(f"engine_speed_limits = {limits[0]:g}, {limits[1]:g}: the first must be "
                          "lower")
     if output_speed is not None:
-        target = OUTPUT_SPEED.check(output_speed)
+        target = _checked(OUTPUT_SPEED, output_speed)
     elif displacement_ratio is not None:
-        target = np.asarray(model.output_speed(displacement_ratio, engine_speed, load_torque))
+        target = model.output_speed(displacement_ratio, engine_speed, load_torque)
     else:
         raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
-    target, power = np.broadcast_arrays(target, speed * torque)
+    power = speed * torque
     pairs = _held_output_speed(model, target, power, limits)
     return _packed(model, pairs, power, hold, target, limits)
 
 
-def _held_engine_speed(model: EfficiencyModel, speed: Array, torque: Array) -> Array:
-    """Displacement ratio and engine speed, shape (2, ...), at engine speeds and load torques."""
+def _checked(limits: Range, value: Any) -> Value:
+    # A single float, which a control loop gives, is to cost no array.
+    if isinstance(value, float) and limits.low <= value <= limits.high:
+        return float(value)
+    array = limits.check(value)
+    return array.item() if array.ndim == 0 else array
+
+
+def _held_engine_speed(model: EfficiencyModel, speed: Value, torque: Value) -> Pairs:
+    """Displacement ratio and engine speed at engine speeds and load torques."""
     form = model.closed_form
 
     def exact(speed: float, torque: float) -> tuple[float, float] | None:
@@ -115,9 +127,9 @@ def _held_engine_speed(model: EfficiencyModel, speed: Array, torque: Array) -> A
 
 
 def _held_output_speed(
-    model: EfficiencyModel, target: Array, power: Array, limits: Sequence[float]
-) -> Array:
-    """Displacement ratio and engine speed, shape (2, ...), at output speeds and powers."""
+    model: EfficiencyModel, target: Value, power: Value, limits: Sequence[float]
+) -> Pairs:
+    """Displacement ratio and engine speed at output speeds and powers."""
     form, interval = model.closed_form, (limits[0], limits[1])
 
     def exact(target: float, power: float) -> tuple[float, float] | None:
@@ -131,38 +143,46 @@ def _held_output_speed(
 def _exact_or_searched(
     exact: Callable[[float, float], tuple[float, float] | None],
     search: Callable[[Array, Array], tuple[Array, Array]],
-    first: Array,
-    second: Array,
-) -> Array:
+    first: Value,
+    second: Value,
+) -> Pairs:
     """Solve point by point where the model can, and search, all at once, where it cannot."""
+    if isinstance(first, float) and isinstance(second, float):
+        pair = exact(first, second)
+        if pair is None:
+            stroke, speed = search(np.array([first]), np.array([second]))
+            pair = stroke.item(), speed.item()
+        return pair
+    first, second = np.broadcast_arrays(first, second)
     found = [exact(*point) for point in zip(first.ravel().tolist(), second.ravel().tolist(),
                                             strict=True)]
     pairs = np.array([(math.nan, math.nan) if pair is None else pair for pair in found])
     rest = [i for i, pair in enumerate(found) if pair is None]
     if rest:
         pairs[rest] = np.transpose(search(first.ravel()[rest], second.ravel()[rest]))
-    return pairs.reshape(-1, 2).T.reshape(2, *first.shape)
+    strokes, speeds = pairs.reshape(-1, 2).T.reshape(2, *first.shape)
+    return strokes, speeds
 
 
 def _packed(
     model: EfficiencyModel,
-    pairs: Array,
-    power: Array,
+    pairs: Pairs,
+    power: Value,
     hold: str,
-    target: Array | None = None,
+    target: Value | None = None,
     limits: Sequence[float] = (-math.inf, math.inf),
 ) -> Optimum:
-    stroke, speed = np.clip(pairs[0], -1.0, 1.0), pairs[1]
-    if stroke.ndim == 0:
-        return _packed_point(model, stroke.item(), speed.item(), power.item(), hold,
-                             None if target is None else target.item(), limits)
-    torque = power / speed
+    stroke, speed = pairs
+    if isinstance(stroke, float) and isinstance(speed, float):
+        return _packed_point(model, min(max(stroke, -1.0), 1.0), speed, power, hold, target, limits)
+    stroke, torque = np.clip(stroke, -1.0, 1.0), power / speed
     known = ~np.isnan(stroke)
     # The model takes no NaN; what it says there is not used.
     point = (np.where(known, stroke, 0.0), np.where(known, speed, ENGINE_SPEED.high),
              np.where(known, torque, LOAD_TORQUE.low))
     efficiency = np.where(known, model.efficiency(*point), np.nan)
-    reached = np.where(known, model.output_speed(*point), np.nan) if target is None else target
+    reached = (np.where(known, model.output_speed(*point), np.nan) if target is None
+               else np.broadcast_to(target, stroke.shape))
     limit = np.full(stroke.shape, None, dtype=object)
     for i in np.ndindex(stroke.shape):
         limit[i] = _limit(stroke[i], speed[i], limits)
@@ -173,9 +193,9 @@ def _packed_point(
     model: EfficiencyModel,
     stroke: float,
     speed: float,
-    power: float,
+    power: Any,
     hold: str,
-    target: float | None,
+    target: Any,
     limits: Sequence[float],
 ) -> Optimum:
     torque = power / speed

@@ -21,6 +21,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -107,14 +108,18 @@ class EfficiencyNode(Node):
             Path(named) if named else home / self.get_fully_qualified_name().strip("/"))
 
     def _create_publishers(self) -> None:
-        def create(kind: Any, topic: str, profile: Any) -> Any:
+        def create(kind: Any, topic: str, profile: Any, **options: Any) -> Any:
             return self.create_publisher(kind, topic, qos.own(profile),
-                                         qos_overriding_options=qos.overridable())
+                                         qos_overriding_options=qos.overridable(), **options)
 
         self._outputs = Outputs(create)
-        self._model_publisher = create(String, "~/model", qos.LATCHED)
-        self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED)
-        self._diagnostics_publisher = create(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
+        # rclpy goes through every event of every topic before each message. The default ones warn
+        # of subscribers that ask for more than is offered, which is hardly possible here.
+        rare = {"event_callbacks": PublisherEventCallbacks(use_default_callbacks=False)}
+        self._model_publisher = create(String, "~/model", qos.LATCHED, **rare)
+        self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED, **rare)
+        self._diagnostics_publisher = create(
+            DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS, **rare)
 
     def _create_subscriptions(self) -> None:
         def create(kind: Any, topic: str, callback: Callable[..., None], profile: Any) -> None:

@@ -45,6 +45,9 @@ def main() -> int:
         problems += _random(given.trials - node, node, folder, given.seed)
     for problem in problems:
         print(f"* {problem}")
+    if given.trials > node:
+        print("\nAbout every other start finds a bench log that was torn by hand, as a power cut "
+              "may do; a kill\ncannot, since a row is one write.")
     print(f"\nSeed {given.seed}, {time.monotonic() - start:.0f} s, {len(problems)} problems"
           + (f"; the files are in {folder}" if problems else "") + ".")
     if not problems:

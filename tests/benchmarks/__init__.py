@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmarks: `make bench`, which writes docs/benchmarks.md.
+
+Every figure is a ratio of two things timed in turns on one machine: each turn gives one ratio, and
+the document tells the median and the quartiles over the turns. `bench_*.py` measure, with
+pytest-benchmark as the clock and its JSON as the record; `record.py` reads that, `report.py` writes.
+"""

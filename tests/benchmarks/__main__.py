@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m tests.benchmarks`: run every benchmark and write the document."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.soak.processes import busy_seconds
+
+from . import report
+from .record import Record
+
+HERE = Path(__file__).parent
+
+
+def main() -> int:
+    """Run them; 0 when they all ran, whether or not a goal is met."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.md"))
+    parser.add_argument("--quick", action="store_true",
+                        help="two turns of everything, to try the benchmarks themselves")
+    given = parser.parse_args()
+    if given.quick:
+        os.environ["HMCVT_BENCH_QUICK"] = "1"
+    before, pause = busy_seconds(), 2.0
+    time.sleep(pause)
+    others = (busy_seconds() - before) / pause
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="hmcvt-bench-") as name:
+        file = Path(name) / "record.json"
+        code = pytest.main([
+            str(HERE), "-q", "--no-header", "-p", "no:cacheprovider", "--timeout=300",
+            "-o", "python_files=bench_*.py", "-o", "python_functions=bench_*",
+            # Warnings of the libraries that are compared with are no errors of ours.
+            "-W", "ignore", "--benchmark-only", "--benchmark-quiet",
+            f"--benchmark-json={file}"])
+        if code != pytest.ExitCode.OK:
+            return int(code)
+        record = Record(json.loads(file.read_text()))
+    command = " ".join(["python -m tests.benchmarks", *sys.argv[1:]])
+    run = report.Run(command, time.monotonic() - start, others)
+    given.out.write_text(report.text(run, record))
+    for goal in report.goals(record):
+        if not goal.met:
+            print(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")
+    print(f"Written to {given.out} after {run.seconds / 60:.1f} minutes.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
