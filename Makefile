@@ -21,24 +21,33 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 
-.PHONY: demo test lint types colcon soak blind browser clean
+.PHONY: demo test lint types colcon soak blind system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
 	@$(BIN)/python -m hmcvt_ros.demo
 
-test: $(VENV)/.dev browser
+test: $(VENV)/.dev system
 	$(BIN)/python -m pytest $(ARGS)
 
-# The report page of the diagnosis is tested in a real browser; the only thing taken from apt.
-browser:
-	@for name in chromium chromium-browser google-chrome; do \
-		if command -v $$name >/dev/null; then exit 0; fi; done; \
-	echo "Installing Chromium for the tests of the report page ..."; \
+# The pages are tested in a real browser, the SROS2 policy by a DDS that has security (the one in the
+# ROS wheels has none); these two come from apt.
+system:
+	@missing=; \
+	for name in chromium chromium-browser google-chrome; do \
+		if command -v $$name >/dev/null; then found=1; fi; done; \
+	test -n "$$found" || missing=chromium; \
+	for name in idlc cc; do command -v $$name >/dev/null || \
+		secure='cyclonedds-dev cyclonedds-tools gcc libc6-dev openssl'; done; \
+	test -n "$$missing$$secure" || exit 0; \
+	echo "Installing for the tests: $$missing $$secure ..."; \
 	sudo=; test "$$(id -u)" = 0 || sudo=sudo; export DEBIAN_FRONTEND=noninteractive; \
 	$$sudo apt-get update -qq; \
-	$$sudo apt-get install -y -qq chromium fonts-dejavu-core >/dev/null || \
-		$$sudo apt-get install -y -qq chromium-browser fonts-dejavu-core >/dev/null
+	test -z "$$missing" || \
+		$$sudo apt-get install -y -qq chromium fonts-dejavu-core >/dev/null || \
+		$$sudo apt-get install -y -qq chromium-browser fonts-dejavu-core >/dev/null || exit 1; \
+	test -z "$$secure" || $$sudo apt-get install -y -qq $$secure >/dev/null || \
+		echo "No Cyclone DDS to be had: the test of the SROS2 policy in force will be skipped."
 
 # Goes on where it was interrupted; remove blind-results.jsonl to start anew.
 blind: $(VENV)/.dev

@@ -69,6 +69,10 @@ class EfficiencyModel:
     Input outside the ranges of `hmcvt_core.ranges` raises `InputError`. NaN means that the
     formulation has no answer at a permitted point; `refusal` says why.
 
+    A model whose effects hold an error of a meter (component `sensor`) predicts what that bench
+    reads: `efficiency`, `output_speed` and `predict`. Its optimum, map and breakdown are those of
+    the transmission, `without_meters()`, and so is what is served.
+
     Attributes:
         stage: gear train and pump-motor pair.
         parameters: the hydraulic parameters.
@@ -104,6 +108,11 @@ class EfficiencyModel:
             return None
         return ClosedForm(self.stage, self.parameters)
 
+    def without_meters(self) -> EfficiencyModel:
+        """Return the model of the transmission alone, without errors of the bench's meters."""
+        physical = tuple(effect for effect in self.effects if effect.component != "sensor")
+        return self if len(physical) == len(self.effects) else replace(self, effects=physical)
+
     # --- values -------------------------------------------------------------------------------
 
     def efficiency(
@@ -113,7 +122,7 @@ class EfficiencyModel:
         load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
     ) -> Any:
-        """Efficiency of the transmission [-]; see the class for units, shapes and errors."""
+        """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
         point = (displacement_ratio, engine_speed, load_torque)
         if self.closed_form is not None and _is_plain(point) and oil_temperature is None:
             # What a control loop asks for at every message, without the cost of arrays.
@@ -177,8 +186,9 @@ class EfficiencyModel:
         if self.formulation != "power_balance":
             raise InputError("a breakdown of watts needs formulation power_balance")
         points, scalar = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
-        flow = power_balance.power_flow(self.stage, self.parameters, points, self.effects)
-        found = breakdown(self.stage, self.parameters, flow, self.effects)
+        effects = self.without_meters().effects
+        flow = power_balance.power_flow(self.stage, self.parameters, points, effects)
+        found = breakdown(self.stage, self.parameters, flow, effects)
         return Breakdown(_like(found.input_power, scalar), _like(found.output_power, scalar),
                          {name: _like(watts, scalar) for name, watts in found.losses.items()})
 
@@ -195,7 +205,7 @@ class EfficiencyModel:
         """Displacement ratio (and engine speed) that wastes least; see `optimum.optimum`."""
         from .optimum import optimum
 
-        return optimum(self, engine_speed, load_torque, hold=hold,
+        return optimum(self.without_meters(), engine_speed, load_torque, hold=hold,
                        displacement_ratio=displacement_ratio, output_speed=output_speed,
                        engine_speed_limits=engine_speed_limits)
 
@@ -205,7 +215,7 @@ class EfficiencyModel:
         """Efficiency on a grid; each axis has shape (n,)."""
         from .efficiency_map import efficiency_map
 
-        return efficiency_map(self, displacement_ratios, engine_speeds, load_torques)
+        return efficiency_map(self.without_meters(), displacement_ratios, engine_speeds, load_torques)
 
     # --- the same for points already checked ----------------------------------------------------
 

@@ -83,8 +83,12 @@ def optimum(
         The best point, NaN where the model has no answer anywhere on the line.
 
     Raises:
-        InputError: input out of range, `hold` unknown, or nothing tells the output speed.
+        InputError: input out of range, `hold` unknown, nothing tells the output speed, or the
+            formulation is `published`, whose best point is one of its own making.
     """
+    if model.formulation == "published":
+        raise InputError("formulation 'published' has no optimum: it has a pole, eq. (11), and "
+                         "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     speed, torque = _checked(ENGINE_SPEED, engine_speed), _checked(LOAD_TORQUE, load_torque)

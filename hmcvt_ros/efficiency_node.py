@@ -168,32 +168,33 @@ class EfficiencyNode(Node):
 
     def _input_callback(self, name: str) -> Callable[[Float64], None]:
         def take(message: Float64) -> None:
-            item = self._inputs.by_name[name]
-            if not item.take(float(message.data), self._now()):
+            item, now = self._inputs.by_name[name], self._now()
+            if not item.take(float(message.data), now):
                 self._warn(name, item.complaint)
             self._output_due = True
-            self._publish_outputs()
+            self._publish_outputs(now)
         return take
 
-    def _point(self) -> OperatingPoint | None:
-        return self._inputs.point(self._now(), self._settings.input_timeouts)
+    def _point(self, now: int) -> OperatingPoint | None:
+        return self._inputs.point(now, self._settings.input_timeouts)
 
-    def _publish_outputs(self) -> None:
+    def _publish_outputs(self, now: int) -> None:
         """Answer the inputs as they stand, unless the rate limit says later."""
-        steady = self._steady_seconds()
         rate = self._settings.max_output_rate
-        if rate > 0.0 and steady - self._last_output < 1.0 / rate:
+        if rate > 0.0 and self._steady_seconds() - self._last_output < 1.0 / rate:
             return
         self._output_due = False
-        point = self._point()
+        point = self._point(now)
         if point is not None:
-            self._last_output = steady
             self._outputs.answer(self._store.model, point, self._settings)
             if self._outputs.refusal:
                 self._warn("no answer", self._outputs.refusal)
         elif self._settings.invalid_output == parameters.NAN:
-            self._last_output = steady
             self._outputs.deny()
+        else:
+            return
+        if rate > 0.0:
+            self._last_output = self._steady_seconds()
 
     # --- bench samples ------------------------------------------------------------------------
 
@@ -227,7 +228,7 @@ class EfficiencyNode(Node):
             "file": str(store.path), "since": store.since,
             "fingerprint": store.model.fingerprint}))
         self._publish_map()
-        self._publish_outputs()
+        self._publish_outputs(self._now())
 
     def _publish_map(self) -> None:
         settings = self._settings
@@ -248,19 +249,20 @@ class EfficiencyNode(Node):
     def _tick(self) -> None:
         self._service_handlers.poll()
         # NaN is said again and again, so that whoever listens only now hears it too.
-        unanswered = self._settings.invalid_output == parameters.NAN and self._point() is None
+        now = self._now()
+        unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
         if self._output_due or unanswered:
-            self._publish_outputs()
+            self._publish_outputs(now)
         self._ticks += 1
         if self._ticks % DIAGNOSTICS_EVERY == 0:
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
-        name = self.get_fully_qualified_name().strip("/")
+        name, now = self.get_fully_qualified_name().strip("/"), self._now()
         array = DiagnosticArray(status=[
-            inputs_status(name, self._inputs, self._now(), self._settings.input_timeouts,
+            inputs_status(name, self._inputs, now, self._settings.input_timeouts,
                           self._outputs.answered),
-            model_status(name, self._store, self._activity, len(self._log), self._point(),
+            model_status(name, self._store, self._activity, len(self._log), self._point(now),
                          self._outputs.refusal),
         ])
         array.header.stamp = self.get_clock().now().to_msg()

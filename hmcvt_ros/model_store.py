@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from hmcvt_core.atomic import write_atomically
-from hmcvt_core.errors import HmcvtError
+from hmcvt_core.errors import HmcvtError, InputError
 from hmcvt_core.model import EfficiencyModel
 from hmcvt_core.parameter_file import load_model
 
@@ -27,7 +27,7 @@ class ModelStore:
 
     Attributes:
         base: the parameter file that the node was given.
-        model: the model in service.
+        model: the model in service, without errors of meters that its file may hold.
         since: when it was put into service, UTC.
         complaint: why a refitted model of an earlier run was not taken up; empty when it was.
     """
@@ -36,14 +36,14 @@ class ModelStore:
         """Take up the state in `folder` for a node that starts from the file `base`.
 
         Raises:
-            InputError: the file `base` is missing or damaged.
+            InputError: the file `base` is missing, damaged or not to be served.
         """
         self.base = base.resolve()
         self.complaint = ""
         self._folder = folder
         self._models = folder / "models"
         self._state = folder / "in_service.json"
-        base_model = load_model(base)
+        base_model = _servable(base)
         self._base_fingerprint = base_model.fingerprint
         self._stack: list[str] = []
         self.model = self._resumed() or base_model
@@ -66,10 +66,10 @@ class ModelStore:
         """Put a model written under `new_path` into service.
 
         Raises:
-            InputError: the file is damaged; the model before stays.
+            InputError: the file is damaged or not to be served; the model before stays.
             OSError: the state cannot be written; the model before stays.
         """
-        model = load_model(path)
+        model = _servable(path)
         self._commit([*self._stack, path.name], model)
         return model
 
@@ -83,7 +83,7 @@ class ModelStore:
         if not self._stack:
             raise HmcvtError("the model in service is the one of model_file; there is none before")
         stack = self._stack[:-1]
-        model = load_model(self._models / stack[-1] if stack else self.base)
+        model = _servable(self._models / stack[-1] if stack else self.base)
         self._commit(stack, model)
         return model
 
@@ -109,7 +109,7 @@ class ModelStore:
             return None
         while stack:
             try:
-                model = load_model(self._models / stack[-1])
+                model = _servable(self._models / stack[-1])
             except HmcvtError as error:
                 self.complaint = str(error)
                 stack.pop()
@@ -117,6 +117,15 @@ class ModelStore:
                 self._stack = stack
                 return model
         return None
+
+
+def _servable(path: Path) -> EfficiencyModel:
+    """Load the model of a transmission: not what the meters of one bench make of it."""
+    model = load_model(path)
+    if model.formulation != "power_balance":
+        raise InputError(f"{path}: formulation {model.formulation!r} is not served: it has a pole "
+                         "inside the working range; identify with formulation power_balance")
+    return model.without_meters()
 
 
 def _now() -> str:

@@ -40,7 +40,7 @@ def command(
 ) -> None:
     """Find the displacement ratio that wastes least."""
     _check(hold, displacement_ratio, output_speed, engine_speed_limits)
-    model = model_from(params)
+    model = model_from(params).without_meters()
     best = model.optimal_displacement_ratio(
         engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,
         output_speed=output_speed, engine_speed_limits=engine_speed_limits or ENGINE_SPEED_LIMITS)

@@ -95,7 +95,8 @@ class Effect:
     Class attributes:
         name: the field's word, as in the contract of `hmcvt diagnose`.
         form: which of the forms of that name; empty where there is one.
-        component: `pump`, `motor`, `gears`, `clutches`, `planetary`, `actuator`, `oil`, `sensor`.
+        component: `pump`, `motor`, `gears`, `clutches`, `planetary`, `actuator`, `oil`, or
+            `sensor` for an error of the bench, which is no part of what is served.
         summary: what it does, in plain words.
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.

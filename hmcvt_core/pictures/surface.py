@@ -37,8 +37,9 @@ def draw_surface(
     stroke, speed = np.meshgrid(np.linspace(-1.0, 1.0, _STROKES),
                                 np.linspace(*engine_speeds, _SPEEDS), indexing="ij")
     torque = np.clip(power / speed, LOAD_TORQUE.low, LOAD_TORQUE.high)
-    efficiency = 100.0 * model.efficiency(stroke, speed, torque)
-    ratio = model.output_speed(stroke, speed, torque) / speed
+    served = model.without_meters()
+    efficiency = 100.0 * served.efficiency(stroke, speed, torque)
+    ratio = served.output_speed(stroke, speed, torque) / speed
     # A stalled point has no output speed to be drawn at; it stays blank where it would be.
     at = np.where(np.isnan(ratio), _tight_ratio(model, stroke), ratio)
     filled = axes.contourf(speed / RPM, at, np.ma.masked_invalid(efficiency), levels=_LEVELS,
@@ -46,7 +47,8 @@ def draw_surface(
     lines = axes.contour(speed / RPM, at, np.ma.masked_invalid(efficiency), levels=_LEVELS,
                          colors="0.15", linewidths=0.9)
     axes.clabel(lines, fmt="%g %%", fontsize=12)
-    _draw_best(axes, model, power, engine_speeds, at)
+    if model.formulation == "power_balance":  # the other has no optimum to draw
+        _draw_best(axes, model, power, engine_speeds, at)
     if samples is not None:
         _draw_samples(axes, model, samples)
     axes.set(xlabel="engine speed [r/min]", ylabel="output speed / engine speed [-]")

@@ -22,7 +22,10 @@ INPUTS = (ranges.DISPLACEMENT_RATIO, ranges.ENGINE_SPEED, ranges.LOAD_TORQUE)
 
 
 class Operation(NamedTuple):
-    """A NumPy function, the way it is called, the type of its operands, and their length."""
+    """A NumPy function, the way it is called, the types of its operands, and their length.
+
+    The type of a single number is empty.
+    """
 
     function: Any
     method: str
@@ -50,7 +53,7 @@ class Counted(np.ndarray):  # type: ignore[type-arg]
         plain = [np.asarray(item) if isinstance(item, Counted) else item for item in inputs]
         call = function if method == "__call__" else getattr(function, method)
         result = call(*plain, **options)
-        kinds = tuple(np.asarray(item).dtype.char for item in plain)
+        kinds = tuple(item.dtype.char if np.ndim(item) else "" for item in plain)
         self.done.append(Operation(function, method, kinds, max(map(np.size, plain))))
         if not isinstance(result, np.ndarray):
             return result
@@ -94,7 +97,7 @@ def alone(done: Sequence[Operation]) -> Callable[[], None]:
                "?": [rng.random(longest) < 0.5 for _ in range(3)]}
     calls = []
     for function, method, kinds, size in done:
-        operands = [numbers[kind][i][:size] if kind in numbers else 2.0
+        operands = [numbers[kind][i][:size] if kind else 2.0
                     for i, kind in enumerate(kinds)]
         calls.append((function if method == "__call__" else getattr(function, method), operands))
 

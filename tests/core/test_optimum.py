@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.published import hydraulic_split_ratio
 from hmcvt_core.ranges import ENGINE_SPEED_LIMITS
 
 POINTS = [(78.54, 101.86), (78.54, 292.85), (150.0, 60.0), (230.0, 400.0), (120.0, 900.0)]
@@ -134,12 +135,21 @@ def test_stalled_everywhere_is_nan(hm4):
     assert math.isnan(found.output_speed)
 
 
-def test_published_optimum_keeps_off_the_pole(fitted_published):
-    model = fitted_published.model
-    found = model.optimal_displacement_ratio(150.0, 200.0)
-    assert 0.0 < found.efficiency < 1.0
-    assert found.efficiency == pytest.approx(
-        model.efficiency(found.displacement_ratio, 150.0, 200.0), rel=1e-12)
+@pytest.mark.parametrize("hold", ["engine_speed", "output_speed"])
+def test_published_formulas_have_no_optimum(fitted_published, hold):
+    with pytest.raises(hmcvt.InputError, match=r"no optimum: it has a pole, eq. \(11\).*power_balance"):
+        fitted_published.model.optimal_displacement_ratio(
+            150.0, 200.0, hold=hold, displacement_ratio=0.3)
+
+
+def test_published_formulas_peak_where_eq_8_vanishes(fitted_published):
+    """Why they are refused: the pump is at half stroke there, and the answer next to a pole."""
+    model, grid = fitted_published.model, np.linspace(-1.0, 1.0, 20001)
+    efficiency = model.efficiency(grid, 150.0, 200.0)
+    best = grid[np.nanargmax(efficiency)]
+    assert best == pytest.approx(0.533, abs=1e-3)
+    assert hydraulic_split_ratio(model.stage, np.array([best]))[0] == pytest.approx(0.0, abs=1e-4)
+    assert np.nanmax(efficiency) > np.nanmedian(efficiency) + 0.1
 
 
 @pytest.mark.parametrize("hold", ["engine_speed", "output_speed"])

@@ -21,7 +21,7 @@ def alone(logs, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def identified(logs, tmp_path_factory):
-    """The same without diagnosis, which takes a third of the time."""
+    """The same without diagnosis, which takes nearly all the time."""
     out = tmp_path_factory.mktemp("identified")
     done = fleet(logs, "--out", out, "--processes", "1", "--no-diagnose", "--json")
     assert done.code == 0, done

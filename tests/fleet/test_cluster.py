@@ -27,15 +27,14 @@ def test_cluster_gives_the_digits_of_one_process(cluster, logs, alone, tmp_path)
     assert results(tmp_path) == results(alone[0])
 
 
-def test_killed_worker_of_the_cluster_loses_nothing(cluster, logs, identified, tmp_path):
+def test_killed_worker_of_the_cluster_loses_nothing(cluster, logs, alone, tmp_path):
     with distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))
-    running = start("fleet", logs, "--out", tmp_path, "--no-diagnose",
-                    "--scheduler", cluster.scheduler_address)
+    running = start("fleet", logs, "--out", tmp_path, "--scheduler", cluster.scheduler_address)
     wait_for(lambda: list(tmp_path.glob("*.json")))
     os.kill(victim, signal.SIGKILL)
     assert finish(running).code == 0
-    assert results(tmp_path) == results(identified[0])
+    assert results(tmp_path) == results(alone[0])
 
 
 def test_nobody_at_the_address(logs, tmp_path):

@@ -18,20 +18,20 @@ from hmcvt_core.resources import data_path
 
 from .fleets import finish, fleet, results, start, wait_for, workers
 
-SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
+# With the diagnosis, which takes long enough to be killed in.
+SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),))
 
 
-def test_killed_worker_loses_nothing(logs, identified, tmp_path):
-    running = start("fleet", logs, "--out", tmp_path, "--no-diagnose", "--processes", "2",
-                    "--json")
+def test_killed_worker_loses_nothing(logs, alone, tmp_path):
+    running = start("fleet", logs, "--out", tmp_path, "--processes", "2", "--json")
     # In the middle: one log is finished, the others are in hand.
     wait_for(lambda: list(tmp_path.glob("*.json")))
     victim = workers(running.pid)[0]
     os.kill(victim, signal.SIGKILL)
     done = finish(running)
     assert done.code == 0, done
-    assert done.out == identified[1].out
-    assert results(tmp_path) == results(identified[0])
+    assert done.out == alone[1].out
+    assert results(tmp_path) == results(alone[0])
 
 
 def test_log_that_kills_its_worker_twice_is_broken(logs):
@@ -75,8 +75,8 @@ def test_worker_killed_between_logs_is_replaced(logs):
         == {"00000": Study, "later": Study}
 
 
-def test_interrupt_keeps_what_is_finished(logs, identified, tmp_path):
-    running = start("fleet", logs, "--out", tmp_path, "--no-diagnose", "--processes", "1")
+def test_interrupt_keeps_what_is_finished(logs, alone, tmp_path):
+    running = start("fleet", logs, "--out", tmp_path, "--processes", "1")
     wait_for(lambda: list(tmp_path.glob("*.json")))
     pids = workers(running.pid)
     running.send_signal(signal.SIGINT)
@@ -86,13 +86,13 @@ def test_interrupt_keeps_what_is_finished(logs, identified, tmp_path):
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     kept = len(list(tmp_path.glob("*.json")))
     assert 1 <= kept < 4
-    rest = fleet(logs, "--out", tmp_path, "--no-diagnose", "--processes", "2", "--json")
+    rest = fleet(logs, "--out", tmp_path, "--processes", "2", "--json")
     assert json.loads(rest.out)["counts"]["finished_before"] == kept
-    assert results(tmp_path) == results(identified[0])
+    assert results(tmp_path) == results(alone[0])
 
 
 def test_killed_run_leaves_no_worker_behind(logs, tmp_path):
-    running = start("fleet", logs, "--out", tmp_path, "--no-diagnose", "--processes", "2")
+    running = start("fleet", logs, "--out", tmp_path, "--processes", "2")
     pids = wait_for(lambda: workers(running.pid))
     running.kill()
     done = finish(running)

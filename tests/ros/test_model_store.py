@@ -8,6 +8,8 @@ from dataclasses import replace
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.effects.drag import ChargePump
+from hmcvt_core.effects.sensor import EngineTorqueGain
 from hmcvt_ros.model_store import ModelStore
 
 
@@ -85,3 +87,23 @@ def test_damaged_candidate_changes_nothing(paper_file, tmp_path):
         store.adopt(candidate)
     assert store.model.fingerprint == first
     assert ModelStore(paper_file, tmp_path).model.fingerprint == first
+
+
+def test_published_formulas_are_not_served(paper_file, base, tmp_path):
+    file = tmp_path / "published.yaml"
+    replace(base, formulation="published").save(file)
+    with pytest.raises(hmcvt.InputError, match="published.yaml: formulation 'published' is not se"):
+        ModelStore(file, tmp_path)
+    store = ModelStore(paper_file, tmp_path)
+    with pytest.raises(hmcvt.InputError, match="is not served"):
+        store.adopt(file)
+    assert store.model.fingerprint == base.fingerprint
+
+
+def test_error_of_a_meter_is_not_served(base, tmp_path):
+    file = tmp_path / "diagnosed.yaml"
+    replace(base, effects=(EngineTorqueGain(-0.1), ChargePump(5.0))).save(file)
+    served = ModelStore(file, tmp_path).model
+    assert served.effects == (ChargePump(5.0),)
+    assert hmcvt.load_model(file).efficiency(0.5, 150.0, 200.0) == pytest.approx(
+        served.efficiency(0.5, 150.0, 200.0) / 0.9)

@@ -36,12 +36,19 @@ def test_wrong_parameter_is_one_line_and_exit_code_2(
     assert all(word in result.stderr for word in words), result.stderr
 
 
+def published(paper_file):
+    lines = paper_file.read_text().splitlines(keepends=True)
+    kept = "".join(line for line in lines if not line.startswith("checksum:"))
+    return kept.replace("power_balance", "published")
+
+
 def test_damaged_model_file_is_one_line_and_exit_code_2(environment, tmp_path, paper_file):
     text = paper_file.read_text()
     for name, damage, word in [
         ("cut.yaml", text[: len(text) // 2], "cut.yaml"),
         ("edited.yaml", text.replace("0.0333", "0.0334"), "checksum"),
         ("empty.yaml", "", "empty"),
+        ("published.yaml", published(paper_file), "'published' is not served"),
     ]:
         path = tmp_path / name
         path.write_text(damage)
