@@ -56,13 +56,15 @@ def _hydraulic_losses(
     state, units = flow.state, stage.pump_motor
     delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
     taken = units.motor_displacement * state.motor_speed
-    losses["leakage"] = flow.pump_pressure * (delivered - taken)
+    # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all flow
+    # passes.
+    losses["leakage"] = state.pressure * (delivered - taken)
     losses["pump_damping"] = parameters.pump_damping * state.viscosity_ratio * state.pump_speed**2
     losses["pump_friction"] = units.pump_friction * np.abs(flow.pump_pressure * delivered)
     losses["motor_damping"] = (parameters.motor_damping * state.viscosity_ratio
                                * state.motor_speed**2)
     losses["motor_friction"] = units.motor_friction * np.abs(state.pressure * taken)
-    drop = (flow.pump_pressure - state.pressure) * taken
+    drop = (flow.pump_pressure - state.pressure) * delivered
     if np.any(drop):
         losses["pressure_drop"] = drop
 

@@ -20,7 +20,13 @@ from .closed_form import ClosedForm
 from .domain import Domain
 from .effects.base import Effect
 from .errors import InputError
-from .parameters import PARAMETER_NAMES, HydraulicParameters
+from .parameters import (
+    LEAKAGE,
+    MOTOR_DAMPING,
+    PARAMETER_NAMES,
+    PUMP_DAMPING,
+    HydraulicParameters,
+)
 from .power_balance import OperatingPoints
 from .ranges import (
     DISPLACEMENT_RATIO,
@@ -248,14 +254,18 @@ class EfficiencyModel:
         steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
         here = self.efficiency_at(points)
         slopes = []
-        for i, step in enumerate(steps):
+        for i, limits in enumerate((LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING)):
+            step = steps[i] if base[i] + steps[i] <= limits.high else -steps[i]
             moved = base.copy()
             moved[i] += step
             there = replace(self, parameters=HydraulicParameters(*moved)).efficiency_at(points)
-            slopes.append((there - here) / step * errors[i])
-        gradient = np.stack(slopes, axis=-1)
+            slopes.append((there - here) / step)
+        slope = np.stack(slopes, axis=-1)
+        gradient = slope * errors
         variance = np.einsum("...i,ij,...j->...", gradient, self.correlation, gradient)
-        return np.sqrt(np.maximum(variance, 0.0))
+        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
+        blind = (slope == 0.0).all(axis=-1)
+        return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0)))
 
     # --- the model as data ----------------------------------------------------------------------
 

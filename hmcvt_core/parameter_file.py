@@ -26,6 +26,7 @@ SCHEMA = "hmcvt-model/1"
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
 _MAX_BYTES = 4 * 1024 * 1024
 _HUGE = 1e300  # an integer in a file may be too large for a float
+_ROUNDED = 1e-5  # a matrix in a file has six digits
 
 
 def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
@@ -37,7 +38,7 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
     """
     data = _read(path, SCHEMA)
     stated = data.pop("checksum", None)
-    if stated is not None and stated != _checksum(data):
+    if stated is not None and stated != (_checksum(data) or None):
         raise InputError(f"{path}: checksum does not match: the file is damaged or was edited; "
                          "if edited on purpose, remove the line 'checksum'")
     try:
@@ -169,11 +170,19 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
 
 def _checksum(data: Mapping[str, Any]) -> str:
     try:
-        text = json.dumps(data, sort_keys=True, default=str)
-    except (TypeError, ValueError, RecursionError):
-        # Keys of several types, or a list within itself: not what `save_model` wrote.
-        return ""
+        text = json.dumps(_with_text_keys(data), sort_keys=True, default=str)
+    except (ValueError, RecursionError):
+        return ""  # a list within itself: not what `save_model` wrote
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _with_text_keys(value: Any) -> Any:
+    """YAML reads the key 2 as a number and 2026-01-01 as a date, which do not sort beside text."""
+    if isinstance(value, Mapping):
+        return {str(key): _with_text_keys(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_with_text_keys(entry) for entry in value]
+    return value
 
 
 def _get(data: Mapping[str, Any], key: str, where: str = "") -> Any:
@@ -210,4 +219,9 @@ def _correlation(value: Any) -> Any:
     n = len(PARAMETER_NAMES)
     if matrix.shape != (n, n) or not (np.abs(matrix) <= 1.0 + 1e-9).all():
         raise InputError(f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1")
+    if not (np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED)
+            and np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED)
+            and np.linalg.eigvalsh(matrix).min() >= -_ROUNDED):
+        raise InputError(f"correlation = {value!r} is no correlation: it needs to be symmetric, "
+                         "1 on the diagonal, without a negative eigenvalue")
     return matrix

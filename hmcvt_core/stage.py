@@ -102,13 +102,14 @@ class Stage:
         name: such as `HM4`.
         planetary_constant: k = teeth of ring / teeth of sun [-].
         mechanical, motor, output: the paths engine -> row, motor -> row, row -> output.
-        pump: the path engine -> pump.
+        pump: the path engine -> pump, direction 1: the sense of the displacement ratio is that of
+            the motor path.
         mechanical_member, motor_member, output_member: `sun`, `ring` or `carrier`, all different.
         pump_motor: the hydraulic units.
 
     Raises:
-        InputError: a value is out of range, members repeat, or the mechanical path alone would
-            not drive the output forward.
+        InputError: a value is out of range, members repeat, the pump path states a direction, or
+            the mechanical path alone would not drive the output forward.
     """
 
     name: str
@@ -129,6 +130,9 @@ class Stage:
         members = (self.mechanical_member, self.motor_member, self.output_member)
         _require(sorted(members) == sorted(MEMBERS), f"stage {self.name}: members", members,
                  "sun, ring and carrier, each once")
+        _require(self.pump.direction == 1, f"stage {self.name}: pump.direction",
+                 self.pump.direction, "1: give the motor path the sense that a positive "
+                 "displacement ratio has")
         _require(self.mechanical_speed_ratio > 0.0,
                  f"stage {self.name}: output speed per engine speed at standing motor",
                  self.mechanical_speed_ratio, "more than 0; check the directions")

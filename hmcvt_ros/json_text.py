@@ -4,21 +4,11 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
 from typing import Any
+
+from hmcvt_core.strict_json import plain
 
 
 def json_text(data: Any) -> str:
     """Return plain data as strict JSON; a number that is not finite becomes null."""
-    return json.dumps(_strict(data), allow_nan=False)
-
-
-def _strict(data: Any) -> Any:
-    if isinstance(data, Mapping):
-        return {str(key): _strict(value) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_strict(value) for value in data]
-    if isinstance(data, float) and not math.isfinite(data):
-        return None
-    return data
+    return json.dumps(plain(data), allow_nan=False)

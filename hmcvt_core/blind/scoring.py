@@ -284,6 +284,10 @@ def _conditions(records: Sequence[Record]) -> str:
 
 
 def _table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
-    lines = ["| " + " | ".join(map(str, head)) + " |", "|" + " --- |" * len(head)]
-    lines += ["| " + " | ".join(map(str, row)) + " |" for row in rows]
+    lines = [_row(head), "|" + " --- |" * len(head), *map(_row, rows)]
     return "\n".join(lines)
+
+
+def _row(cells: Sequence[object]) -> str:
+    # A bar within a cell would end it.
+    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"

@@ -35,7 +35,6 @@ from hmcvt_core.resources import data_path
 DETECTABLE = 18.0
 """Squared deviations that an effect must leave after the refit to count as detectable."""
 
-_FRESH_SAMPLES = 400
 _FRESH_SEED = 900_000
 _ALIASES = {"bearing_seal_drag": "bearing_drag"}
 """Names of the twin that the library spells otherwise."""

@@ -9,6 +9,7 @@ from ..errors import HmcvtError
 from .common import (
     json_option,
     model_from,
+    note_oil_temperature,
     params_option,
     picture_option,
     point_options,
@@ -35,11 +36,12 @@ def command(
     require(displacement_ratio=displacement_ratio, engine_speed=engine_speed,
             load_torque=load_torque)
     assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
-    model = model_from(params)
+    model = model_from(params).without_meters()
     refusal = model.refusal(displacement_ratio, engine_speed, load_torque, oil_temperature)
     if refusal is not None:
         raise HmcvtError(f"no breakdown at this point: {refusal}")
     found = model.breakdown(displacement_ratio, engine_speed, load_torque, oil_temperature)
+    note_oil_temperature(model, oil_temperature)
     if picture is not None:
         from ..pictures import draw_losses, save
 

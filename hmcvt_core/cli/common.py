@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import click
 
+from ..effects import Effect
 from ..model import EfficiencyModel
 from ..parameter_file import load_model
 from ..ranges import RPM
@@ -60,9 +61,9 @@ class SampleNumbers(click.ParamType):  # type: ignore[type-arg]
             return value
         numbers: list[int] = []
         for part in str(value).split(","):
-            first, _, last = part.strip().partition("-")
+            first, dash, last = part.strip().partition("-")
             try:
-                low, high = int(first), int(last or first)
+                low, high = int(first), int(last if dash else first)
             except ValueError:
                 self.fail(f"{value!r} is not a list of sample numbers such as 1,2,4-6", param, ctx)
             if not 1 <= low <= high <= _MOST_SAMPLES:
@@ -188,6 +189,18 @@ def require(**values: Any) -> None:
 def model_from(path: str | None) -> EfficiencyModel:
     """Load the model asked for, or the shipped one."""
     return load_model(data_path("params/hm4.yaml") if path is None else path)
+
+
+def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None) -> None:
+    """Say on stderr that a temperature given does nothing, or that one is assumed."""
+    used = any(type(effect).viscosity_ratio is not Effect.viscosity_ratio
+               for effect in model.effects)
+    if oil_temperature is not None and not used:
+        click.echo("note: this model has no effect of the oil temperature; --oil-temperature "
+                   "changes nothing", err=True)
+    elif oil_temperature is None and used:
+        click.echo("note: this model depends on the oil temperature; the answer holds at that of "
+                   "its identification, 60 deg C", err=True)
 
 
 def print_json(value: Any) -> None:

@@ -22,6 +22,7 @@ from .common import (
     Power,
     json_option,
     model_from,
+    note_oil_temperature,
     params_option,
     picture_option,
     print_json,
@@ -68,6 +69,7 @@ def command(
     ENGINE_SPEED.check(engine_speed, "--engine-speed")
     LOAD_TORQUE.check(load_torque, "--load-torque")
     model = model_from(params)
+    note_oil_temperature(model, None)
     if picture is not None:
         from ..pictures import draw_surface, save
 

@@ -11,7 +11,14 @@ import click
 from ..errors import HmcvtError
 from ..optimum import HOLDS, Optimum
 from ..ranges import ENGINE_SPEED_LIMITS, RPM
-from .common import AngularSpeed, json_option, model_from, params_option, print_json
+from .common import (
+    AngularSpeed,
+    json_option,
+    model_from,
+    note_oil_temperature,
+    params_option,
+    print_json,
+)
 
 
 @click.command("optimum", epilog="""\b
@@ -50,6 +57,7 @@ def command(
                          "no working point: the load cannot be carried at this engine speed")
     now = (math.nan if displacement_ratio is None
            else model.efficiency(displacement_ratio, engine_speed, load_torque))
+    note_oil_temperature(model, None)
     if as_json:
         print_json({**asdict(best), "efficiency_now": now})
     else:

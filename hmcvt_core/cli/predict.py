@@ -9,7 +9,15 @@ import click
 
 from ..bench import read_bench
 from ..model import EfficiencyModel
-from .common import json_option, model_from, params_option, point_options, print_json, require
+from .common import (
+    json_option,
+    model_from,
+    note_oil_temperature,
+    params_option,
+    point_options,
+    print_json,
+    require,
+)
 from .samples import inside_domain, mean_error, sample_records, sample_table
 
 _DOMAIN = {
@@ -42,7 +50,9 @@ def command(
             load_torque=load_torque)
     assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
     # At a point there is no bench whose meters could read wrong.
-    _predict_point(model_from(params).without_meters(), as_json, displacement_ratio, engine_speed, load_torque,
+    model = model_from(params).without_meters()
+    note_oil_temperature(model, oil_temperature)
+    _predict_point(model, as_json, displacement_ratio, engine_speed, load_torque,
                    oil_temperature)
 
 

@@ -26,7 +26,7 @@ from ..resources import data_path
 from ..stage import Stage
 from ..version import __version__
 from .polish import least_squares_polish, simplex_polish
-from .precision import Precision, findings, precision
+from .precision import Precision, findings, precision, unanswered
 from .problem import BOUNDS, Problem, relative_error, to_parameters
 from .two_part import HydraulicRoots, hydraulic_roots, starting_points
 
@@ -54,7 +54,8 @@ class Identification:
         samples: those it was fitted to.
         residuals: predicted - measured efficiency at them, shape (n,) [-].
         fit_error: mean |predicted - measured| / measured over them [-].
-        prediction_error: the same over samples held back, or None.
+        prediction_error: the same over the samples held back at which the model has an answer, or
+            None.
         objective: value reached; `objective_name` says of what.
         history: best objective after each temperature step, then after the local search.
         evaluations: candidates evaluated by the annealing.
@@ -164,12 +165,16 @@ def identify(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
             "sample: check stage, units and load torque")
     found = precision(problem, scaled)
-    fitted = _fitted(problem, scaled, found, seed, value, validation)
+    held = None if validation is None else Problem.of(model, validation)
+    fitted = _fitted(problem, scaled, found, seed, value, held)
+    warnings = findings(problem, scaled, found)
+    if held is not None:
+        warnings += unanswered(held, scaled)
     return Identification(
         fitted, samples, problem.predict(scaled) - samples.efficiency,
-        relative_error(problem, scaled), fitted.provenance.get("prediction_error"),
+        relative_error(problem, scaled).mean, fitted.provenance.get("prediction_error"),
         value, OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
-        annealed.stop_reason, seed, findings(problem, scaled, found), tuple(roots),
+        annealed.stop_reason, seed, warnings, tuple(roots),
     )
 
 
@@ -201,7 +206,7 @@ def _fitted(
     found: Precision,
     seed: int | None,
     value: float,
-    validation: BenchSamples | None,
+    held: Problem | None,
 ) -> EfficiencyModel:
     samples, formulation = problem.samples, problem.model.formulation
     provenance: dict[str, Any] = {
@@ -213,12 +218,15 @@ def _fitted(
         "seed": seed,
         "objective": OBJECTIVES[formulation],
         "objective_value": float(f"{value:.9g}"),
-        "fit_error": float(f"{relative_error(problem, scaled):.6g}"),
+        "fit_error": float(f"{relative_error(problem, scaled).mean:.6g}"),
     }
-    if validation is not None:
-        held = Problem.of(problem.model, validation)
-        provenance["prediction_error"] = float(f"{relative_error(held, scaled):.6g}")
-        provenance["validation_samples"] = len(validation)
+    if held is not None:
+        error = relative_error(held, scaled)
+        if np.isfinite(error.mean):
+            provenance["prediction_error"] = float(f"{error.mean:.6g}")
+        provenance["validation_samples"] = len(held.samples)
+        if error.without_answer:
+            provenance["validation_without_answer"] = error.without_answer
     return replace(
         problem.model, parameters=to_parameters(scaled), standard_errors=found.standard_errors,
         correlation=found.correlation, domain=Domain.of(samples), provenance=provenance)

@@ -8,8 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bench import BenchSamples
+from ..model import INCONSISTENT, STALLED
 from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
-from .problem import BOUND_TEXT, BOUNDS, Problem
+from ..ranges import BENCH_COLUMNS
+from .problem import BOUND_TEXT, BOUNDS, Problem, relative_error
 
 Array = NDArray[np.float64]
 _LOOSE = 0.5  # a standard error above this part of the value leaves the parameter undetermined
@@ -68,8 +71,15 @@ def _jacobian(problem: Problem, scaled: Array) -> Array:
 def findings(problem: Problem, scaled: Array, found: Precision) -> tuple[str, ...]:
     """Say in plain sentences what the samples leave open."""
     samples, sentences = problem.samples, []
-    if len(samples) < len(PARAMETER_NAMES):
-        sentences.append(f"{len(samples)} samples cannot determine {len(PARAMETER_NAMES)} "
+    points, rows = _distinct(samples)
+    if rows < len(samples):
+        sentences.append(f"{len(samples) - rows} of {len(samples)} samples copy another one in "
+                         "every column: they count as measurements, and the standard errors are "
+                         "too small if they are none")
+    if points < len(PARAMETER_NAMES):
+        where = f"{points} samples" if points == len(samples) else (
+            f"{len(samples)} samples at {points} working point{'s' if points > 1 else ''}")
+        sentences.append(f"{where} cannot determine {len(PARAMETER_NAMES)} "
                          "parameters: the values are one choice among many")
     for sign, word in ((1.0, "positive"), (-1.0, "negative")):
         if not (samples.displacement_ratio * sign > 0.0).any():
@@ -86,6 +96,24 @@ def findings(problem: Problem, scaled: Array, found: Precision) -> tuple[str, ..
             sentences.append(f"{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]} are tied "
                              f"(correlation {tie:.2f}): only a combination is determined")
     return tuple(sentences)
+
+
+def _distinct(samples: BenchSamples) -> tuple[int, int]:
+    """Number of working points that differ, and of rows that differ in any column."""
+    columns = [column.tolist() for item in BENCH_COLUMNS
+               if (column := getattr(samples, item.name)) is not None]
+    return (len(set(zip(*columns[:3], strict=True))),
+            len(set(zip(*columns, *samples.extra.values(), strict=True))))
+
+
+def unanswered(held: Problem, scaled: Array) -> tuple[str, ...]:
+    """Say at how many samples held back the identified model has no answer."""
+    none = relative_error(held, scaled).without_answer
+    if not none:
+        return ()
+    reason = STALLED if held.model.formulation == "power_balance" else INCONSISTENT
+    return (f"the model has no answer at {none} of {len(held.samples)} samples held back, which the "
+            f"error of the prediction leaves out: {reason}",)
 
 
 def _looseness(name: str, i: int, scaled: Array, value: float, error: float) -> str:

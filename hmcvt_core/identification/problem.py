@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,9 +110,22 @@ class Problem:
             return np.asarray(np.sum((predicted - measured) ** 2, axis=-1) / spread)
 
 
-def relative_error(problem: Problem, scaled: Array) -> float:
-    """Mean of |predicted - measured| / measured."""
+class RelativeError(NamedTuple):
+    """|Predicted - measured| / measured over samples.
+
+    Attributes:
+        mean: over the samples with an answer [-]; NaN where there is none.
+        without_answer: number of samples at which the model has none.
+    """
+
+    mean: float
+    without_answer: int
+
+
+def relative_error(problem: Problem, scaled: Array) -> RelativeError:
+    """Error of the prediction at scaled variables of shape (3,)."""
     measured = problem.samples.efficiency
-    return float(np.mean(np.abs(problem.predict(scaled) - measured) / measured))
-
-
+    errors = np.abs(problem.predict(scaled) - measured) / measured
+    answered = np.isfinite(errors)
+    mean = float(errors[answered].mean()) if answered.any() else np.nan
+    return RelativeError(mean, int(np.sum(~answered)))

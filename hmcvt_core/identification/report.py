@@ -27,6 +27,9 @@ def report(found: Identification) -> str:
     if found.prediction_error is not None:
         lines.append(f"  error of the prediction  {100 * found.prediction_error:6.2f} % "
                      f"({model.provenance['validation_samples']} samples held back)")
+    elif "validation_samples" in model.provenance:
+        lines.append(f"  error of the prediction  unknown: no answer at any of the "
+                     f"{model.provenance['validation_samples']} samples held back")
     numbers = samples.extra.get("test", tuple(str(i + 1) for i in range(len(samples))))
     lines.append("    test  displacement  engine      load    measured  predicted")
     lines.append("            ratio [-]  [rad/s]     [N m]         [-]        [-]")

@@ -212,7 +212,7 @@ SEARCHES = (
     Search("SciPy `dual_annealing`", "global", _dual_annealing, 20),
     Search("SciPy `differential_evolution`", "global", _evolution, 40),
     Search("SciPy `differential_evolution`, vectorised", "global", _vectorised_evolution),
-    Search("pymoo GA", "global", partial(_pymoo, "GA")),
+    Search("pymoo GA", "global", partial(_pymoo, "GA"), 20),
     Search("pymoo PSO", "global", partial(_pymoo, "PSO")),
     Search("cma CMA-ES", "global", _cma),
     Search("SciPy `least_squares`, 1 random start", "local", partial(_least_squares, 1)),

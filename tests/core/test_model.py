@@ -87,6 +87,21 @@ def test_standard_error_is_the_propagated_covariance(model):
     np.testing.assert_allclose(stated, spread, rtol=0.055)
 
 
+@pytest.mark.parametrize("name", ["motor_damping", "pump_damping"])
+def test_standard_error_at_the_end_of_a_permitted_range(model, name):
+    top = replace(model, parameters=replace(model.parameters, **{name: 10.0}))
+    below = replace(model, parameters=replace(model.parameters, **{name: 9.999}))
+    point = (0.5, 150.0, 600.0)
+    assert top.predict(*point).standard_error == pytest.approx(
+        below.predict(*point).standard_error, rel=1e-2)
+
+
+def test_published_formulas_state_no_error_at_zero_stroke(fitted_published):
+    found = fitted_published.model.predict([0.0, 0.6], 126.19, 340.76)
+    assert np.isfinite(found.efficiency).all()
+    assert np.isnan(found.standard_error[0]) and found.standard_error[1] > 0.0
+
+
 def test_prediction_says_whether_the_data_cover_the_point(model):
     # Box of tests 1, 2, 4, 5, 6: eps -1..1, 78.54..146.61 rad/s, 101.86..292.85 N m.
     inside = model.predict([-1.0, 1.0, 0.0, 0.0], [78.54, 146.61, 100.0, 100.0],

@@ -3,6 +3,7 @@
 
 import copy
 import dataclasses
+import datetime
 import math
 import stat
 
@@ -186,6 +187,12 @@ def put(*path):
     (put("parameters", "pump_damping", "standard_error", -1.0),
      r"pump_damping\.standard_error = -1\.0 is not a finite number of at least 0"),
     (put("correlation", [[1.0, 0.0], [0.0, 1.0]]), r"correlation = .* is not a 3 x 3 matrix"),
+    (put("correlation", 0, 1, 0.5), r"correlation = .* is no correlation: .* symmetric"),
+    (put("correlation", 0, 0, 0.0), r"correlation = .* is no correlation: .* 1 on the diagonal"),
+    (put("correlation", [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]),
+     r"correlation = .* is no correlation: .* without a negative eigenvalue"),
+    (put("transmission", "stages", "HM4", "pump", "direction", -1),
+     r"pump\.direction = -1 is not allowed; allowed: 1: give the motor path"),
     (put("correlation", 0, 1, 2.0), r"correlation = .* is not a 3 x 3 matrix of -1 to 1"),
     (put("domain", "engine_speed", [2.0]), r"domain\.engine_speed = \[2\.0\] is not \[low, high\]"),
     (put("domain", "engine_speed", [2.0, 1.0]), r"domain\.engine_speed = \[2\.0, 1\.0\]: needs"),
@@ -197,6 +204,64 @@ def put(*path):
 ])
 def test_wrong_field_is_named(saved, change, message):
     assert_refused(edited(saved, change), message)
+
+
+ODD_KEYS = [2, 2.5, None, True, datetime.date(2026, 1, 1)]
+
+
+def mappings(data, path=()):
+    """Every mapping of a file, as the path that leads there."""
+    if isinstance(data, dict):
+        yield path
+        for key, value in data.items():
+            yield from mappings(value, (*path, key))
+
+
+@pytest.mark.parametrize("key", ODD_KEYS, ids=str)
+@pytest.mark.parametrize("sealed", [True, False])
+def test_odd_key_anywhere_is_no_traceback(saved, key, sealed):
+    data = yaml.safe_load(saved.read_text(encoding="utf-8"))
+    if not sealed:
+        del data["checksum"]
+    refused, places = 0, list(mappings(data))
+    for path in places:
+        changed = copy.deepcopy(data)
+        place = changed
+        for step in path:
+            place = place[step]
+        place[key] = "odd"
+        saved.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
+        try:
+            hmcvt.load_model(saved).fingerprint
+        except hmcvt.InputError as error:
+            assert str(error).startswith(f"{saved}: ")
+            refused += 1
+    assert refused == len(places) if sealed else refused < len(places)
+
+
+@pytest.mark.parametrize("key", ODD_KEYS, ids=str)
+def test_odd_key_anywhere_in_a_transmission_is_no_traceback(tmp_path, key):
+    data = yaml.safe_load(hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
+    path = tmp_path / "transmission.yaml"
+    for steps in mappings(data):
+        changed = copy.deepcopy(data)
+        place = changed
+        for step in steps:
+            place = place[step]
+        place[key] = "odd"
+        path.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
+        for name in (None, "HM4"):
+            try:
+                assert hmcvt.load_stage(path, name).name == "HM4"
+            except hmcvt.InputError as error:
+                assert str(error).startswith(f"{path}: ")
+
+
+def test_number_for_the_name_of_a_gear_pair_is_the_same_file(saved, model):
+    text = saved.read_text(encoding="utf-8")
+    assert "'2': 0.969" in text
+    saved.write_text(text.replace("'2': 0.969", "2: 0.969"), encoding="utf-8")
+    assert hmcvt.load_model(saved).fingerprint == model.fingerprint
 
 
 @pytest.mark.parametrize(("content", "message"), [

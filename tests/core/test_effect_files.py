@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects in parameter files: values in range, units, and which class a name means."""
+
+import gc
+from dataclasses import dataclass, replace
+
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.effects import Effect, effect_from_mapping, effect_to_mapping, library
+from hmcvt_core.effects.drag import ChargePump
+from hmcvt_core.effects.hydraulic import PortPressureDrop
+from hmcvt_core.effects.sensor import EngineTorqueGain, OutputTorqueZero
+
+
+def torque(value, unit="N m"):
+    return {"effect": "charge_pump", "parameters": {"torque": {"value": value, "unit": unit}}}
+
+
+@pytest.mark.parametrize(("data", "message"), [
+    (torque(-50.0), r"^effects\[0\].parameters.torque.value = -50 is outside 0 to \d+ N m$"),
+    (torque(5.0, "kN m"), r"^effects\[0\].parameters.torque.unit = 'kN m'; needs 'N m'$"),
+    (torque(5.0, 7), r"torque.unit = 7; needs 'N m'$"),
+    ({"effect": "torque_sensor", "form": "gain of the engine meter", "parameters": {"gain": -1.0}},
+     r"^effects\[0\].parameters.gain = -1 is outside -0.1 to 0.1$"),
+])
+def test_value_out_of_range_and_other_unit_are_named(data, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        effect_from_mapping(data, "effects[0]")
+
+
+def test_number_without_a_dot_is_read():
+    assert effect_from_mapping(torque("3e0")) == ChargePump(3.0)
+
+
+def test_file_is_named(model, tmp_path):
+    path = tmp_path / "model.yaml"
+    replace(model, effects=(ChargePump(1e4),)).save(path)
+    with pytest.raises(hmcvt.InputError, match=rf"^{path}: effects\[0\].parameters.torque.value = "):
+        hmcvt.load_model(path)
+
+
+@pytest.mark.parametrize("kind", library(), ids=lambda kind: f"{kind.name} {kind.form}".strip())
+def test_every_effect_is_read_at_its_limits(kind):
+    for end in ("low", "high"):
+        effect = kind(**{item.name: getattr(item, end) for item in kind.parameters()})
+        assert effect_from_mapping(effect_to_mapping(effect)) == effect
+
+
+def test_a_subclass_without_a_name_does_not_take_the_name_of_its_parent():
+    assert _read_beside_a_nameless_subclass() is ChargePump
+    gc.collect()
+
+
+def _read_beside_a_nameless_subclass():
+    @dataclass(frozen=True)
+    class Mine(ChargePump):
+        """Of a program that builds on a shipped effect."""
+
+    assert Mine not in library()
+    return type(effect_from_mapping(torque(5.0)))
+
+
+def test_two_classes_of_one_name_are_refused():
+    with pytest.raises(hmcvt.InputError, match="of several classes: .*ChargePump.*Again"):
+        _read_beside_a_namesake()
+    gc.collect()
+    assert effect_from_mapping(torque(5.0)) == ChargePump(5.0)
+
+
+def _read_beside_a_namesake():
+    @dataclass(frozen=True)
+    class Again(ChargePump):
+        """States the name that is taken."""
+
+        name = "charge_pump"
+
+    effect_from_mapping(torque(5.0))
+
+
+METER_HOOKS = ("reading", "output_speed_reading", "true_load_power")
+
+
+@pytest.mark.parametrize("kind", library(), ids=lambda kind: f"{kind.name} {kind.form}".strip())
+def test_effects_on_meters_are_those_of_component_sensor(kind):
+    acts_on_meters = any(getattr(kind, hook) is not getattr(Effect, hook)
+                         for hook in METER_HOOKS)
+    assert acts_on_meters == (kind.component == "sensor")
+
+
+METERS = (EngineTorqueGain(-0.1), OutputTorqueZero(10.0))
+
+
+@pytest.mark.parametrize("meter", METERS, ids=lambda meter: meter.form)
+def test_optimum_map_and_breakdown_are_of_the_transmission(model, meter):
+    physical = replace(model, effects=(ChargePump(5.0),))
+    read = replace(model, effects=(ChargePump(5.0), meter))
+    point = (0.5, 150.0, 200.0)
+    assert abs(read.efficiency(*point) - physical.efficiency(*point)) > 0.01
+    assert read.without_meters().effects == physical.effects
+    assert read.optimal_displacement_ratio(*point[1:]) == \
+        physical.optimal_displacement_ratio(*point[1:])
+    assert read.efficiency_map(*point).efficiency == physical.efficiency_map(*point).efficiency
+    assert read.breakdown(*point) == physical.breakdown(*point)
+
+
+def test_model_without_meters_is_itself(model):
+    assert model.without_meters() is model
+
+
+def test_leakage_is_a_loss_also_behind_a_line_that_takes_pressure(model):
+    drop = replace(model, effects=(PortPressureDrop(5e6, 1.0),))
+    for stroke in (-1.0, -0.6, 0.3, 0.6, 1.0):
+        for load in (20.0, 100.0, 300.0):
+            watts = drop.breakdown(stroke, 200.0, load)
+            assert watts.losses["leakage"] >= 0.0
+            assert watts.input_power - watts.output_power == pytest.approx(
+                sum(watts.losses.values()), rel=1e-9)
