@@ -88,8 +88,8 @@ $(BIN)/python:
 	@$(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install --quiet pip
 
 $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py
-	@echo "Installing hmcvt and ROS 2 from wheels into $(VENV) (about 450 MB, once) ..."
-	@$(INSTALL) --editable '.[ros]'
+	@echo "Installing hmcvt and ROS 2 from wheels into $(VENV) (about 500 MB, once) ..."
+	@$(INSTALL) --editable '.[ros,bag,plot]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.ros

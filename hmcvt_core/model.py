@@ -221,7 +221,8 @@ class EfficiencyModel:
         """Efficiency on a grid; each axis has shape (n,)."""
         from .efficiency_map import efficiency_map
 
-        return efficiency_map(self.without_meters(), displacement_ratios, engine_speeds, load_torques)
+        return efficiency_map(self.without_meters(), displacement_ratios, engine_speeds,
+                              load_torques)
 
     # --- the same for points already checked ----------------------------------------------------
 

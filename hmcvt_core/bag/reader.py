@@ -58,9 +58,8 @@ class Bag:
             from rosbags.rosbag2 import Reader
             from rosbags.typesys import Stores, get_typestore
         except ImportError as error:
-            # Hyphen or underscore: to pip the name is the same.
-            raise InputError("reading bags needs the library rosbags: "
-                             "pip install 'hmcvt-ros[bag]'") from error
+            raise InputError("reading bags needs the library rosbags; in the folder of hmcvt: "
+                             "pip install '.[bag]'") from error
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._stack = ExitStack()
         self._readers: list[Any] = []

@@ -26,7 +26,8 @@ Examples:
               help="What to run; may be given more than once.  [default: all]")
 @click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1,
               show_default="cores", help="Diagnoses side by side.")
-@click.option("--results", type=OutputFile(), default="blind-results.jsonl", show_default=True, metavar="FILE",
+@click.option("--results", type=OutputFile(), default="blind-results.jsonl", show_default=True,
+              metavar="FILE",
               help="Records so far; an interrupted trial goes on from here.")
 @click.option("--out", type=OutputFile(), default=None, metavar="REPORT.md",
               help="Write the report there too.")

@@ -51,7 +51,6 @@ def command(
     assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
     # At a point there is no bench whose meters could read wrong.
     model = model_from(params).without_meters()
-    note_oil_temperature(model, oil_temperature)
     _predict_point(model, as_json, displacement_ratio, engine_speed, load_torque,
                    oil_temperature)
 
@@ -62,6 +61,7 @@ def _predict_point(
 ) -> None:
     point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
     found, refusal = model.predict(*point), model.refusal(*point)
+    note_oil_temperature(model, oil_temperature)
     inside = inside_domain(model, found.inside_domain)
     # Where there is no efficiency the shaft does not turn as any formula says.
     speed = model.output_speed(*point) if refusal is None else math.nan

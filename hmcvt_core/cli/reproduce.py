@@ -52,7 +52,8 @@ Examples:
 def command(out: Path, seeds: int, jobs: int, as_json: bool) -> None:
     """Put every number and figure of the paper beside ours, with a verdict on each."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise InputError("the figures need matplotlib: pip install 'hmcvt-ros[plot,compare]'")
+        raise InputError("the figures need matplotlib; in the folder of hmcvt: "
+                         "pip install '.[plot,compare]'")
     from ..reproduce import reproduce
     from ..reproduce.report import write
     from ..reproduce.text import plain

@@ -54,12 +54,12 @@ def gram(columns: Array, target: Array) -> Array:
     return np.asarray(np.swapaxes(both, -1, -2) @ both)
 
 
-def evidence(grams: Array, count: int, spread: Array, trust: Array) -> Evidence:
+def evidence(grams: Array, count: int | NDArray[np.intp], spread: Array, trust: Array) -> Evidence:
     """Weigh m linear models.
 
     Args:
         grams: of [columns, target], shape (m, channels, p + 1, p + 1).
-        count: samples per channel.
+        count: samples per channel; shape (m, 1) where the models have different ones.
         spread: prior standard deviations of the coefficients, shape (m, p).
         trust: worth of the stated noise in samples, shape (channels,).
     """

@@ -11,8 +11,9 @@ from ..errors import InputError
 from ..model import EfficiencyModel
 from .candidates import Bench
 from .hypothesis import BASE_SIZE, REFUSED
-from .observations import Observations, distinct_rows, replicate_groups
+from .observations import Observations, distinct_rows
 from .outliers import outliers
+from .replicates import replicate_groups
 
 LEAST_SAMPLES = 5
 _MOST_REFUSED = 0.25  # part of the samples that the model may be unable to carry
@@ -42,7 +43,7 @@ def admitted(
             "load_torque, which is output power / engine speed, and the stage")
     if len(impossible):
         notes.append(f"{len(impossible)} samples ask for a load that the model cannot carry and "
-                     f"were left out: {_list(samples, rows[impossible])}")
+                     f"were left out: {listed_samples(samples, rows[impossible])}")
         bench, rows = _without(bench, rows, impossible)
     slips = outliers(bench.observed, bench.base.whitened)
     if len(slips):
@@ -79,6 +80,7 @@ def _named(samples: BenchSamples, i: int) -> str:
             f"{samples.engine_speed[i]:.4g} rad/s, load torque {samples.load_torque[i]:.4g} N m)")
 
 
-def _list(samples: BenchSamples, rows: NDArray[np.intp]) -> str:
+def listed_samples(samples: BenchSamples, rows: NDArray[np.intp]) -> str:
+    """Return the first few of some samples by number and operating point."""
     named = ", ".join(_named(samples, i) for i in rows[:_NAMED])
     return named + (" and others" if len(rows) > _NAMED else "")

@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..power_balance import OperatingPoints
 from ..ranges import BENCH_COLUMNS, EFFICIENCY_STD
 from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from .replicates import replicate_groups
 
 Array = NDArray[np.float64]
 
@@ -23,8 +24,12 @@ FEW = 16
 """Below this many samples scatter has no shape to be judged by; only its size is left."""
 
 _TRUST_STATED, _TRUST_ASSUMED, _TRUST_FEW = 8.0, 1.0, 30.0
+# Nobody stated the noise: weak enough that a bench twice as noisy raises no alarm at the size of
+# its scatter, strong enough that one ten times as noisy does.
+_TRUST_FEW_ASSUMED = 3.0
 _LEAST_DEVIATION = 1e-5
 _REPLICATES_NEEDED = 5
+_ASSUMED = "assumed, 1.12 % (paper, eq. (3))"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +57,13 @@ class Observations:
         samples: the bench samples.
         channels: efficiency first.
         noise_source: where the noise of the efficiency comes from, in words.
+        assumed: whether nobody stated it.
     """
 
     samples: BenchSamples
     channels: tuple[Channel, ...]
     noise_source: str
+    assumed: bool = False
 
     @classmethod
     def of(cls, samples: BenchSamples, noise: float | None = None) -> Observations:
@@ -70,16 +77,17 @@ class Observations:
         Raises:
             InputError: `noise` is out of range.
         """
-        deviation, trust, source = _efficiency_noise(samples, noise)
+        deviation, trust, source = stated_noise(samples, noise) or _assumed_noise(samples)
+        assumed = source == _ASSUMED
         if len(samples) < FEW:
             # So few samples cannot correct a statement of noise: it has to be believed.
-            trust = max(trust, _TRUST_FEW)
+            trust = max(trust, _TRUST_FEW_ASSUMED if assumed else _TRUST_FEW)
         channels = [Channel("efficiency", samples.efficiency, deviation, trust)]
         if samples.output_speed is not None:
             channels.append(Channel("output_speed", samples.output_speed,
                                     OUTPUT_SPEED_UNCERTAINTY * samples.output_speed,
                                     _TRUST_ASSUMED))
-        return cls(samples, tuple(channels), source)
+        return cls(samples, tuple(channels), source, assumed)
 
     @property
     def points(self) -> OperatingPoints:
@@ -107,17 +115,7 @@ class Observations:
         """Return a subset of the samples, with the same noise."""
         channels = tuple(replace(channel, measured=channel.measured[index],
                                  deviation=channel.deviation[index]) for channel in self.channels)
-        return Observations(self.samples.select(index), channels, self.noise_source)
-
-
-def replicate_groups(samples: BenchSamples) -> NDArray[np.intp]:
-    """Number the distinct operating points, shape (n,); repeated points share a number."""
-    axes = [samples.displacement_ratio, samples.engine_speed, samples.load_torque]
-    if samples.oil_temperature is not None:
-        axes.append(samples.oil_temperature)
-    key = np.stack([np.round(axis / max(float(np.ptp(axis)), 1e-9), 4) for axis in axes], axis=1)
-    _, group = np.unique(key, axis=0, return_inverse=True)
-    return np.asarray(group).reshape(-1)
+        return Observations(self.samples.select(index), channels, self.noise_source, self.assumed)
 
 
 def distinct_rows(samples: BenchSamples) -> NDArray[np.intp]:
@@ -134,9 +132,17 @@ def distinct_rows(samples: BenchSamples) -> NDArray[np.intp]:
     return np.array(list(first.values()), dtype=np.intp)
 
 
-def _efficiency_noise(
-    samples: BenchSamples, noise: float | None
-) -> tuple[Array, float, str]:
+def stated_noise(
+    samples: BenchSamples, noise: float | None = None
+) -> tuple[Array, float, str] | None:
+    """Noise of the efficiency as the samples or the caller state it; None when neither does.
+
+    Returns:
+        Standard deviations of shape (n,) [-], how many samples the statement is worth, its source.
+
+    Raises:
+        InputError: `noise` is out of range.
+    """
     if noise is not None:
         if noise == 0.0:
             raise InputError("noise = 0: no bench is exact; give the standard deviation of the "
@@ -150,8 +156,11 @@ def _efficiency_noise(
     if pure is not None:
         deviation, free = pure
         return np.full(len(samples), deviation), free, "repeated points"
-    return (PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency, _TRUST_ASSUMED,
-            "assumed, 1.12 % (paper, eq. (3))")
+    return None
+
+
+def _assumed_noise(samples: BenchSamples) -> tuple[Array, float, str]:
+    return PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency, _TRUST_ASSUMED, _ASSUMED
 
 
 def _pure_error(samples: BenchSamples) -> tuple[float, float] | None:

@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 
 from ..bench import BenchSamples
 from ..domain import AXES, Domain
-from ..errors import InputError
 from ..model import EfficiencyModel
-from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
+from ..parameters import PARAMETER_NAMES
 from .candidates import Bench, Candidate
+from .holdout import errors_on, fresh
 from .hypothesis import BASE_SIZE, Hypothesis
 from .intake import admitted
 from .next_tests import next_tests
+from .observations import FEW, Observations
 from .ranking import Ranking, rank, single_candidates
 from .regions import Regions, regions
 from .result import Cause, Diagnosis, Gap, Region, ShrinkageSummary
-from .shrinkage import Shrinkage, cross_validated_errors, folds, shrinkage
+from .shrinkage import Shrinkage, averaged_errors, deals, shrinkage
 from .significance import Significance, basis, significance
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ FOUND = 0.80
 """Probability from which one cause is called found."""
 
 SET_PROBABILITY = 0.97
-"""The set that cannot be told apart holds the cause with this probability."""
+"""The set that cannot be told apart holds the cause with this probability, if it is listed."""
 
 ADEQUATE = 0.5
 """Part of the gap that a named cause must remove; else the gap is unexplained."""
@@ -70,20 +71,20 @@ def diagnose(
     Args:
         model: formulation `power_balance`; effects it already has stay.
         samples: at least five bench samples; output speed and oil temperature are used if there.
-        holdout: samples to measure the shrinkage on; None for cross-validation.
+        holdout: samples to measure the shrinkage on, with their own noise if they state any; None
+            for cross-validation.
         noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`,
             repeated points, or the paper's 1.12 %, in this order.
         seed: of every random number.
 
     Raises:
-        InputError: samples cannot carry a diagnosis, the holdout lacks a column, or the
-            formulation is another.
+        InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
+            nothing new, or the formulation is another.
     """
     bench, notes = admitted(model, samples, noise)
-    if holdout is not None and holdout.oil_temperature is None \
-            and samples.oil_temperature is not None:
-        raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
-                         "has it")
+    if holdout is not None:
+        holdout, more = fresh(holdout, samples)
+        notes += more
     boxes = regions(bench.observed.samples)
     found = _significance(bench, boxes, seed)
     significant = found.p_value <= SIGNIFICANCE
@@ -117,14 +118,14 @@ class _Assembly:
         seed: int,
         notes: tuple[str, ...],
     ) -> None:
-        self.intake_notes = notes
+        self.notes = notes
         self.bench, self.boxes, self.found = bench, boxes, found
         self.significant, self.ranking, self.seed = significant, ranking, seed
-        self.holdout = holdout
+        self.holdout, self.first = holdout, ranking.best[next(iter(ranking.probability))]
         self.observed = bench.observed
-        self.parts = folds(self.observed, seed)
+        self.dealt = deals(self.observed, seed)
         self.noise = self._noise()
-        self.before = cross_validated_errors([ranking.nothing], self.observed, self.parts)
+        self.before = averaged_errors([ranking.nothing], self.observed, self.dealt)
 
     def _noise(self) -> Array:
         """Standard deviation of the efficiency, shape (n,), from the best competitor of all."""
@@ -189,26 +190,19 @@ class _Assembly:
         after = self.before
         if rivals:
             linear = [self.ranking.nothing, *(item.plain for item in rivals)]
-            after = cross_validated_errors(linear, self.observed, self.parts)
+            after = averaged_errors(linear, self.observed, self.dealt)
         return shrinkage(self.before, after, self.noise, "cross-validation", self.seed,
                          self.significant)
 
     def _on_holdout(self, rivals: Sequence[Candidate]) -> Shrinkage:
         assert self.holdout is not None
         base = self._model(np.empty(0), (), self.bench.base.base)
-        leading = self.ranking.leading
-        after = (self._model(leading.fit.sizes, leading.effects, leading.fit.base)
-                 if rivals else base)
-        errors = [self.holdout.efficiency - model.efficiency(
-            self.holdout.displacement_ratio, self.holdout.engine_speed, self.holdout.load_torque,
-            self.holdout.oil_temperature) for model in (base, after)]
-        usable = np.isfinite(errors[0]) & np.isfinite(errors[1])
-        if not usable.any():
-            raise InputError(f"{self.holdout.source}: the model has no answer at any of the "
-                             "operating points held out")
-        noise = float(np.sqrt(np.mean(self.noise**2)))
-        return shrinkage(errors[0][usable], errors[1][usable], np.array(noise), "holdout",
-                         self.seed, self.significant)
+        # The model of the first cause: the one that is saved.
+        after = self._model_of(self.first) if rivals else base
+        held = errors_on(self.holdout, base, after, float(np.sqrt(np.mean(self.noise**2))))
+        self.notes += held.notes
+        return shrinkage(held.before, held.after, held.noise, "holdout", self.seed,
+                         self.significant)
 
     # --- causes ---------------------------------------------------------------------------------
 
@@ -225,14 +219,14 @@ class _Assembly:
         item = ranking.best[name]
         index = item.names.index(name)
         effect = item.effects[index]
-        after = cross_validated_errors([item.plain], self.observed, self.parts)
+        after = averaged_errors([item.plain], self.observed, self.dealt)
         shrunk = shrinkage(self.before, after, self.noise, "cross-validation", self.seed)
         others = [other for other in item.names if other != name]
         return Cause(
             name, effect.form, effect.component, ranking.probability[name],
             self._twins(name), self._parameters(item, index), others[0] if others else None,
             shrunk.after, shrunk.fraction, self._drift(item), effect.summary, effect.source,
-            effect.remedy, self._model(item.fit.sizes, item.effects, item.fit.base),
+            effect.remedy, self._model_of(item),
         )
 
     def _twins(self, name: str) -> tuple[str, ...]:
@@ -240,14 +234,15 @@ class _Assembly:
         probability = self.ranking.probability
         with_it = self.ranking.best[name].names
         total, chosen = 0.0, []
+        wanted = SET_PROBABILITY * (1.0 - self.ranking.unlisted)
         for other, p in probability.items():
             if other in with_it and other != name:
                 continue
-            if total >= SET_PROBABILITY and other != name:
+            if total >= wanted:
                 break
             total += p
             chosen.append(other)
-        return tuple(other for other in chosen if other != name)[:2] if name in chosen else ()
+        return tuple(other for other in chosen if other != name) if name in chosen else ()
 
     def _parameters(self, item: Candidate, index: int) -> dict[str, dict[str, Any]]:
         effect = item.effects[index]
@@ -291,9 +286,10 @@ class _Assembly:
         large = boxes.members.sum(axis=1) > boxes.members.shape[1] / 2
         z = np.where(large, _LARGE_REGION * z, z)
         chosen: list[int] = []
-        for i in np.argsort(-z):
-            if chosen and self.found.region_p[i] > REGION_SIGNIFICANCE:
-                break
+        order = np.argsort(-z)
+        clear = order[self.found.region_p[order] <= REGION_SIGNIFICANCE]
+        # Where no place is significant by itself the first one is named all the same, with its p.
+        for i in clear if len(clear) else order[:1]:
             shared = [np.sum(boxes.members[i] & boxes.members[j])
                       / min(boxes.members[i].sum(), boxes.members[j].sum()) for j in chosen]
             if all(part <= _OVERLAP for part in shared):
@@ -312,6 +308,9 @@ class _Assembly:
                       int(inside.sum()), float(self.found.region_p[i]),
                       self.observed.channels[self.found.region_channel[i]].name)
 
+    def _model_of(self, item: Candidate) -> EfficiencyModel:
+        return self._model(item.fit.sizes, item.effects, item.fit.base)
+
     def _model(self, sizes: Array, effects: Sequence[Any], base: Array) -> EfficiencyModel:
         hypothesis = Hypothesis(self.bench.model, tuple(effects))
         samples = self.observed.samples
@@ -322,23 +321,33 @@ class _Assembly:
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
     def _notes(self, verdict: str) -> tuple[str, ...]:
-        notes = list(self.intake_notes)
+        notes = list(self.notes)
         ratio = float(np.sqrt(np.mean(self.noise**2) / np.mean(self.observed.scale[0] ** 2)))
         if not 0.75 < ratio < 1.33:
             notes.append(f"the noise looks {ratio:.2f} times the one stated "
                          f"({self.observed.noise_source}): check the statement")
+        notes += self._rests_on_assumption()
         samples = self.observed.samples
         if samples.output_speed is None:
             notes.append("without column output_speed, losses of flow and of torque look alike")
         if samples.oil_temperature is None:
             notes.append("without column oil_temperature, viscosity cannot be judged")
-        for name, unit in PARAMETER_UNITS.items():
-            del unit
-            if name == "leakage":
-                continue
-            if getattr(self._model(np.empty(0), (), self.bench.base.base).parameters,
-                       name) <= 1e-9:
+        refitted = self._model(np.empty(0), (), self.bench.base.base).parameters
+        for name in ("motor_damping", "pump_damping"):
+            if getattr(refitted, name) <= 1e-9:
                 notes.append(f"the refit puts {name} at zero: something else takes its place")
         if verdict == "unexplained":
             notes.append("no listed effect removes most of the gap: look at the regions")
         return tuple(notes)
+
+    def _rests_on_assumption(self) -> list[str]:
+        """Say what a statement of the noise would change where nobody made one."""
+        if not self.observed.assumed or len(self.observed.samples) >= FEW:
+            return []
+        size = float(np.sqrt(np.mean(self.observed.scale[0] ** 2)))
+        noise = float(f"{size:.2g}")
+        stated = Bench(self.bench.model, Observations.of(self.observed.samples, noise))
+        p_value = _significance(stated, self.boxes, self.seed).p_value
+        return [f"nobody stated the noise, and {len(self.observed.samples)} samples cannot tell "
+                f"it from a gap: the verdict rests on an assumption; if the noise is known to be "
+                f"{100 * noise:.2g} points, --noise {noise:g} gives p = {p_value:.2g}"]

@@ -5,7 +5,8 @@ r"""How far the gap shrinks, on data not used for the fit.
 
 e are errors of prediction of the efficiency at samples left out, sigma is the noise. Base
 parameters are refitted on both sides in every fold, and the effect is *chosen* inside the fold:
-choosing it on all samples first would promise too much.
+choosing it on all samples first would promise too much. How the samples are dealt to the folds is
+chance; errors are averaged over several deals, so that the figure hardly moves with the seed.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from numpy.typing import NDArray
 
 from .candidates import Linear
 from .evidence import evidence, gram, one_sided
-from .observations import Observations, replicate_groups
+from .observations import Observations
+from .replicates import replicate_groups
 
 Array = NDArray[np.float64]
 FOLDS = 12
+DEALS = 8
 _DRAWS = 999
 _TAIL = 0.025
 
@@ -55,30 +58,45 @@ def folds(observed: Observations, seed: int) -> list[NDArray[np.intp]]:
     return [np.flatnonzero(np.isin(group, part)) for part in parts if len(part)]
 
 
+def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
+    """Deal the samples to folds several times; once where every point is left out alone."""
+    first = folds(observed, seed)
+    alone = len(np.unique(replicate_groups(observed.samples))) <= FOLDS
+    return [first] if alone else [first, *(folds(observed, seed + 1000 * i)
+                                           for i in range(1, DEALS))]
+
+
+def averaged_errors(
+    rivals: Sequence[Linear], observed: Observations, dealt: Sequence[Sequence[NDArray[np.intp]]]
+) -> Array:
+    """Errors of `cross_validated_errors` over several deals, shape (n,).
+
+    The root of the mean square at each sample, with the sign of the mean: squares add up right.
+    """
+    errors = np.stack([cross_validated_errors(rivals, observed, parts) for parts in dealt])
+    return np.asarray(np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0)))
+
+
 def cross_validated_errors(
     rivals: Sequence[Linear], observed: Observations, parts: Sequence[NDArray[np.intp]]
 ) -> Array:
     """Errors of the efficiency at samples left out, the rival chosen on the others, shape (n,)."""
     n = len(observed.samples)
-    errors = np.full(n, np.nan)
-    whole = [gram(rival.columns, rival.target) for rival in rivals]
-    for part in parts:
-        best, chosen = -np.inf, np.zeros(len(part))
-        for rival, total in zip(rivals, whole, strict=True):
-            left_out = gram(rival.columns[:, part], rival.target[:, part])
-            found = evidence((total - left_out)[None], n - len(part), rival.spread[None],
-                             observed.trusts)
-            log = float(found.log[0])
-            if rival.positive is not None:
-                log += float(one_sided(found, rival.positive)[0])
-            if log > best:
-                best = log
-                mean = found.mean[0]
-                if rival.positive is not None and mean[rival.positive] < 0.0:
-                    mean = _without(total - left_out, rival, found.noise[0])
-                chosen = rival.target[0, part] - rival.columns[0, part] @ mean
-        errors[part] = chosen * observed.scale[0, part]
-    return errors
+    best, errors = np.full(len(parts), -np.inf), np.full(n, np.nan)
+    count = np.array([[n - len(part)] for part in parts])
+    for rival in rivals:
+        left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
+                             for part in parts])
+        others = gram(rival.columns, rival.target) - left_out
+        found = evidence(others, count, np.tile(rival.spread, (len(parts), 1)), observed.trusts)
+        log = found.log if rival.positive is None else (
+            found.log + one_sided(found, rival.positive))
+        for i in np.flatnonzero(log > best):
+            best[i], part, mean = log[i], parts[i], found.mean[i]
+            if rival.positive is not None and mean[rival.positive] < 0.0:
+                mean = _without(others[i], rival, found.noise[i])
+            errors[part] = rival.target[0, part] - rival.columns[0, part] @ mean
+    return np.asarray(errors * observed.scale[0])
 
 
 def _without(grams: Array, rival: Linear, noise: Array) -> Array:

@@ -59,8 +59,8 @@ def _connected(address: str) -> Client:
         from distributed import Client
         from distributed.comm import connect
     except ImportError as error:
-        raise InputError("--scheduler needs the library distributed (Dask): "
-                         "pip install 'hmcvt-ros[fleet]'") from error
+        raise InputError("--scheduler needs the library distributed (Dask); in the folder of "
+                         "hmcvt: pip install '.[fleet]'") from error
 
     # What it has to say about a lost scheduler is said in one line by `_outcome`.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)

@@ -112,8 +112,8 @@ def unanswered(held: Problem, scaled: Array) -> tuple[str, ...]:
     if not none:
         return ()
     reason = STALLED if held.model.formulation == "power_balance" else INCONSISTENT
-    return (f"the model has no answer at {none} of {len(held.samples)} samples held back, which the "
-            f"error of the prediction leaves out: {reason}",)
+    return (f"the model has no answer at {none} of {len(held.samples)} samples held back, which "
+            f"the error of the prediction leaves out: {reason}",)
 
 
 def _looseness(name: str, i: int, scaled: Array, value: float, error: float) -> str:

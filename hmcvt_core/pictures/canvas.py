@@ -47,7 +47,8 @@ def writes(path: str) -> str:
     try:
         import matplotlib  # noqa: F401
     except ImportError as error:
-        raise InputError("pictures need matplotlib: pip install 'hmcvt-ros[plot]'") from error
+        raise InputError("pictures need matplotlib; in the folder of hmcvt: "
+                         "pip install '.[plot]'") from error
     return ending
 
 

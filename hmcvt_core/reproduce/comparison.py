@@ -32,7 +32,7 @@ ABLATION = "Section 4.1: the four improvements, each left out"
 _RESAMPLED = 2000
 _FAR = 2.0  # times the target
 _SURE = 0.95  # part of the resampled seeds in which a difference must show
-_NO_LIBRARY = "pymoo is not installed: pip install 'hmcvt-ros[compare]'"
+_NO_LIBRARY = "pymoo is not installed; in the folder of hmcvt: pip install '.[compare]'"
 
 
 @dataclass(frozen=True)

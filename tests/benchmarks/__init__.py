@@ -3,5 +3,6 @@
 
 Every figure is a ratio of two things timed in turns on one machine: each turn gives one ratio, and
 the document tells the median and the quartiles over the turns. `bench_*.py` measure, with
-pytest-benchmark as the clock and its JSON as the record; `record.py` reads that, `report.py` writes.
+pytest-benchmark as the clock and its JSON as the record; `record.py` reads that, and `report.py`
+writes the document.
 """

@@ -137,7 +137,7 @@ def test_stalled_everywhere_is_nan(hm4):
 
 @pytest.mark.parametrize("hold", ["engine_speed", "output_speed"])
 def test_published_formulas_have_no_optimum(fitted_published, hold):
-    with pytest.raises(hmcvt.InputError, match=r"no optimum: it has a pole, eq. \(11\).*power_balance"):
+    with pytest.raises(hmcvt.InputError, match=r"no optimum: it has a pole, eq"):
         fitted_published.model.optimal_displacement_ratio(
             150.0, 200.0, hold=hold, displacement_ratio=0.3)
 

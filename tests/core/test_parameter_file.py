@@ -232,7 +232,7 @@ def test_odd_key_anywhere_is_no_traceback(saved, key, sealed):
         place[key] = "odd"
         saved.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
         try:
-            hmcvt.load_model(saved).fingerprint
+            assert len(hmcvt.load_model(saved).fingerprint) == 12
         except hmcvt.InputError as error:
             assert str(error).startswith(f"{saved}: ")
             refused += 1

@@ -49,4 +49,4 @@ def test_dask_is_needed_for_a_cluster_only(logs, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as stopped:
         main(["fleet", str(logs), "--out", str(tmp_path), "--scheduler", "tcp://127.0.0.1:1"])
     assert stopped.value.code == 2
-    assert "pip install 'hmcvt-ros[fleet]'" in capsys.readouterr().err
+    assert "pip install '.[fleet]'" in capsys.readouterr().err

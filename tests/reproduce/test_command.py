@@ -179,5 +179,5 @@ def test_folder_that_cannot_be_is_told_before_the_work(tmp_path: Path) -> None:
 def test_missing_matplotlib_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hmcvt_core.cli.reproduce.importlib.util.find_spec", lambda name: None)
     done = CliRunner().invoke(command, ["--out", str(tmp_path / "out")])
-    assert "pip install 'hmcvt-ros[plot,compare]'" in str(done.exception)
+    assert "pip install '.[plot,compare]'" in str(done.exception)
     assert not (tmp_path / "out").exists()

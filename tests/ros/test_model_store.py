@@ -92,7 +92,7 @@ def test_damaged_candidate_changes_nothing(paper_file, tmp_path):
 def test_published_formulas_are_not_served(paper_file, base, tmp_path):
     file = tmp_path / "published.yaml"
     replace(base, formulation="published").save(file)
-    with pytest.raises(hmcvt.InputError, match="published.yaml: formulation 'published' is not se"):
+    with pytest.raises(hmcvt.InputError, match=r"published.yaml: formulation 'published' is not"):
         ModelStore(file, tmp_path)
     store = ModelStore(paper_file, tmp_path)
     with pytest.raises(hmcvt.InputError, match="is not served"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""100,000 messages of nonsense, and that what they are held to can be missed."""
+"""Nonsense (`make soak` sends 100,000 messages), and that what it is held to can be missed."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .fuzz_inputs import InputFuzzer, overrides
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_nonsense_does_not_make_the_node_break_a_promise(folder):
-    fuzzed = trial.nonsense(trial.Plan(), folder)
+    fuzzed = trial.nonsense(trial.Plan(fuzz=20_000), folder)
     assert fuzzed.differences == ()
     assert fuzzed.survived and fuzzed.exit_code == 0
-    assert fuzzed.sent >= 100_000 and fuzzed.answers > 10_000 and fuzzed.logged > 1_000
+    assert fuzzed.sent >= 20_000 and fuzzed.answers > 2_000 and fuzzed.logged > 200
 
 
 def test_fuzzer_notices_a_wrong_model(folder):
