@@ -31,6 +31,7 @@ COMMANDS = {
     "blind": "run the blind trial of the diagnosis",
     "reproduce": "put every number and figure of the paper beside ours",
     "import-bag": "turn a recorded bag (rosbag2) into bench samples",
+    "node": "start the ROS 2 node",
 }
 
 

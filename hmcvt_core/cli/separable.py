@@ -18,10 +18,12 @@ Examples:
 @noise_option
 @click.option("--output-speed", "output_speed", is_flag=True,
               help="As if the output speed were read too.")
+@click.option("--matrix", "matrix", is_flag=True, help="Print every pair as a number too.")
 @params_option
 @json_option
 def command(
-    plan: str, noise: float | None, output_speed: bool, params: str | None, as_json: bool
+    plan: str, noise: float | None, output_speed: bool, matrix: bool, params: str | None,
+    as_json: bool,
 ) -> None:
     """Tell which effects a test plan can show and tell apart, before any test is run.
 
@@ -33,4 +35,4 @@ def command(
     if as_json:
         print_json(found.to_dict())
     else:
-        click.echo(found.report())
+        click.echo(found.report(matrix))

@@ -77,7 +77,7 @@ def errors_on(
         raise InputError(f"{held.source}: the model has no answer at any of the operating points "
                          "held out")
     stalled = np.flatnonzero(~usable)
-    notes = ()
+    notes: tuple[str, ...] = ()
     if len(stalled):
         notes = (f"{len(stalled)} of {len(held)} samples held out ask for a load that the model "
                  f"cannot carry and do not count: {listed_samples(held, stalled)}",)

@@ -12,7 +12,8 @@ deviations) it is not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,23 @@ from .observations import Observations
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class Confusion:
+    """An effect that a plan can see and not tell from others.
+
+    Attributes:
+        effect: its name.
+        twins: the others.
+        by_speed: those from which reading the output speed too would tell it.
+        remedies: measurements that settle it against the rest.
+    """
+
+    effect: str
+    twins: tuple[str, ...]
+    by_speed: tuple[str, ...]
+    remedies: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Isolability:
     """What a plan can tell apart.
@@ -39,6 +57,8 @@ class Isolability:
         samples: points in the plan.
         noise: standard deviation of the efficiency [-].
         channels: what is read.
+        remedies: measurement that settles each effect when no operating point does, by name.
+        with_speed: `separation` if the output speed were read too; None where it is.
     """
 
     effects: tuple[str, ...]
@@ -47,6 +67,24 @@ class Isolability:
     samples: int
     noise: float
     channels: tuple[str, ...]
+    remedies: Mapping[str, str] = field(default_factory=dict)
+    with_speed: Array | None = None
+
+    def confused(self) -> tuple[Confusion, ...]:
+        """Visible effects that another may mimic, visible at its own typical size or not."""
+        found = []
+        for i, name in enumerate(self.effects):
+            twins = self.twins(name) if self.detectability[i] >= DECISIVE else ()
+            if not twins:
+                continue
+            by_speed = () if self.with_speed is None else tuple(
+                other for other in twins
+                if self.with_speed[i, self.effects.index(other)] >= DECISIVE)
+            left = [other for other in twins if other not in by_speed]
+            remedies = dict.fromkeys(self.remedies.get(each, "")
+                                     for each in ([name, *left] if left else []))
+            found.append(Confusion(name, twins, by_speed, tuple(filter(None, remedies))))
+        return tuple(found)
 
     def twins(self, effect: str) -> tuple[str, ...]:
         """Effects that the plan cannot tell from one that it can see."""
@@ -64,30 +102,22 @@ class Isolability:
                 "visible": bool(self.detectability[i] >= DECISIVE),
                 "indistinguishable_from": list(self.twins(name)),
             } for i, name in enumerate(self.effects)],
+            "confused": [{
+                "effect": item.effect, "indistinguishable_from": list(item.twins),
+                "told_by_output_speed": list(item.by_speed), "remedies": list(item.remedies),
+            } for item in self.confused()],
             "separation": self.separation.tolist(),
         }
 
-    def report(self) -> str:
-        """Return the matrix as text for a person."""
-        lines = [f"{self.samples} points, noise of the efficiency {self.noise:.4g}, read: "
-                 f"{', '.join(self.channels)}",
-                 f"L = squared deviations an effect of typical size leaves after the refit; "
-                 f"visible from {DECISIVE:g}", ""]
-        width = max(len(name) for name in self.effects)
-        for i, name in enumerate(self.effects):
-            level = self.detectability[i]
-            if level < DECISIVE:
-                verdict = "not visible"
-            else:
-                twins = self.twins(name)
-                verdict = f"not told from {', '.join(twins)}" if twins else "told from all others"
-            lines.append(f"  {name:<{width}}  L = {level:8.1f}  {verdict}")
-        lines += ["", "L of the row when the column may mimic it:",
-                  " " * (width + 2) + " ".join(f"{j + 1:>6}" for j in range(len(self.effects)))]
-        for i, name in enumerate(self.effects):
-            row = " ".join(f"{min(value, 99999.0):6.0f}" for value in self.separation[i])
-            lines.append(f"{i + 1:>2} {name:<{width - 1}} {row}")
-        return "\n".join(lines)
+    def report(self, matrix: bool = False) -> str:
+        """Return what can be told apart, and what would help, as text for a person.
+
+        Args:
+            matrix: whether to print `separation` too.
+        """
+        from .isolability_report import isolability_report
+
+        return isolability_report(self, matrix)
 
 
 def separable(
@@ -104,18 +134,31 @@ def separable(
             and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
+    found = _of_plan(model, plan, noise)
+    if plan.output_speed is not None:
+        return found
+    speed = model.output_speed(plan.displacement_ratio, plan.engine_speed, plan.load_torque,
+                               plan.oil_temperature)
+    both = _of_plan(model, replace(plan, output_speed=speed), noise)
+    # Read alone, the output speed may show effects that the plan cannot.
+    index = [both.effects.index(name) for name in found.effects]
+    return replace(found, with_speed=both.separation[np.ix_(index, index)])
+
+
+def _of_plan(model: EfficiencyModel, plan: BenchSamples, noise: float | None) -> Isolability:
     observed = Observations.of(plan, noise)
     bench = Bench(model, observed, fitted=False)
     columns, spread = bench.shared(bench.base)
     p = columns.shape[-1]
     stacked = np.concatenate([columns.reshape(-1, p), np.diag(1.0 / spread)])
     absorbed, _ = np.linalg.qr(stacked)
-    names, rows = [], []
+    names, rows, remedies = [], [], {}
     for _, form, linear in bench.screen(bench.kinds, bench.base):
         signature = np.concatenate([linear.columns[..., -1].ravel(), np.zeros(p)])
         names.append(form.name)
+        remedies[form.name] = form.remedy
         rows.append(signature - absorbed @ (absorbed.T @ signature))
-    return _isolability(names, np.array(rows), observed)
+    return replace(_isolability(names, np.array(rows), observed), remedies=remedies)
 
 
 def _isolability(names: list[str], left: Array, observed: Observations) -> Isolability:

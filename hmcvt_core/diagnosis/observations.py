@@ -25,7 +25,7 @@ FEW = 16
 
 _TRUST_STATED, _TRUST_ASSUMED, _TRUST_FEW = 8.0, 1.0, 30.0
 # Nobody stated the noise: weak enough that a bench twice as noisy raises no alarm at the size of
-# its scatter, strong enough that one ten times as noisy does.
+# its scatter, strong enough that one six times as noisy does.
 _TRUST_FEW_ASSUMED = 3.0
 _LEAST_DEVIATION = 1e-5
 _REPLICATES_NEEDED = 5

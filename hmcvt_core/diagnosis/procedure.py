@@ -22,7 +22,7 @@ from .next_tests import next_tests
 from .observations import FEW, Observations
 from .ranking import Ranking, rank, single_candidates
 from .regions import Regions, regions
-from .result import Cause, Diagnosis, Gap, Region, ShrinkageSummary
+from .result import REGION_SIGNIFICANCE, Cause, Diagnosis, Gap, Region, ShrinkageSummary
 from .shrinkage import Shrinkage, averaged_errors, deals, shrinkage
 from .significance import Significance, basis, significance
 
@@ -31,7 +31,6 @@ Array = NDArray[np.float64]
 SIGNIFICANCE = 0.02
 """A gap counts when chance alone would show as much in one campaign of fifty."""
 
-REGION_SIGNIFICANCE = 0.05
 FOUND = 0.80
 """Probability from which one cause is called found."""
 

@@ -30,8 +30,8 @@ def replicate_groups(samples: BenchSamples) -> NDArray[np.intp]:
     count = np.array([len(indices) for indices in near])
     group = np.full(len(points), -1, dtype=np.intp)
     # Ties by place, so that the order of the rows does not matter.
-    leaders = []
-    for i in np.lexsort((*points.T[::-1], -count)):
+    leaders: list[int] = []
+    for i in np.lexsort((*points.T[::-1], -count)).tolist():
         if group[i] < 0:
             members = np.array(near[i])
             group[members[group[members] < 0]] = len(leaders)

@@ -3,14 +3,21 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..ranges import RPM
+from .result import REGION_SIGNIFICANCE
 
 if TYPE_CHECKING:
     from .result import Cause, Diagnosis, NextTest
 
 _VAGUE = 0.3  # probability below which the first cause is one among many
+_TWINS = 3  # named in the headline
+_DETAILED = 3  # causes told at length; the page has all
+_TESTS, _BESIDE = 5, 2  # lines of next tests, and how many of them are no operating point
+_WIDTH, _MARGIN = 100, 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
 
@@ -75,23 +82,53 @@ def headline(found: Diagnosis) -> str:
 
 
 def _named(found: Diagnosis) -> str:
-    cause, fraction = found.causes[0], found.shrinkage.fraction
+    cause = found.causes[0]
     if cause.probability < _VAGUE:
-        likely = ", ".join(f"{each.effect.replace('_', ' ')} ({100 * each.probability:.0f} %)"
+        likely = ", ".join(f"{_plain(each.effect)} ({100 * each.probability:.0f} %)"
                            for each in found.causes[:3])
         return f"These samples cannot tell the cause; the likeliest are {likely}."
-    name = cause.effect.replace("_", " ")
+    name = _plain(cause.effect)
     if cause.together_with:
-        name += f" together with {cause.together_with.replace('_', ' ')}"
+        name += f" together with {_plain(cause.together_with)}"
     sentence = "Cause: " if found.verdict == "cause_found" else "Most probable cause: "
     sentence += f"{name} ({100 * cause.probability:.0f} %)"
-    if cause.indistinguishable_from:
-        twins = " or ".join(other.replace("_", " ") for other in cause.indistinguishable_from)
-        sentence += f"; these data cannot rule out {twins}"
-    if fraction is not None and fraction > 0.0:
-        sentence += (f". Adding it removes {100 * fraction:.0f} % of the squared gap "
-                     f"({found.shrinkage.on})")
-    return sentence + "."
+    twins = [_plain(other) for other in cause.indistinguishable_from]
+    if twins:
+        more = " or others" if len(twins) > _TWINS else ""
+        sentence += f"; these data cannot rule out {' or '.join(twins[:_TWINS])}{more}"
+    return f"{sentence}. {removed(found)}".rstrip()
+
+
+def removed(found: Diagnosis) -> str:
+    """Say how far the gap shrinks, and of what that is the figure; empty without one.
+
+    Cross-validation measures the procedure, which picks an effect anew in every fold; the first
+    cause held fixed has a figure of its own.
+    """
+    fraction, limits = found.shrinkage.fraction, found.shrinkage.interval
+    if fraction is None:
+        return ""
+    span = "" if limits is None else f" (95 %: {_percent(limits[0])} to {_percent(limits[1])})"
+    if found.shrinkage.on == "holdout":
+        return (f"On the samples held out, the model with the first cause removes "
+                f"{_percent(fraction)} of the squared gap{span}.")
+    said = (f"On samples left out, picking the effect anew without them each time, "
+            f"{_percent(fraction)} of the squared gap is removed{span}")
+    own = found.causes[0].shrinkage if found.causes else None
+    if own is None:
+        return f"{said}."
+    cause = found.causes[0]
+    fixed = _plain(cause.effect) + (
+        f" with {_plain(cause.together_with)}" if cause.together_with else "")
+    return f"{said}; with {fixed} held as the effect, {_percent(own)}."
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.0f} %" if fraction >= 0.0 else "less than nothing"
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def points(value: float) -> str:
@@ -100,38 +137,48 @@ def points(value: float) -> str:
 
 
 def report(found: Diagnosis) -> str:
-    """Return a diagnosis as text for a person."""
+    """Return a diagnosis as text for a person, at most 100 columns wide."""
     lines = [headline(found), ""]
     gap = found.gap
     lines.append(f"gap        {gap.samples} samples, error of prediction {points(gap.rmse)} rms, "
                  f"noise {points(gap.noise)} (stated {points(gap.noise_stated)}: "
                  f"{gap.noise_source})")
     shrunk = found.shrinkage
-    if shrunk.fraction is not None and shrunk.interval is not None:
-        lines.append(f"shrinkage  {points(shrunk.before)} -> {points(shrunk.after)} above noise; "
-                     f"squared: {100 * shrunk.fraction:.0f} % gone "
-                     f"(95 %: {100 * shrunk.interval[0]:.0f} to {100 * shrunk.interval[1]:.0f}), "
+    if shrunk.fraction is not None:
+        lines.append(f"shrinkage  {points(shrunk.before)} -> {points(shrunk.after)} above noise, "
                      f"on {shrunk.on}")
+        if found.verdict == "unexplained":
+            lines.append(f"           {removed(found)}")
     lines += _where(found)
     lines += _causes(found)
-    if found.next_tests:
-        lines.append("next tests")
-        lines += [f"  {_test(test)}" for test in found.next_tests]
+    lines += _tests(found)
     lines += [f"note: {note}" for note in found.notes]
-    return "\n".join(lines)
+    return "\n".join(_wrapped(line) for line in lines)
+
+
+def _wrapped(line: str) -> str:
+    if len(line) <= _WIDTH:
+        return line
+    margin = " " * (_MARGIN if line[:1].isalpha() and "  " in line else
+                    len(line) - len(line.lstrip()))
+    return "\n".join(textwrap.wrap(line, _WIDTH, subsequent_indent=margin,
+                                   break_long_words=False, break_on_hyphens=False))
 
 
 def _where(found: Diagnosis) -> list[str]:
     if not found.where:
         return []
-    lines = ["where      displacement ratio    engine speed [rad/s]   load torque [N m]"
-             "   measured - model  samples  p"]
+    lines = ["where      stroke          speed [rad/s]    load [N m]     "
+             "measured - model  samples  p"]
     for region in found.where:
         lines.append(
-            f"           {_range(region.displacement_ratio, '.2f'):<21} "
-            f"{_range(region.engine_speed, '.1f'):<22} {_range(region.load_torque, '.0f'):<19} "
-            f"{100 * region.mean_residual:+6.2f} points  {region.samples:>9}  "
-            f"{region.p_value:.3g}")
+            f"           {_range(region.displacement_ratio, '.2f'):<15} "
+            f"{_range(region.engine_speed, '.1f'):<16} {_range(region.load_torque, '.0f'):<14} "
+            f"{100 * region.mean_residual:+8.2f} points  {region.samples:>7}  "
+            f"{region.p_value:.2g}")
+    if found.where[0].p_value > REGION_SIGNIFICANCE:
+        lines.append("           no place is significant by itself: the gap shows in the samples "
+                     "as a whole")
     return lines
 
 
@@ -143,7 +190,7 @@ def _causes(found: Diagnosis) -> list[str]:
     if not found.causes:
         return []
     lines = [f"causes     (an effect nobody listed: {100 * found.unlisted:.0f} %)"]
-    for cause in found.causes:
+    for cause in found.causes[:_DETAILED]:
         form = f", {cause.form}" if cause.form else ""
         lines.append(f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  "
                      f"[{cause.component}]")
@@ -160,14 +207,44 @@ def _causes(found: Diagnosis) -> list[str]:
                 lines.append(f"         without it the refit moves {name} from "
                              f"{change['with_effect']:.3g} to {change['without_effect']:.3g} "
                              f"({change['standard_errors']:+.1f} standard errors)")
+    others = [f"{cause.effect} ({100 * cause.probability:.0f} %)"
+              for cause in found.causes[_DETAILED:]]
+    if others:
+        lines.append(f"  less probable: {', '.join(others)}")
     return lines
 
 
-def _test(test: NextTest) -> str:
-    separates = f"separates {test.separates[0]} from {test.separates[1]}"
+def _tests(found: Diagnosis) -> list[str]:
+    """The first few of the next tests: points first, and a measurement beside the plan."""
+    merged: dict[tuple[object, ...], list[NextTest]] = {}
+    for test in found.next_tests:
+        place = (test.displacement_ratio, test.engine_speed, test.load_torque, test.measure)
+        merged.setdefault(place, []).append(test)
+    if not merged:
+        return []
+    groups = sorted(merged.values(), key=lambda tests: -max(test.gain for test in tests))
+    at_points = [tests for tests in groups if tests[0].engine_speed is not None]
+    others = [tests for tests in groups if tests[0].engine_speed is None]
+    chosen = at_points[:_TESTS - min(len(others), _BESIDE)]
+    chosen += others[:_TESTS - len(chosen)]
+    lines = ["next tests"]
+    if at_points:
+        lines = ["next tests (gain: squared standard deviations by which the readings are expected "
+                 "to speak against the wrong one of the two; 9 in all settle it)"]
+    lines += [f"  {_test(tests)}" for tests in chosen]
+    if len(groups) > len(chosen):
+        lines.append(f"  {len(groups) - len(chosen)} more in the JSON and on the report page")
+    return lines
+
+
+def _test(tests: Sequence[NextTest]) -> str:
+    test = tests[0]
+    # Every test is for or against the leading cause.
+    rivals = dict.fromkeys(_plain(each.separates[1]) for each in tests)
+    told = f"{_plain(test.separates[0])} from {' and '.join(rivals)}"
     if test.displacement_ratio is None or test.engine_speed is None or test.load_torque is None:
-        return f"{test.measure}: {separates}"
-    extra = f", reading {test.measure} too" if test.measure else ""
-    return (f"displacement ratio {test.displacement_ratio:+.2f}, engine speed "
-            f"{test.engine_speed:.1f} rad/s ({test.engine_speed / RPM:.0f} r/min), load torque "
-            f"{test.load_torque:.0f} N m{extra}: {separates} (gain {test.gain:.1f})")
+        return f"{test.measure}: tells {told}"
+    extra = f", with {test.measure} read" if test.measure else ""
+    return (f"stroke {test.displacement_ratio:+.2f}, {test.engine_speed:.1f} rad/s "
+            f"({test.engine_speed / RPM:.0f} r/min), {test.load_torque:.0f} N m{extra}: tells "
+            f"{told}, gain {max(each.gain for each in tests):.1f}")

@@ -14,6 +14,9 @@ from ..model import EfficiencyModel
 
 Array = NDArray[np.float64]
 
+REGION_SIGNIFICANCE = 0.05
+"""Family-wise p value up to which a place is one by itself."""
+
 VERDICTS = ("no_gap", "cause_found", "ambiguous", "unexplained")
 
 
@@ -68,11 +71,13 @@ class Cause:
         effect: its name; `form` its form.
         component: the part it belongs to.
         probability: that it is present.
-        indistinguishable_from: effects that these data cannot tell from it.
+        indistinguishable_from: effects that these data cannot tell from it, all that it takes to
+            hold the cause with 97 %, given that it is a listed one.
         parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
         together_with: the other effect of a pair.
         gap_after: root of the mean squared error above noise once it is added [-].
-        shrinkage: 1 - G2_after / G2_before for it, or None.
+        shrinkage: 1 - G2_after / G2_before for it by cross-validation, held as the effect in every
+            fold; None without a gap.
         drift: change of each base parameter when it is added, in words and numbers.
         summary: what it does, in plain words; `source` of its form; `remedy` that settles it.
         model: the base model refitted with it.
@@ -96,7 +101,11 @@ class Cause:
 
 @dataclass(frozen=True)
 class ShrinkageSummary:
-    """The contract's shrinkage: see `shrinkage.Shrinkage`."""
+    """The contract's shrinkage: see `shrinkage.Shrinkage`.
+
+    By cross-validation it is that of the procedure, which picks the effect anew in every fold; on a
+    holdout that of the model of the first cause.
+    """
 
     before: float
     after: float

@@ -91,7 +91,7 @@ def cross_validated_errors(
         found = evidence(others, count, np.tile(rival.spread, (len(parts), 1)), observed.trusts)
         log = found.log if rival.positive is None else (
             found.log + one_sided(found, rival.positive))
-        for i in np.flatnonzero(log > best):
+        for i in np.flatnonzero(log > best).tolist():
             best[i], part, mean = log[i], parts[i], found.mean[i]
             if rival.positive is not None and mean[rival.positive] < 0.0:
                 mean = _without(others[i], rival, found.noise[i])

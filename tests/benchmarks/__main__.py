@@ -25,6 +25,7 @@ def main() -> int:
     """Run them; 0 when they all ran, whether or not a goal is met."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.md"))
+    parser.add_argument("--record", type=Path, help="keep what pytest-benchmark writes here")
     parser.add_argument("--quick", action="store_true",
                         help="two turns of everything, to try the benchmarks themselves")
     given = parser.parse_args()
@@ -35,7 +36,7 @@ def main() -> int:
     others = (busy_seconds() - before) / pause
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="hmcvt-bench-") as name:
-        file = Path(name) / "record.json"
+        file = given.record or Path(name) / "record.json"
         code = pytest.main([
             str(HERE), "-q", "--no-header", "-p", "no:cacheprovider", "--timeout=300",
             "-o", "python_files=bench_*.py", "-o", "python_functions=bench_*",

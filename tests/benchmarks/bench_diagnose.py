@@ -15,7 +15,7 @@ from tests.diagnosis.campaigns import BASE, campaign
 
 from .turns import QUICK, in_turns
 
-TURNS = 5
+TURNS = 3
 SIZES = (24, 96, 384, 1536)
 LARGEST = 10_000  # a single run
 USUAL = 96
@@ -28,6 +28,13 @@ def samples(count: int) -> hmcvt.BenchSamples:
     return campaign((ChargePump(8.0),), seed=1, n=count)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def imported():
+    """What is imported or worked out at the first call is in no time."""
+    for contender in ("diagnose", "identify"):
+        _work(contender, SIZES[0])()
+
+
 def _work(contender: str, count: int):
     return (partial(hmcvt.diagnose, BASE, samples(count)) if contender == "diagnose"
             else partial(hmcvt.identify, samples(count)))
@@ -38,7 +45,7 @@ def _work(contender: str, count: int):
 def bench_samples(timed, work, turn):
     contender, count = work
     timed.told.update(contender=contender, count=count)
-    timed(_work(*work), rounds=1, warm=turn == 0)
+    timed(_work(*work), rounds=1, warm=False)
 
 
 @pytest.mark.skipif(QUICK, reason="takes long")
@@ -57,4 +64,4 @@ def bench_candidates(timed, monkeypatch, kinds, turn):
     # Every n-th, so that each part has effects of every sort.
     chosen = known[::len(known) // kinds][:kinds]
     monkeypatch.setattr(candidates, "library", lambda: chosen)
-    timed(_work("diagnose", USUAL), rounds=1, warm=turn == 0)
+    timed(_work("diagnose", USUAL), rounds=1, warm=False)

@@ -30,7 +30,7 @@ def given(model):
 @pytest.fixture(scope="module")
 def settings(model):
     """Settings of SciPy's minimiser by what is held and by the number of pieces."""
-    many = points(model, 200, seed=2)
+    many = points(model, 100, seed=2)
     found = {}
     for hold in HOLDS:
         best = np.array([ours(model, point, hold).efficiency for point in many])

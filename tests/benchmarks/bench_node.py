@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from contextlib import ExitStack, contextmanager
 
 import numpy as np
@@ -30,6 +31,7 @@ RATE = 300.0  # Hz on each input
 SECONDS = 1.0 if QUICK else 3.0
 ARRIVALS = 3000
 STARTS = 8
+PATIENCE = 20.0  # s
 IMPORTS = 7
 CONTENDERS = ("node", "relay")
 HEAVY = ("scipy.optimize", "scipy.stats", "scipy.interpolate", "matplotlib", "pymoo", "click",
@@ -62,9 +64,10 @@ def bench_load(timed, loaded, contender, turn):
     target, cycle = loaded[contender]
     target.ear.listen_for(phases.REST)
     segment = timed(lambda: target.load(cycle, RATE, SECONDS), rounds=1, warm=False)
-    assert segment.right >= 0.99 * segment.sent
+    # Inputs are best effort: a busy machine loses some, but no answer may be wrong.
+    assert segment.right == segment.answers > 0.5 * segment.sent
     p50, p99 = np.percentile(segment.optimum_latency, (50, 99))
-    timed.told.update(p50=p50, p99=p99, sent=segment.sent, right=segment.right,
+    timed.told.update(p50=p50, p99=p99, sent=segment.sent, right=segment.right, seconds=SECONDS,
                       cpu=segment.cpu * segment.seconds / segment.sent)
 
 
@@ -82,9 +85,10 @@ def asking(namespace):
         ear = Ear(client, {heard: lambda message, _: answers.append(message.data)})
 
         def ask(process):
+            last = time.monotonic() + PATIENCE
             while not answers:
-                assert process.running, process.log
-                for publisher, value in zip(inputs, (150.0, 200.0, 0.5), strict=True):
+                assert process.running and time.monotonic() < last, process.log
+                for publisher, value in zip(inputs, np.mean(points.ORDINARY, axis=1), strict=True):
                     publisher.publish(Float64(data=value))
                 ear.listen(0.005)
 
@@ -99,7 +103,12 @@ def bench_start(timed, folder, contender, turn):
     with ExitStack() as stack:
         ask = stack.enter_context(asking(namespace))
 
-        timed(lambda: ask(stack.enter_context(run(namespace, folder))), rounds=1, warm=False)
+        def start():
+            process = stack.enter_context(run(namespace, folder))
+            ask(process)
+            return process.cpu_seconds()
+
+        timed.told["cpu"] = timed(start, rounds=1, warm=False)
 
 
 # --- imports --------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ NODES = (41, 31, 31)
 ACCURACY = 1e-6
 """Of the efficiency at an optimum."""
 
-_TOLERANCES = (10.0 ** np.arange(-9.0, 1.0)).tolist()
+_TOLERANCES = (10.0 ** np.arange(-7.0, 1.0)).tolist()
 
 
 class Point(NamedTuple):

@@ -1,38 +1,92 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every example in --help and in docs/cli.md is a command that works."""
+"""Every command shown to a reader works: in --help, in README.md and on every page of docs/.
 
+A command line is run for real in a folder that holds the files it names. What is not run is named
+in `PARSED_ONLY`, with the reason; its arguments are still read by the command it names. A line with
+placeholders (`BENCH.csv`, `[--json]`), or that does no more than name an option, is a synopsis: the
+command has to exist and have its options.
+"""
+
+import functools
+import importlib.util
 import re
 import shlex
 import shutil
 
 import click
 import pytest
+import yaml
 
 from hmcvt_core.cli import COMMANDS, cli
 
 from .running import ROOT
 
-# The trial and the diagnosis take longer; what they print is tested with them.
-PARSED_ONLY = ("blind", "diagnose", "fleet", "import-bag", "reproduce", "separable")
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
+PARSED_ONLY = {
+    "blind": "minutes to hours; tests/blind and the trial itself (make blind)",
+    "fleet": "needs the logs of a fleet, or a Dask cluster; run by tests/fleet",
+    "node": "needs ROS and does not end; run by tests/ros/test_node_command.py",
+    "reproduce": "a minute or two; run by tests/reproduce",
+}
+# Where the Python of a page is run.
+PYTHON = {
+    "README.md": "test_python_of_the_readme",
+    "add-an-effect.md": "tests/cli/test_tutorial.py",
+    "live-view.md": "tests/ros/test_example_control_stack.py",
+    "node.md": "tests/ros/test_node_docs.py",
+    "tutorial.md": "tests/cli/test_tutorial.py",
+}
+SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 
 
-def _examples(text):
-    """Command lines in a text, with the lines that a backslash continues."""
+def _lines(text):
+    """Command lines: those of code blocks, and those in the running text that have arguments."""
     joined = re.sub(r"\\\n\s*", " ", text)
-    return [shlex.split(line.strip(), comments=True) for line in joined.splitlines()
-            if re.match(r"\s+(\$ )?hmcvt [a-z]", line)]
+    block = [line.strip().removeprefix("$ ") for line in joined.splitlines()
+             if re.match(r"(    |\s+(\$ )?|\$ )hmcvt [a-z]", line)]
+    inline = re.findall(r"`(hmcvt [a-z][a-z-]* [^`]+)`", re.sub(r"(?<!\n)\n(?!\n)", " ", text))
+    return [re.sub(r"\s+#.*", "", line) for line in (*block, *inline)]
 
 
 def _command(name):
     return cli.get_command(click.Context(cli), name)
 
 
-def _cases():
-    cases = _examples((ROOT / "docs" / "cli.md").read_text(encoding="utf-8"))
-    for name in COMMANDS:
-        cases += _examples(_command(name).epilog or "")
-    plain = {tuple(word for word in case if word != "$") for case in cases}
-    return sorted(case[1:] for case in plain)
+@functools.cache
+def _found():
+    """Arguments of the command lines, and synopses, each once."""
+    texts = [path.read_text(encoding="utf-8") for path in PAGES]
+    texts += [_command(name).epilog or "" for name in COMMANDS]
+    lines = {line for text in texts for line in _lines(text)}
+    synopses = {line for line in lines
+                if SYNOPSIS.search(line) or re.fullmatch(r"hmcvt [a-z-]+ --[a-z]+", line)}
+    cases = {tuple(shlex.split(line)[1:]) for line in lines - synopses}
+    return sorted(cases), sorted(synopses)
+
+
+CASES, SYNOPSES = _found()
+
+
+@pytest.fixture(scope="session")
+def bags(tmp_path_factory):
+    """The bags that the examples name; None without rosbags."""
+    if importlib.util.find_spec("rosbags") is None:
+        return None
+    from bag.simulated import bench_records, run_bench, write_bag
+
+    import hmcvt_core
+
+    model = hmcvt_core.load_model(ROOT / "params" / "hm4.yaml")
+    points = [(ratio, speed, load) for ratio in (-0.8, 0.3, 0.9) for speed in (85.0, 140.0)
+              for load in (120.0, 280.0)]
+    bench = run_bench(model, points)
+    folder = tmp_path_factory.mktemp("bags")
+    write_bag(folder / "run1", bench_records(bench))
+    write_bag(folder / "run2", bench_records(bench, "/tractor1/shafts"))
+    (folder / "run2" / "run2.mcap").rename(folder / "run1.mcap")
+    (folder / "run2").rename(folder / "rest")
+    shutil.copy(folder / "run1" / "run1.mcap", folder / "run.mcap")
+    return folder
 
 
 @pytest.fixture
@@ -41,8 +95,14 @@ def workplace(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "data", tmp_path / "data")
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
-    for name in ("bench.csv", "later.csv", "plan.csv"):
+    shutil.copy(ROOT / "data" / "simulated.csv", tmp_path / "bench.csv")
+    for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):
         shutil.copy(ROOT / "data" / "table2.csv", tmp_path / name)
+    for name in ("mine.yaml", "served.yaml"):
+        shutil.copy(ROOT / "params" / "hm4.yaml", tmp_path / name)
+    train = yaml.safe_load((ROOT / "params" / "transmission.yaml").read_text(encoding="utf-8"))
+    train["stages"]["HM2"] = train["stages"]["HM4"]
+    (tmp_path / "my_transmission.yaml").write_text(yaml.safe_dump(train), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -50,21 +110,102 @@ def workplace(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_shows_examples(name):
     command = _command(name)
-    examples = _examples(command.epilog)
+    examples = [shlex.split(line) for line in _lines(command.epilog)]
     assert examples
     assert all(case[:2] == ["hmcvt", name] for case in examples)
     assert command.help and all(
         option.help for option in command.params if isinstance(option, click.Option))
 
 
-@pytest.mark.parametrize("case", _cases(), ids=" ".join)
-def test_example(hmcvt, workplace, case):
+def test_every_command_stands_in_readme_and_in_cli_md():
+    table = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    for name in COMMANDS:
+        assert re.search(rf"^\| `hmcvt {name}\b", table, re.MULTILINE), name
+        assert any(case[0] == name for case in CASES), name
+
+
+@pytest.mark.parametrize("case", CASES, ids=" ".join)
+def test_example(hmcvt, workplace, bags, case):
     name, *arguments = case
     if name in PARSED_ONLY:
         _command(name).make_context(name, list(arguments))
         return
+    if name == "import-bag":
+        if bags is None:
+            pytest.skip("rosbags is not installed")
+        shutil.copytree(bags, workplace, dirs_exist_ok=True)
     done = hmcvt(*case)
     assert (done.code, done.err) == (0, "")
     assert done.out or "--out" in case
+    for option in ("--out", "--picture", "--report", "--save-model"):
+        if option in case:
+            assert (workplace / case[case.index(option) + 1]).stat().st_size > 0
     if "--json" in case:
         assert done.json
+
+
+@pytest.mark.parametrize("line", SYNOPSES)
+def test_synopsis(line):
+    name = line.split()[1]
+    known = {option for parameter in _command(name).params for option in parameter.opts}
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", line))
+    assert named - {"--ros-args"} <= known
+
+
+def test_what_is_not_run_is_a_command_with_a_reason():
+    assert set(PARSED_ONLY) < set(COMMANDS) and all(PARSED_ONLY.values())
+    run = [case for case in CASES if case[0] not in PARSED_ONLY]
+    assert len(run) > 25
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_scripts_and_targets_that_a_page_names_exist(path):
+    text = path.read_text(encoding="utf-8")
+    for script in re.findall(r"python3? ((?:examples|docs)/[\w./]+\.py)", text):
+        assert (ROOT / script).is_file(), script
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"^    make ([a-z]+)|`make ([a-z]+)", text, flags=re.MULTILINE):
+        assert re.search(rf"^{''.join(target)}:", makefile, flags=re.MULTILINE), target
+
+
+def _ros2_lines():
+    return [(path.name, line.strip()) for path in PAGES
+            for line in path.read_text(encoding="utf-8").splitlines()
+            if re.match(r"    (\S+=\$\()?ros2 ", line)]
+
+
+def test_ros2_commands_name_what_exists():
+    """None is run: `ros2` comes with ROS from apt alone. What they name is checked."""
+    node_page = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
+    ours = 0
+    for page, line in _ros2_lines():
+        words = shlex.split(line, comments=True)
+        verb = words[1:3]
+        if verb[:1] in (["run"], ["launch"]):
+            if words[2] == "hmcvt_ros":
+                ours += 1
+                assert words[3] in ("efficiency_node", "hmcvt.launch.py"), (page, line)
+        elif verb[:1] in (["topic"], ["service"], ["param"]):
+            ours += 1
+            name = next(word for word in words[3:] if word.startswith("/"))
+            short = name.replace("/hmcvt/", "~/") if name != "/hmcvt" else words[4]
+            assert any(f"`{form}`" in node_page for form in (short, short.lstrip("/"))), line
+        else:
+            assert verb[0] in ("security", "pkg", "bag"), (page, line)
+    assert ours >= 6
+
+
+def test_python_of_the_readme(workplace):
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    assert blocks
+    names = {}
+    for block in blocks:
+        exec(block, names)
+    assert 0.0 < names["fit"].fit_error < 0.05 and names["found"].verdict
+
+
+def test_python_of_every_page_is_run_somewhere():
+    shown = {path.name for path in PAGES if "```python" in path.read_text(encoding="utf-8")}
+    assert shown == set(PYTHON)
+    for place in PYTHON.values():
+        assert place.startswith("test_") or (ROOT / place).is_file(), place

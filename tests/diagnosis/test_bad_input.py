@@ -147,7 +147,8 @@ def test_holdout_where_the_model_has_no_answer():
 
 
 def test_holdout_of_one_sample():
-    found = _sane(hmcvt.diagnose(BASE, SAMPLES, SAMPLES.select([0]), noise=NOISE))
+    fresh = campaign((ChargePump(8.0),), seed=3, n=1)
+    found = _sane(hmcvt.diagnose(BASE, SAMPLES, fresh, noise=NOISE))
     assert found.shrinkage.on == "holdout"
 
 

@@ -149,6 +149,27 @@ def test_plain_data_and_words():
     assert all(name in text for name in found.effects)
 
 
+def test_what_cannot_be_told_apart_comes_with_what_would():
+    found = _matrix(campaign(seed=1, speed_noise=None))
+    confused = {item.effect: item for item in found.confused()}
+    assert "torque_sensor" in confused["charge_pump"].twins
+    assert any("meter" in remedy for remedy in confused["charge_pump"].remedies)
+    flow = confused["pressure_leakage"]
+    assert flow.by_speed, "reading the output speed helps a flow loss"
+    assert set(flow.by_speed) <= set(flow.twins)
+    text = found.report()
+    assert "reading the output speed too tells it from" in text
+    assert max(map(len, text.splitlines())) <= 100
+    assert not _matrix(campaign(seed=1)).report().count("reading the output speed")
+
+
+def test_the_matrix_is_printed_when_asked_for():
+    found = _matrix(campaign(seed=1, n=48))
+    added = found.report(matrix=True).removeprefix(found.report())
+    assert len(added.splitlines()) >= len(found.effects) + 2
+    assert np.shape(found.to_dict()["separation"]) == 2 * (len(found.effects),)
+
+
 # --- what to measure next -------------------------------------------------------------------------
 
 

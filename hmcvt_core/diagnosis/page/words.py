@@ -20,6 +20,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {"m3": "m³", "N m": "N·m", "deg C": "°C", "s Pa": "s·Pa"}
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
+_MOST_TWINS = 4  # named in the verdict
 _AXES = {"engine_speed": "engine speed", "load_torque": "load",
          "displacement_ratio": "displacement ratio"}
 
@@ -189,6 +190,8 @@ def _explained(found: Diagnosis) -> str:
     best = " best" if found.verdict == "ambiguous" else ""
     sentence = f"{name} {verb} it{best}"
     twins = [plain(other) for other in doubtful.indistinguishable_from]
+    if len(twins) > _MOST_TWINS:
+        twins = [*twins[:_MOST_TWINS - 1], f"{len(twins) - _MOST_TWINS + 1} others"]
     if twins:
         it = "it" if doubtful is cause and verb == "explains" else plain(doubtful.effect)
         sentence += f", but these data cannot tell {it} from {listed(twins)}"
@@ -204,13 +207,18 @@ def _removed(found: Diagnosis) -> str:
     if fraction is None:
         return "How far the gap would shrink cannot be told from these samples."
     lead = found.causes[0]
-    them = ("both" if lead.together_with is not None else
-            "the first" if found.verdict == "ambiguous" and lead.probability < _OUTSTANDING
-            else "it")
+    held_out = found.shrinkage.on == "holdout"
+    place = ("On the samples held out, with the first cause added," if held_out else
+             "On samples left out, with the effect picked anew without them each time,")
     if fraction <= 0.0:
-        return f"On samples left out of the fit, adding {them} does not yet shrink the gap."
+        return f"{place} the gap does not shrink yet."
     span = "" if limits is None else f" ({fraction_interval(limits)})"
-    return f"Adding {them} removes {percent(fraction)} of the squared gap{span}."
+    sentence = f"{place} {percent(fraction)} of the squared gap is removed{span}"
+    if held_out or lead.shrinkage is None or lead.shrinkage <= 0.0:
+        return f"{sentence}."
+    fixed_effect = plain(lead.effect) + (
+        f" with {plain(lead.together_with)}" if lead.together_with else "")
+    return f"{sentence}; {percent(lead.shrinkage)} with {fixed_effect} held as the effect."
 
 
 def fraction_interval(limits: Sequence[float]) -> str:
@@ -223,4 +231,4 @@ def _best(found: Diagnosis) -> str:
     fraction = found.shrinkage.fraction
     if fraction is None or fraction <= 0.0:
         return ""
-    return f": the best of them removes {percent(fraction)} of the squared gap"
+    return f": picking the best of them removes {percent(fraction)} of the squared gap"

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A control stack that uses the node, for the ROS integrator.
+
+    hmcvt-node                                                # in one terminal
+    python examples/control_stack.py --seconds 10 --pretend   # in another
+
+The node says which displacement ratio is best at the engine speed as it is. Better is to choose
+the engine speed too: among all pairs of engine speed and displacement ratio that give the same
+ground speed and power, one wastes least. This program finds it with `hmcvt_core`, from the very
+model that the node serves and latches on `~/model`, so that a refit of the node reaches it at once.
+It sends `cvt_command`: velocity of joint `engine` [rad/s], position of joint `displacement` [-].
+
+`--pretend` is the tractor too: it publishes the inputs of the node and follows the command at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+
+import hmcvt_core as hmcvt
+from hmcvt_ros import qos
+
+PERIOD = 0.1  # s
+START = {"displacement_ratio": -0.8, "engine_speed": 209.4, "load_torque": 200.0}
+
+
+class ControlStack(Node):
+    """Looks for the pair that wastes least at the ground speed and power of now."""
+
+    def __init__(self, namespace: str = "", pretend: bool = False) -> None:
+        super().__init__("control_stack", namespace=namespace)
+        self.model: hmcvt.EfficiencyModel | None = None
+        self.state: dict[str, float] = dict(START) if pretend else {}
+        self.heard: dict[str, float] = {}  # last answers of the node
+        self.command: hmcvt.Optimum | None = None
+        self._senders = {name: self.create_publisher(Float64, name, qos.INPUT)
+                         for name in START if pretend}
+        if not pretend:
+            self._keep(self.state, START, qos.INPUT)
+        self._keep(self.heard, ("efficiency", "optimal_displacement_ratio"), qos.OUTPUT)
+        self.create_subscription(String, "hmcvt/model", self._on_model, qos.LATCHED)
+        self._commands = self.create_publisher(JointState, "cvt_command", 10)
+        self.create_timer(PERIOD, self._step)
+
+    def _keep(self, values: dict[str, float], names: Iterable[str], profile: QoSProfile) -> None:
+        """Hold on to the last value of some topics."""
+        for name in names:
+            self.create_subscription(
+                Float64, name, lambda m, name=name: values.update({name: m.data}), profile)
+
+    def _on_model(self, message: String) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "model.yaml"
+            path.write_text(message.data, encoding="utf-8")
+            self.model = hmcvt.load_model(path)
+        self.get_logger().info(f"model {self.model.fingerprint}")
+
+    def _step(self) -> None:
+        if self.model is None or len(self.state) < len(START):
+            return
+        try:
+            best = self.model.optimal_displacement_ratio(
+                self.state["engine_speed"], self.state["load_torque"], hold="output_speed",
+                displacement_ratio=self.state["displacement_ratio"])
+        except hmcvt.InputError as error:  # out of range: keep the last command
+            self.get_logger().warning(str(error), throttle_duration_sec=5.0)
+            return
+        if math.isnan(best.efficiency):  # this speed and power cannot be held: keep it too
+            return
+        self.command = best
+        self._commands.publish(JointState(
+            name=["engine", "displacement"], velocity=[float(best.engine_speed), 0.0],
+            position=[0.0, float(best.displacement_ratio)]))
+        for name, sender in self._senders.items():
+            sender.publish(Float64(data=float(self.state[name])))
+            self.state[name] = float(getattr(best, name))
+
+
+def main() -> None:
+    """Run for a while, then tell."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long to run (10)")
+    parser.add_argument("--namespace", default="", help="of the node and its topics")
+    parser.add_argument("--pretend", action="store_true", help="be the tractor as well")
+    options = parser.parse_args()
+    rclpy.init()
+    node, executor = ControlStack(options.namespace, options.pretend), SingleThreadedExecutor()
+    executor.add_node(node)
+    end = time.monotonic() + options.seconds
+    try:
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=PERIOD)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass  # Ctrl-C ends it early
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    if node.command is None:
+        raise SystemExit("no command: model or inputs did not come; does the node run?")
+    print(f"command: engine {node.command.engine_speed:.1f} rad/s, displacement ratio "
+          f"{node.command.displacement_ratio:+.3f}, efficiency {node.command.efficiency:.3f}")
+    print("the node: " + ", ".join(f"{name} {value:.3f}" for name, value in node.heard.items()))
+
+
+if __name__ == "__main__":
+    main()

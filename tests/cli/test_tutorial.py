@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/tutorial.md from top to bottom, as its reader follows it; and the effect of another page."""
+
+import re
+import shlex
+import shutil
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import hmcvt_core
+
+from .running import ROOT
+
+DOCS = ROOT / "docs"
+PAGE = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def blocks():
+    """Indented blocks of the page, as lists of lines."""
+    text = re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)
+    found = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
+    return [[line[4:] for line in block.splitlines() if line.strip()] for block in found]
+
+
+def same(shown, printed):
+    """Whether a line is printed as it is shown; numbers may differ in the last digits."""
+    if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
+        return False
+    pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
+    return all(float(one) == pytest.approx(float(other), rel=0.02, abs=0.011)
+               for one, other in pairs)
+
+
+def follow(hmcvt, block, printed):
+    """Run the commands of a block, or find what the block shows in what was printed last."""
+    if block[0].startswith("pip install"):
+        return printed  # what this test runs is installed, or is the checkout
+    if block[0].startswith("cp "):
+        _, source, target = block[0].split()
+        shutil.copy(source, target)
+        return printed
+    if block[0].startswith("hmcvt "):
+        assert len(block) == 1
+        done = hmcvt(*shlex.split(block[0])[1:])
+        assert (done.code, done.err) == (0, "")
+        return done.out.splitlines()
+    at = 0
+    for line in block:
+        found = [i for i in range(at, len(printed)) if same(line, printed[i])]
+        assert found, (line, printed)
+        at = found[0] + 1
+    return printed
+
+
+def test_every_step(hmcvt, tmp_path, monkeypatch):
+    for folder in ("data", "params"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    monkeypatch.chdir(tmp_path)
+    printed, steps = [], blocks()
+    assert len(steps) >= 12
+    for block in steps:
+        printed = follow(hmcvt, block, printed)
+    # The pictures of the page are those that its commands draw.
+    pictures = set(re.findall(r"\(pictures/([\w.]+)\)", PAGE))
+    assert pictures == {"fit.png", "map.png", "losses.png"}
+    assert all((tmp_path / name).is_file() for name in pictures)
+    assert (tmp_path / "report.html").is_file() and (tmp_path / "mine.yaml").is_file()
+
+
+def test_raw_bench_file(tmp_path):
+    code, = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    true = hmcvt_core.read_bench(ROOT / "data" / "simulated.csv")
+    power = true.load_torque * true.engine_speed
+    rpm = np.pi / 30.0
+    raw = np.column_stack([
+        100.0 * true.displacement_ratio, true.engine_speed / rpm,
+        power / true.efficiency / true.engine_speed, true.output_speed / rpm,
+        power / true.output_speed])
+    np.savetxt(tmp_path / "raw.csv", raw, delimiter=",", comments="",
+               header="displacement_percent,engine_rpm,engine_torque,output_rpm,output_torque")
+    run(code, tmp_path)
+    made = hmcvt_core.read_bench(tmp_path / "bench.csv")
+    for name in ("displacement_ratio", "engine_speed", "load_torque", "efficiency",
+                 "output_speed"):
+        assert getattr(made, name) == pytest.approx(getattr(true, name), rel=1e-9), name
+
+
+def test_effect_of_the_page_is_found():
+    page = (DOCS / "add-an-effect.md").read_text(encoding="utf-8")
+    code, = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    # In a process of its own: a class stays in the library for good.
+    printed = run(f"{code}\nfrom hmcvt_core.effects import library\n"
+                  "print(*(effect.name for effect in library()))\n"
+                  "import hmcvt_core as h\nfrom dataclasses import replace\n"
+                  "model = h.load_model(h.data_path('params/hm4.yaml'))\n"
+                  "point = (0.5, 150.0, 200.0)\n"
+                  "fan = replace(model, effects=(FanDrag(torque=5.0),))\n"
+                  "print(model.efficiency(*point) / fan.efficiency(*point))\n", ROOT)
+    names, ratio = printed.splitlines()
+    assert "fan_drag" in names.split()
+    # 5 N m at 150 rad/s on top of load torque / efficiency.
+    model = hmcvt_core.load_model(ROOT / "params" / "hm4.yaml")
+    engine_torque = 200.0 / model.efficiency(0.5, 150.0, 200.0)
+    assert float(ratio) == pytest.approx((engine_torque + 5.0) / engine_torque, rel=1e-6)
+
+
+def run(code, folder):
+    """Run Python in a process of its own."""
+    path = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+    done = subprocess.run([sys.executable, "-c", path + code], cwd=folder, capture_output=True,
+                          text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_pictures_are_small_and_used():
+    pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.glob("*.md"))
+    for path in (DOCS / "pictures").iterdir():
+        data = path.read_bytes()
+        assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) < 150_000, path
+        width, _ = struct.unpack(">II", data[16:24])
+        assert width >= 900, path
+        assert f"(pictures/{path.name})" in pages, path
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
+def test_links_of_the_pages_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+        if not re.match(r"https?://", target):
+            assert (page.parent / target).exists(), target

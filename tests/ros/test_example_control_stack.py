@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""examples/control_stack.py beside a node: the pair it asks for is the best of the served model."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from ros_bench import send_table
+from sensor_msgs.msg import JointState
+
+import hmcvt_core as hmcvt
+
+SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "control_stack.py"
+NOW = (209.4, 200.0)  # engine speed, load torque that the pretended tractor starts from
+
+
+@pytest.fixture
+def run(environment):
+    """Start the script; it is gone when the test ends."""
+    processes = []
+
+    def start(*arguments):
+        processes.append(subprocess.Popen(
+            [sys.executable, str(SCRIPT), *arguments],
+            env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])},
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def best(model):
+    """The pair that the script has to find."""
+    return model.optimal_displacement_ratio(*NOW, hold="output_speed", displacement_ratio=-0.8)
+
+
+def served(node, folder):
+    path = folder / "served.yaml"
+    path.write_text(node.player.model_text)
+    return hmcvt.load_model(path)
+
+
+def test_commands_the_best_pair_and_ends_by_itself(start_node, paper_file, run, tmp_path):
+    node = start_node("''")
+    commands = []
+    node.player.create_subscription(JointState, "cvt_command", commands.append, 10)
+    process = run("--seconds", "4", "--pretend", "--namespace", node.namespace)
+    assert node.player.wait_until(lambda: process.poll() is not None, 30.0)
+    output, errors = process.communicate()
+    assert process.returncode == 0 and "Traceback" not in errors, errors
+    wanted = best(served(node, tmp_path))
+    assert len(commands) > 5
+    command = commands[-1]
+    assert list(command.name) == ["engine", "displacement"]
+    assert command.velocity[0] == pytest.approx(wanted.engine_speed, rel=2e-3)
+    assert command.position[1] == pytest.approx(wanted.displacement_ratio, abs=5e-3)
+    # The pretended tractor follows: the node reports what was promised.
+    assert node.player.efficiencies[-1] == pytest.approx(wanted.efficiency, abs=1e-3)
+    assert f"efficiency {node.player.efficiencies[-1]:.3f}" in output.splitlines()[-1]
+
+
+def test_refit_of_the_node_reaches_it(start_node, paper_file, table2, run, tmp_path):
+    node = start_node(paper_file)
+    before = best(served(node, tmp_path))
+    send_table(node.player, table2)
+    commands = []
+    node.player.create_subscription(JointState, "cvt_command", commands.append, 10)
+    process = run("--seconds", "60", "--pretend", "--namespace", node.namespace)
+    assert node.player.wait_until(lambda: len(commands) > 3, 20.0)
+    assert commands[0].velocity[0] == pytest.approx(before.engine_speed, rel=2e-3)
+    assert node.player.call("reidentify").success
+    after = served(node, tmp_path)
+    # From where the tractor is, on the line of the ground speed and power that it keeps.
+    wanted = after.optimal_displacement_ratio(
+        before.engine_speed, before.load_torque, hold="output_speed",
+        displacement_ratio=before.displacement_ratio)
+    assert wanted.engine_speed != pytest.approx(before.engine_speed, rel=0.01)
+
+    def arrived():
+        return commands[-1].velocity[0] == pytest.approx(wanted.engine_speed, rel=2e-3)
+
+    assert node.player.wait_until(arrived, 10.0), (wanted, commands[-1])
+    assert commands[-1].position[1] == pytest.approx(wanted.displacement_ratio, abs=5e-3)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=10)
+    assert process.returncode == 0 and "Traceback" not in errors, errors
+    assert f"model {after.fingerprint}" in errors
+
+
+def test_without_a_node_it_says_so(run):
+    began = time.monotonic()
+    process = run("--seconds", "1", "--pretend", "--namespace", "/nobody")
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1 and time.monotonic() - began < 10.0
+    assert errors == "no command: model or inputs did not come; does the node run?\n"
+
+
+def test_script_of_the_page_saves_the_model(environment, start_node, tmp_path):
+    page = (SCRIPT.parents[1] / "docs" / "live-view.md").read_text(encoding="utf-8")
+    code, = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    node = start_node("''")
+    # The page is about a node without a namespace.
+    spaced = code.replace("BenchPlayer()", f"BenchPlayer(namespace={node.namespace!r})")
+    assert spaced != code
+    subprocess.run([sys.executable, "-c", spaced], cwd=tmp_path, check=True, timeout=60,
+                   env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])})
+    saved = hmcvt.load_model(tmp_path / "served.yaml")
+    assert saved.fingerprint == served(node, tmp_path).fingerprint
