@@ -8,6 +8,9 @@
 #   make soak    the endurance trial of the node; writes docs/soak.md (a quarter of an hour;
 #                the machine should do nothing else meanwhile)
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (an hour on two cores)
+#   make docs    the pages of docs/ as a web site, in site/
+#   make bench   time everything against what one would use instead; writes docs/benchmarks.md (ten
+#                minutes; nothing else meanwhile, too)
 #   make clean   remove .venv and what tools left behind
 
 PYTHON ?= python3
@@ -21,7 +24,7 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 
-.PHONY: demo test lint types colcon soak blind system clean
+.PHONY: demo test lint types colcon soak bench blind docs system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -56,6 +59,13 @@ blind: $(VENV)/.dev
 soak: $(VENV)/.dev
 	$(BIN)/python -m tests.soak --out docs/soak.md
 
+bench: $(VENV)/.bench
+	$(BIN)/python -m tests.benchmarks --out docs/benchmarks.md
+
+docs: $(BIN)/python
+	@$(INSTALL) --editable '.[docs]'
+	$(BIN)/mkdocs build --strict
+
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 
@@ -75,7 +85,7 @@ colcon: $(VENV)/.dev
 	$(COLCON) test-result --test-result-base build/colcon --verbose
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Debian and Ubuntu leave ensurepip to the package python3-venv; pip can fill an environment that
@@ -95,4 +105,9 @@ $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
 	@$(INSTALL) --editable '.[ros,plot,bag,compare,fleet,test,dev]'
+	@touch $@
+
+# Not part of .dev: pytest-benchmark would sit in every run of the tests.
+$(VENV)/.bench: $(VENV)/.dev
+	@$(INSTALL) --editable '.[bench]'
 	@touch $@

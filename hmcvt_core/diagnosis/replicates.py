@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..bench import BenchSamples
 
@@ -25,6 +24,8 @@ def replicate_groups(samples: BenchSamples) -> NDArray[np.intp]:
     The sample with most neighbours gathers them, then the next: a slow sweep, in which every
     sample is close to the next one, falls into pieces instead of becoming one point.
     """
+    from scipy.spatial import cKDTree
+
     points = _scaled(samples)
     near = cKDTree(points).query_ball_point(points, 1.0, p=np.inf)
     count = np.array([len(indices) for indices in near])

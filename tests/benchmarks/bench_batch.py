@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from . import counting
-from .rivals import Table, points
+from .rivals import Table, operating_points
 from .turns import QUICK, in_turns
 
 COUNT = 1_000_000
@@ -18,19 +18,14 @@ SIZES = (100_000, 1_000_000) if QUICK else (100_000, 1_000_000, 10_000_000)
 THEIR_SIZES = SIZES[:2]  # the largest would take several gigabytes
 
 
-def columns(model, count):
-    """Displacement ratios, engine speeds, load torques."""
-    return [np.ascontiguousarray(column) for column in np.transpose(points(model, count, 5))[:3]]
-
-
 @pytest.fixture(scope="module")
 def table(model):
     return Table(model)
 
 
 @pytest.fixture(scope="module")
-def batch(model):
-    return columns(model, COUNT)
+def batch():
+    return operating_points(COUNT, seed=5)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +52,7 @@ def bench_batch(timed, model, table, batch, rows, done, contender, turn):
 @pytest.mark.parametrize(("contender", "count"), [
     *(("hmcvt", count) for count in SIZES), *(("table", count) for count in THEIR_SIZES)])
 def bench_memory(timed, model, table, contender, count):
-    given = columns(model, count)
+    given = operating_points(count, seed=5)
     rows = np.stack(given, axis=-1)
 
     def peak():

@@ -8,7 +8,16 @@ from functools import partial
 import numpy as np
 import pytest
 
-from .rivals import Point, Table, just_enough, ours, points, scipy_pair, scipy_stroke
+from .rivals import (
+    Point,
+    Table,
+    just_enough,
+    operating_points,
+    ours,
+    points,
+    scipy_pair,
+    scipy_stroke,
+)
 from .turns import in_turns
 
 TURNS = 15
@@ -56,9 +65,9 @@ def bench_lookup(timed, model, table, given, contender, turn):
 
 def bench_table_error(timed, model, table):
     """How far the table is off, at 200,000 random points, and its best points."""
-    stroke, speed, torque, *_ = np.transpose(points(model, 200_000, seed=3))
-    error = timed(lambda: table.efficiency(np.stack([stroke, speed, torque], axis=-1))
-                  - model.efficiency(stroke, speed, torque), rounds=1)
+    many = operating_points(200_000, seed=3)
+    error = timed(lambda: table.efficiency(np.stack(many, axis=-1)) - model.efficiency(*many),
+                  rounds=1)
     losses = {hold: [_loss(model, table, point, hold) for point in points(model, 500, seed=4)]
               for hold in HOLDS}
     timed.told.update(
@@ -74,7 +83,7 @@ def _loss(model, table, point: Point, hold: str) -> float:
             - model.efficiency(stroke, speed, point.power / speed))
 
 
-@in_turns(TURNS, contender=("hmcvt", "table", *(f"SciPy, {count} parts" for count in PIECES)))
+@in_turns(TURNS, contender=("hmcvt", "table", *(f"SciPy, {count} pieces" for count in PIECES)))
 @pytest.mark.parametrize("hold", HOLDS)
 def bench_optimum(timed, model, table, given, settings, hold, contender, turn):
     if contender == "hmcvt":
@@ -85,6 +94,7 @@ def bench_optimum(timed, model, table, given, settings, hold, contender, turn):
                     else table.best_pair(*point[3:5]))
     else:
         setting = settings[hold, int(contender.split()[1])]
+        given = given[:len(given) // setting.pieces]
         timed.told.update(tolerance=setting.tolerance, missed=setting.missed)
         best = partial(_SEARCHES[hold], model, setting)
 

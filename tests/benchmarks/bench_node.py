@@ -26,13 +26,13 @@ from tests.soak import phases, points, processes, trial
 from tests.soak.ear import Ear
 from tests.soak.load import Target
 
-TURNS = 10
+TURNS = 8
 RATE = 300.0  # Hz on each input
 SECONDS = 1.0 if QUICK else 3.0
 ARRIVALS = 3000
-STARTS = 8
+STARTS = 6
 PATIENCE = 20.0  # s
-IMPORTS = 7
+IMPORTS = 5
 CONTENDERS = ("node", "relay")
 HEAVY = ("scipy.optimize", "scipy.stats", "scipy.interpolate", "matplotlib", "pymoo", "click",
          "distributed", "rosbags")

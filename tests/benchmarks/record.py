@@ -22,7 +22,7 @@ class Spread:
 
     def text(self) -> str:
         """Write it, with three digits."""
-        if self.low == self.high:
+        if self.low == self.high or np.isnan(self.median):
             return short(self.median)
         return f"{short(self.median)} ({short(self.low)} to {short(self.high)})"
 

@@ -20,8 +20,8 @@ from .table import Goal, at_least, at_most, table
 
 LIBRARIES = ("numpy", "scipy", "pymoo", "cma", "pytest-benchmark", "ros-rclpy")
 _HELD = {"engine_speed": "engine speed held", "output_speed": "output speed and power held"}
-_WHOLE = f"SciPy, {PIECES[0]} parts"
-_PARTS = f"SciPy, {PIECES[1]} parts"
+_WHOLE = f"SciPy, {PIECES[0]} pieces"
+_PIECES = f"SciPy, {PIECES[1]} pieces"
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,11 @@ def _one_point(record: Record) -> list[str]:
     rows = [["lookup", _lookup(record).text(), "", ""]]
     for hold in HOLDS:
         rows.append([f"optimum, {_HELD[hold]}", *(
-            _optimum(record, hold, other).text() for other in ("table", _WHOLE, _PARTS))])
+            _optimum(record, hold, other).text() for other in ("table", _WHOLE, _PIECES))])
     missed = [
         f"- {_HELD[hold]}: tolerance {entry.told['tolerance']:g}, "
         f"{100 * entry.told['missed']:.0f} % of the points missed in one piece, "
-        f"{100 * record.one('bench_optimum', hold=hold, contender=_PARTS).told['missed']:.0f} % "
+        f"{100 * record.one('bench_optimum', hold=hold, contender=_PIECES).told['missed']:.0f} % "
         f"in {PIECES[1]}; the best point of the table loses {_percent(off['losses'][hold][0])} "
         f"(median) to {_percent(off['losses'][hold][1])} (largest) of efficiency"
         for hold in HOLDS

@@ -24,11 +24,12 @@ def goals(record: Record) -> list[Goal]:
         found.append(Goal(f"{case}: `hmcvt.identify` reaches the lowest value", "every seed",
                           f"{arrived} of {len(runs)} seeds", arrived == len(runs)))
         for words, figure in (("until it returns", _seconds), ("until the value is met", _reached)):
-            name, ratio = min(((search.name, _ratio(record, case, search, figure))
-                               for search in SEARCHES if search.kind == "global"),
-                              key=lambda item: np.nan_to_num(item[1].median, nan=np.inf))
+            ratio, search = min(
+                ((_ratio(record, case, search, figure), search)
+                 for search in SEARCHES if search.kind == "global"),
+                key=lambda item: np.nan_to_num(item[0].median, nan=np.inf))
             found.append(Goal(f"{case}: fastest other global search {words} / ours",
-                              f"at least {FASTER:g}", f"{ratio.text()}, {name}",
+                              f"at least {FASTER:g}", f"{ratio.text()}, {search.name}",
                               ratio.median >= FASTER))
     return found
 

@@ -40,8 +40,8 @@ class Point(NamedTuple):
     power: float
 
 
-def points(model: EfficiencyModel, count: int, seed: int) -> list[Point]:
-    """Return random points.
+def operating_points(count: int, seed: int) -> tuple[Array, Array, Array]:
+    """Return random displacement ratios, engine speeds and load torques.
 
     Every pair of engine speed and load torque with the same power lies inside the table.
     """
@@ -49,9 +49,15 @@ def points(model: EfficiencyModel, count: int, seed: int) -> list[Point]:
     low, high = ENGINE_SPEED_LIMITS
     speed = rng.uniform(low, high, count)
     power = rng.uniform(LOAD_TORQUE_LIMITS[0] * high, LOAD_TORQUE_LIMITS[1] * low, count)
-    stroke, torque = rng.uniform(-1.0, 1.0, count), power / speed
+    return rng.uniform(-1.0, 1.0, count), speed, power / speed
+
+
+def points(model: EfficiencyModel, count: int, seed: int) -> list[Point]:
+    """Return random points, with what they give."""
+    stroke, speed, torque = operating_points(count, seed)
     output = model.output_speed(stroke, speed, torque)
-    return [Point(*row) for row in np.transpose([stroke, speed, torque, output, power]).tolist()]
+    return [Point(*row) for row in
+            np.transpose([stroke, speed, torque, output, speed * torque]).tolist()]
 
 
 class Table:

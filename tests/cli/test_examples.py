@@ -23,7 +23,7 @@ from .running import ROOT
 
 PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
 PARSED_ONLY = {
-    "blind": "minutes to hours; tests/blind and the trial itself (make blind)",
+    "blind": "minutes to hours; one campaign of it is run by test_json.py",
     "fleet": "needs the logs of a fleet, or a Dask cluster; run by tests/fleet",
     "node": "needs ROS and does not end; run by tests/ros/test_node_command.py",
     "reproduce": "a minute or two; run by tests/reproduce",
@@ -117,7 +117,7 @@ def test_every_command_shows_examples(name):
         option.help for option in command.params if isinstance(option, click.Option))
 
 
-def test_every_command_stands_in_readme_and_in_cli_md():
+def test_every_command_stands_in_cli_md_and_has_an_example():
     table = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     for name in COMMANDS:
         assert re.search(rf"^\| `hmcvt {name}\b", table, re.MULTILINE), name

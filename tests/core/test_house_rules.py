@@ -11,7 +11,7 @@ import pytest
 import hmcvt_core as hmcvt
 
 SOURCE = Path(hmcvt.__file__).parent
-HEAVY = ("rclpy", "hmcvt_ros", "scipy.optimize", "yaml", "matplotlib", "click", "rosbags")
+HEAVY = ("rclpy", "hmcvt_ros", "scipy", "yaml", "matplotlib", "click", "rosbags")
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`--json` prints one JSON value alone, whatever else a command writes.
+
+`fleet` and `reproduce` are run with it by tests/fleet and tests/reproduce; `node` prints nothing.
+"""
+
+import importlib.util
+import json
+import shutil
+
+import click
+import pytest
+
+from hmcvt_core.blind.conditions import cases
+from hmcvt_core.cli import COMMANDS, cli
+
+from .running import POINT, ROOT, TABLE2, process
+
+ELSEWHERE = {"fleet": "fleet/test_results.py", "reproduce": "reproduce/test_command.py"}
+CASES = {
+    "identify": (TABLE2, "--fit", "1,2,4-6", "--out", "p.yaml", "--picture", "fit.png"),
+    "identify, compared": (TABLE2, "--gear-efficiency", "0.98,0.97", "--out", "p.yaml"),
+    "predict": POINT,
+    "predict, file": (TABLE2,),
+    "predict, noted": (*POINT, "--oil-temperature", "60"),
+    "optimum": (*POINT, "--hold", "output_speed"),
+    "map": ("--steps", "5", "3", "2", "--out", "map.csv", "--picture", "map.svg",
+            "--bench", TABLE2),
+    "map, picture": ("--steps", "5", "3", "2", "--picture", "map.html"),
+    "map, file": ("--steps", "5", "3", "2", "--out", "map.csv"),
+    "breakdown": (*POINT, "--picture", "losses.svg"),
+    "diagnose": (TABLE2, "--report", "report.html", "--save-model", "d.yaml"),
+    "separable": (TABLE2, "--output-speed"),
+    "import-bag": ("run1", "--out", "samples.csv"),
+}
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_every_command_is_covered():
+    covered = {case.partition(",")[0] for case in CASES} | {"blind"} | set(ELSEWHERE)
+    assert covered == set(COMMANDS) - {"node"}
+    for name in covered:
+        options = {option for parameter in cli.get_command(click.Context(cli), name).params
+                   for option in parameter.opts}
+        assert "--json" in options, name
+    for path in ELSEWHERE.values():
+        assert '"--json"' in (ROOT / "tests" / path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_value_alone(hmcvt, workplace, case):
+    name, arguments = case.partition(",")[0], CASES[case]
+    if name == "import-bag":
+        if importlib.util.find_spec("rosbags") is None:
+            pytest.skip("rosbags is not installed")
+        from bag.simulated import bench_records, run_bench, write_bag
+
+        import hmcvt_core
+
+        model = hmcvt_core.load_model(ROOT / "params" / "hm4.yaml")
+        bench = run_bench(model, [(0.5, 120.0, 200.0), (-0.5, 90.0, 250.0)])
+        write_bag(workplace / "run1", bench_records(bench))
+    done = hmcvt(name, *arguments, "--json")
+    assert done.code == 0
+    assert done.json
+    # What is printed beside the value goes to stderr, and is no more than a note.
+    assert all(line.startswith("note: ") for line in done.err.splitlines())
+    for option in ("--out", "--picture", "--report", "--save-model"):
+        if option in arguments:
+            path = workplace / arguments[arguments.index(option) + 1]
+            assert path.stat().st_size > 0, option
+
+
+def test_blind(hmcvt, workplace, monkeypatch):
+    # One campaign of the trial: all of them take minutes. It is diagnosed in another process.
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setattr("hmcvt_core.cli.blind.cases", lambda *_: cases(1, 1, ("reference",))[:1])
+    done = hmcvt("blind", "--seeds", "1", "--part", "reference", "--jobs", "1", "--out", "b.md",
+                 "--json")
+    assert (done.code, done.err) == (0, "")
+    assert done.json["campaigns"] == 1 and "reference" in done.json
+    assert (workplace / "b.md").read_text(encoding="utf-8").startswith("# Blind trial")
+
+
+def test_a_process_prints_the_same(workplace):
+    shutil.copy(TABLE2, workplace / "bench.csv")
+    done = process("identify", "bench.csv", "--out", "p.yaml", "--json", cwd=workplace,
+                   env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"})
+    assert (done.code, done.err) == (0, "")
+    assert json.loads(done.out)["parameters"]
+    # No line beside the value: it begins and ends the output.
+    assert done.out[0] == "{" and done.out.endswith("}\n")
