@@ -83,9 +83,10 @@ def _draw_samples(axes: Any, model: EfficiencyModel, samples: BenchSamples) -> N
     point = (samples.displacement_ratio, samples.engine_speed, samples.load_torque)
     residual = 100.0 * (samples.efficiency - model.efficiency(*point, samples.oil_temperature))
     ratio = model.output_speed(*point, samples.oil_temperature) / samples.engine_speed
+    numbered = len(samples) <= 30  # more numbers than that the eye cannot part
     axes.plot(samples.engine_speed / RPM, ratio, "o", ms=9, mfc="w", mec="k", mew=1.8, ls="none",
-              clip_on=False, label="bench, measured - predicted")
-    if len(samples) > 30:  # more numbers than the eye can part
+              clip_on=False, label="bench, measured - predicted" if numbered else "bench")
+    if not numbered:
         return
     for x, y, gap in zip(samples.engine_speed / RPM, ratio, residual, strict=True):
         axes.annotate(f"{gap:+.1f}", (x, y), xytext=(8, 6), textcoords="offset points",
