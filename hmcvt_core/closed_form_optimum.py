@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from .closed_form import ClosedForm, Side
 
 _NEWTON_STEPS = 30
-_TOLERANCE = 1e-12  # of the motor speed per engine speed; the optimum is flat
+_TOLERANCE = 1e-9  # of the motor speed per engine speed; the optimum is flat
 
 
 def best_flow(form: ClosedForm, engine_speed: float, load_torque: float) -> float | None:
@@ -35,17 +35,17 @@ def best_flow(form: ClosedForm, engine_speed: float, load_torque: float) -> floa
     if load_torque / engine_speed > form.collapse:
         return None
     driven = _best_while_driven(form, engine_speed, load_torque)
-    if driven is None:
-        return None
-    found = [driven]
-    fastest, _ = form.motor(abs(form.full_flow), engine_speed, load_torque)
     # Friction sets a step between the motor at rest and turning: either side can hold the best.
-    if fastest > 0.0 and _along(form, form.forward, 0.0, engine_speed, load_torque)[1] < 0.0:
-        motor = _where_flat(form, form.forward, 0.0, fastest, engine_speed, load_torque)
-        if motor is None:
-            return None
-        found.append(_along(form, form.forward, motor, engine_speed, load_torque)[0])
-    return max(found, key=lambda flow: form.efficiency(
+    if driven is None or _along(form, form.forward, 0.0, engine_speed, load_torque)[1] >= 0.0:
+        return driven
+    fastest, _ = form.motor(abs(form.full_flow), engine_speed, load_torque)
+    if not fastest > 0.0:
+        return driven
+    motor = _where_flat(form, form.forward, 0.0, fastest, engine_speed, load_torque)
+    if motor is None:
+        return None
+    ahead = _along(form, form.forward, motor, engine_speed, load_torque)[0]
+    return max(driven, ahead, key=lambda flow: form.efficiency(
         flow / form.full_flow, engine_speed, load_torque))
 
 

@@ -35,14 +35,14 @@ Progress = Callable[[AnnealingState], None]
 
 SCHEDULES = {
     # One smooth valley, as a rule: many short chains see whether there is another.
-    "power_balance": Schedule(chains=32, moves=1),
+    "power_balance": Schedule(chains=32, moves=1, final_temperature=1e-3),
     # Local minima, and regions without any answer: long chains.
     "published": Schedule(chains=16, moves=20),
 }
 """The improved annealing of section 4.1, as chains side by side, by formulation."""
 
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
-_POLISHED = 4  # chain ends that a local search finishes
+_POLISHED = {"power_balance": 2, "published": 4}  # chain ends that a local search finishes
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def identify(
     annealed = annealing.minimise(
         objective, BOUNDS, schedule=schedule, seed=seed, progress=progress,
         start=_starts(starts, schedule.chains, seed))
-    ends = annealed.ends[:_POLISHED]
+    ends = annealed.ends[:_POLISHED[formulation]]
     scaled, value = (least_squares_polish(problem, ends) if formulation == "power_balance"
                      else simplex_polish(objective, ends))
     if not np.isfinite(value):

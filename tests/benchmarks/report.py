@@ -57,7 +57,7 @@ def text(run: Run, record: Record) -> str:
         "the start.", "",
         "Every figure without a unit is a ratio of two things that were timed in turns in this one "
         "run: each turn gives a ratio; told are the median and, in brackets, the quartiles. A "
-        "goal is met when the median meets it.", "",
+        "goal is met when the median meets it. BLAS has one thread: the matrices are small.", "",
         *table(("", "goal", "measured", ""), [goal.row() for goal in goals(record)]), "",
         *_one_point(record), "", *_many_points(record), "",
         *report_identify.section(record), "", *_diagnosis(record), "",
