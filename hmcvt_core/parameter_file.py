@@ -149,7 +149,9 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
     except InputError:
         raise
     except OSError as error:

@@ -102,7 +102,8 @@ def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> Strin
         served: what the node adds, under the key `served`.
     """
     data = {**model.to_mapping(), "served": dict(served)}
-    return String(data=yaml.safe_dump(data, sort_keys=False))
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml, where PyYAML has it
+    return String(data=yaml.dump(data, Dumper=dumper, sort_keys=False))
 
 
 def map_to_message(grid: EfficiencyMap) -> Float64MultiArray:
