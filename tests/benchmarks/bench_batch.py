@@ -15,7 +15,7 @@ from .turns import QUICK, in_turns
 COUNT = 1_000_000
 TURNS = 11
 SIZES = (100_000, 1_000_000) if QUICK else (100_000, 1_000_000, 10_000_000)
-THEIR_SIZES = SIZES[:2]  # the largest would take several gigabytes
+THEIR_SIZES = SIZES[:2]  # the largest would take more than a gigabyte
 
 
 @pytest.fixture(scope="module")

@@ -86,11 +86,11 @@ def _one_point(record: Record) -> list[str]:
         rows.append([f"optimum, {_HELD[hold]}", *(
             _optimum(record, hold, other).text() for other in ("table", _WHOLE, _PIECES))])
     missed = [
-        f"- {_HELD[hold]}: tolerance {entry.told['tolerance']:g}, "
+        f"- With {_HELD[hold]}: tolerance {entry.told['tolerance']:g}, "
         f"{100 * entry.told['missed']:.0f} % of the points missed in one piece, "
         f"{100 * record.one('bench_optimum', hold=hold, contender=_PIECES).told['missed']:.0f} % "
         f"in {PIECES[1]}; the best point of the table loses {_percent(off['losses'][hold][0])} "
-        f"(median) to {_percent(off['losses'][hold][1])} (largest) of efficiency"
+        f"(median) to {_percent(off['losses'][hold][1])} (largest) of efficiency."
         for hold in HOLDS
         for entry in [record.one("bench_optimum", hold=hold, contender=_WHOLE)]]
     times = ", ".join(
@@ -112,9 +112,9 @@ def _one_point(record: Record) -> list[str]:
         "- SciPy: `scipy.optimize.minimize_scalar(method=\"bounded\")` on our lookup, with the "
         f"coarsest tolerance that comes within {ACCURACY:g} of the best efficiency wherever the "
         "finest does. With the output held its variable is the engine speed, and `brentq` finds "
-        "the stroke. The curve then has more than one top, and a step where the motor stands: in "
-        "one piece the search often ends on the wrong top, so it is not as accurate as ours; the "
-        "goal is measured against it all the same.",
+        "the stroke. The curve then has two tops and a step where the motor stands, often with the "
+        "best point at its edge: bounded Brent can end on the wrong top, and is then less accurate "
+        "than ours. The goal is measured against it all the same.",
         *missed,
     ]
 

@@ -51,7 +51,7 @@ def section(record: Record) -> list[str]:
         "- The relay (`tests/soak/relay.py`) has the same inputs, outputs and executor and "
         "publishes what it hears twice; load generator and clock are those of `make soak`.",
         f"- The first answer comes {_seconds(record, NODE)} s after the command of the node, "
-        f"{_seconds(record, RELAY)} s after that of the relay: most of it is the discovery of ROS.",
+        f"{_seconds(record, RELAY)} s after that of the relay.",
         f"- The imports leave out {', '.join(f'`{name}`' for name in bench_node.HEAVY)}.",
     ]
 

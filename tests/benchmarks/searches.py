@@ -201,6 +201,7 @@ def _cma(kind: type[Problem], samples: hmcvt.BenchSamples, seed: int) -> None:
 
 
 OURS, PAPER = "`hmcvt.identify`", "the paper's schedule"
+SINGLE_START = "SciPy `least_squares`, 1 random start"
 CHAINS = _MODULE.SCHEDULES["power_balance"]
 SEARCHES = (
     Search(OURS, "ours", partial(_identify, None)),
@@ -215,6 +216,6 @@ SEARCHES = (
     Search("pymoo GA", "global", partial(_pymoo, "GA"), 15),
     Search("pymoo PSO", "global", partial(_pymoo, "PSO")),
     Search("cma CMA-ES", "global", _cma),
-    Search("SciPy `least_squares`, 1 random start", "local", partial(_least_squares, 1)),
+    Search(SINGLE_START, "local", partial(_least_squares, 1)),
     Search("SciPy `least_squares`, 8 random starts", "local", partial(_least_squares, 8)),
 )

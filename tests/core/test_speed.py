@@ -72,7 +72,11 @@ def test_optimum_at_an_engine_speed(model):
 
 def test_optimum_at_an_output_speed(model):
     _, speed, torque = POINT
-    target, power = model.output_speed(*POINT), speed * torque
+    target, power = model.output_speed(0.0, speed, torque), speed * torque
+
+    def limit(stroke):
+        return brentq(lambda speed: model.output_speed(stroke, speed, power / speed) - target,
+                      *ENGINE_SPEED_LIMITS)
 
     def loss(speed):
         torque = power / float(speed)
@@ -81,7 +85,7 @@ def test_optimum_at_an_output_speed(model):
         return -model.efficiency(stroke, float(speed), torque)
 
     def search():
-        return minimize_scalar(loss, bounds=(target / 1.4, target / 0.95), method="bounded",
+        return minimize_scalar(loss, bounds=(limit(1.0), limit(-1.0)), method="bounded",
                                options={"xatol": 1e-4}).fun
 
     def ours():
