@@ -167,6 +167,8 @@ def revert(node: _Node, rng: Rng) -> Outcome:
         answer = json.loads(reply.result().message)
         node.check(reply.result().success, f"refused: {answer}")
         count, last = count + 1, Path(answer["file"])
+        if count == len(before) - 1:
+            break  # the last refit: before it comes the model of model_file
         reply = node.player.request("revert")
     node.kill()
     if reply.done():
@@ -183,11 +185,9 @@ KINDS: dict[str, Callable[[_Node, Rng], Outcome]] = {
 def trials(kind: str, count: int, folder: Path, rng: Rng) -> Iterator[Outcome]:
     """Run trials of a kind; one more outcome is that of a start after the last."""
     state = folder / kind.replace(" ", "-")
-    if KINDS[kind] is revert:
-        _fill(state)
     with _context() as context:
         for _ in range(count):
-            if KINDS[kind] is revert and len(_stack(state)) < _REFITS // 2:
+            if KINDS[kind] is revert:
                 _fill(state)
             yield _trial(context, state, lambda node: KINDS[kind](node, rng))
         yield _trial(context, state, lambda node: Outcome(0, False, 0, ()))
