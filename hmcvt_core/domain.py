@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .bench import BenchSamples
 from .errors import InputError
@@ -44,11 +44,15 @@ class Domain:
         """Tell which points lie inside; a rounding error outside counts as inside."""
         inside = np.ones(np.shape(points.engine_speed), dtype=bool)
         for axis in AXES:
-            low, high = getattr(self, axis)
-            slack = 1e-9 * max(abs(low), abs(high), 1.0)
-            value = getattr(points, axis)
-            inside &= (value >= low - slack) & (value <= high + slack)
+            inside &= self.covers(axis, getattr(points, axis))
         return inside
+
+    def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
+        """Tell which values of one of `AXES` lie inside, as `contains` does."""
+        low, high = getattr(self, axis)
+        slack = 1e-9 * max(abs(low), abs(high), 1.0)
+        array = np.asarray(values)
+        return (array >= low - slack) & (array <= high + slack)
 
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""

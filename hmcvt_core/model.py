@@ -116,6 +116,10 @@ class EfficiencyModel:
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
+        return self._of_transmission
+
+    @cached_property
+    def _of_transmission(self) -> EfficiencyModel:
         physical = tuple(effect for effect in self.effects if effect.component != "sensor")
         return self if len(physical) == len(self.effects) else replace(self, effects=physical)
 

@@ -31,6 +31,7 @@ from hmcvt_core.errors import HmcvtError
 from hmcvt_core.model import EfficiencyModel
 from hmcvt_core.parameter_file import load_model
 from hmcvt_core.resources import data_path
+from hmcvt_core.threads import ONE_BLAS_THREAD
 
 DETECTABLE = 18.0
 """Squared deviations that an effect must leave after the refit to count as detectable."""
@@ -149,7 +150,7 @@ def _diagnose(bench: Path, model_path: Path) -> dict[str, Any]:
         "--save-model",
         str(model_path),
     ]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, **ONE_BLAS_THREAD}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     if done.returncode != 0:
         raise HmcvtError(f"{' '.join(command)} failed: {done.stderr.strip()}")

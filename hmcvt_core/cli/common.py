@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,29 +23,45 @@ from ..strict_json import plain
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
-_SPEED_UNITS = {"rpm": RPM, "r/min": RPM, "rad/s": 1.0}
 _MOST_SAMPLES = 1_000_000
 
 
-class AngularSpeed(click.ParamType):  # type: ignore[type-arg]
-    """An angular speed in rad/s, or in r/min when written `1400rpm`."""
+class Quantity(click.ParamType):  # type: ignore[type-arg]
+    """A number in the SI unit, or in one of the units written behind it.
 
-    name = "speed"
+    Args:
+        name: what it is called.
+        units: size of each unit in the SI unit; one that ends like another stands before it.
+        example: how to write it.
+        limits: lowest and highest value allowed, and both as text; None leaves it to the physics.
+    """
+
+    def __init__(
+        self, name: str, units: Mapping[str, float], example: str,
+        limits: tuple[float, float, str] | None = None,
+    ) -> None:
+        self.name, self.units, self.example, self.limits = name, units, example, limits
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Return rad/s."""
+        """Return the value in the SI unit."""
         if isinstance(value, (int, float)):
             return float(value)
-        text, factor = str(value).strip().lower(), 1.0
-        for unit, size in _SPEED_UNITS.items():
-            if text.endswith(unit):
-                text, factor = text.removesuffix(unit), size
+        text = str(value).strip().lower()
+        unit = next(filter(text.endswith, self.units), "")
         try:
-            return float(text) * factor
+            number = float(text.removesuffix(unit)) * self.units.get(unit, 1.0)
         except ValueError:
-            self.fail(f"{value!r} is not a speed: write 146.6 (rad/s) or 1400rpm", param, ctx)
+            self.fail(f"{value!r} is not a {self.name}: write {self.example}", param, ctx)
+        if self.limits is not None and not self.limits[0] <= number <= self.limits[1]:
+            self.fail(f"{value!r} is outside {self.limits[2]}", param, ctx)
+        return number
+
+
+SPEED = Quantity("speed", {"rpm": RPM, "r/min": RPM, "rad/s": 1.0}, "146.6 (rad/s) or 1400rpm")
+POWER = Quantity("power", {"kw": 1e3, "w": 1.0}, "40000 (W) or 40kW",
+                 (100.0, 1e6, "100 W to 1000 kW"))
 
 
 class SampleNumbers(click.ParamType):  # type: ignore[type-arg]
@@ -126,31 +142,6 @@ class PictureFile(OutputFile):
         return super().convert(value, param, ctx)
 
 
-class Power(click.ParamType):  # type: ignore[type-arg]
-    """A power in W, or in kW when written `40kW`."""
-
-    name = "power"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return watts."""
-        if isinstance(value, (int, float)):
-            return float(value)
-        text, factor = str(value).strip().lower(), 1.0
-        for unit, size in (("kw", 1e3), ("w", 1.0)):
-            if text.endswith(unit):
-                text, factor = text.removesuffix(unit), size
-                break
-        try:
-            watts = float(text) * factor
-        except ValueError:
-            self.fail(f"{value!r} is not a power: write 40000 (W) or 40kW", param, ctx)
-        if not 100.0 <= watts <= 1e6:
-            self.fail(f"{value!r} is outside 100 W to 1000 kW", param, ctx)
-        return watts
-
-
 picture_option = click.option(
     "--picture", type=PictureFile(), default=None, metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
@@ -172,7 +163,7 @@ def point_options(function: Function) -> Function:
     for option in (
         click.option("--oil-temperature", type=float, help="Oil temperature in deg C."),
         click.option("--load-torque", type=float, help="Output power / engine speed in N m."),
-        click.option("--engine-speed", type=AngularSpeed(), help="In rad/s, or like 1400rpm."),
+        click.option("--engine-speed", type=SPEED, help="In rad/s, or like 1400rpm."),
         click.option("--displacement-ratio", type=float, help="Pump stroke, -1 to 1."),
     ):
         function = option(function)

@@ -17,9 +17,9 @@ from ..efficiency_map import EfficiencyMap
 from ..errors import InputError
 from ..ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE
 from .common import (
-    AngularSpeed,
+    POWER,
+    SPEED,
     OutputFile,
-    Power,
     json_option,
     model_from,
     note_oil_temperature,
@@ -38,14 +38,14 @@ Examples:
   hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
-@click.option("--engine-speed", type=AngularSpeed(), nargs=2, default=ENGINE_SPEED_LIMITS,
+@click.option("--engine-speed", type=SPEED, nargs=2, default=ENGINE_SPEED_LIMITS,
               help="Lowest and highest.  [default: 750rpm 2200rpm]")
 @click.option("--load-torque", type=float, nargs=2, default=(50.0, 400.0), show_default=True,
               help="Lowest and highest in N m.")
 @click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
 @picture_option
-@click.option("--power", type=Power(), default="40kW", show_default=True,
+@click.option("--power", type=POWER, default="40kW", show_default=True,
               help="Output power of the picture, in W or like 40kW.")
 @click.option("--bench", default=None, metavar="BENCH.csv",
               help="Bench tests to mark in the picture.")

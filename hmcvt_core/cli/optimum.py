@@ -12,7 +12,7 @@ from ..errors import HmcvtError
 from ..optimum import HOLDS, Optimum
 from ..ranges import ENGINE_SPEED_LIMITS, RPM
 from .common import (
-    AngularSpeed,
+    SPEED,
     json_option,
     model_from,
     note_oil_temperature,
@@ -28,15 +28,15 @@ Examples:
                 --displacement-ratio -0.8
   hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
                 --output-speed 1250rpm --engine-speed-limits 900rpm 2100rpm --json""")
-@click.option("--engine-speed", type=AngularSpeed(), required=True, help="Now: rad/s or 1400rpm.")
+@click.option("--engine-speed", type=SPEED, required=True, help="Now: rad/s or 1400rpm.")
 @click.option("--load-torque", type=float, required=True,
               help="Now: output power / engine speed in N m.")
 @click.option("--hold", type=click.Choice(HOLDS), default="engine_speed", show_default=True,
               help="What must stay; output_speed looks for the best engine speed too.")
 @click.option("--displacement-ratio", type=float,
               help="Now; tells the output speed to hold and what there is to gain.")
-@click.option("--output-speed", type=AngularSpeed(), help="To hold: rad/s or 1400rpm.")
-@click.option("--engine-speed-limits", type=AngularSpeed(), nargs=2, default=None,
+@click.option("--output-speed", type=SPEED, help="To hold: rad/s or 1400rpm.")
+@click.option("--engine-speed-limits", type=SPEED, nargs=2, default=None,
               help="Lowest and highest engine speed.  [default: 750rpm 2200rpm]")
 @params_option
 @json_option

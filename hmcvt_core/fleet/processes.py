@@ -15,6 +15,7 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from multiprocessing.connection import Pipe, wait
 
+from ..threads import ONE_BLAS_THREAD
 from .settings import Settings
 from .study import Broken, Outcome, Outcomes, Task
 
@@ -23,8 +24,6 @@ MOST_DEATHS = 2
 
 _LAST_WORDS = 5.0  # seconds for a worker whose connection broke to end by its own cause
 _START = "import sys; from hmcvt_core.fleet.worker import serve; serve(int(sys.argv[1]))"
-# Threads inside a worker would only compete with the other workers.
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 def on_processes(tasks: Iterator[Task], settings: Settings, *, processes: int) -> Outcomes:
@@ -117,7 +116,7 @@ class _Worker:
         self.connection, theirs = Pipe()
         self.task: Task | None = None
         # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
-        environment = {**os.environ, **_ONE_THREAD, "PYTHONSAFEPATH": "1",
+        environment = {**os.environ, **ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1",
                        "PYTHONPATH": os.pathsep.join(sys.path)}
         with theirs:
             # In a session of its own, so that Ctrl-C reaches the run alone, which ends its workers.

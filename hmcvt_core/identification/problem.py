@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from ..bench import BenchSamples
 from ..model import EfficiencyModel
 from ..parameters import HydraulicParameters
 from ..power_balance import OperatingPoints
+from ..relative_error import RelativeError
 from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
@@ -110,22 +110,6 @@ class Problem:
             return np.asarray(np.sum((predicted - measured) ** 2, axis=-1) / spread)
 
 
-class RelativeError(NamedTuple):
-    """|Predicted - measured| / measured over samples.
-
-    Attributes:
-        mean: over the samples with an answer [-]; NaN where there is none.
-        without_answer: number of samples at which the model has none.
-    """
-
-    mean: float
-    without_answer: int
-
-
 def relative_error(problem: Problem, scaled: Array) -> RelativeError:
     """Error of the prediction at scaled variables of shape (3,)."""
-    measured = problem.samples.efficiency
-    errors = np.abs(problem.predict(scaled) - measured) / measured
-    answered = np.isfinite(errors)
-    mean = float(errors[answered].mean()) if answered.any() else np.nan
-    return RelativeError(mean, int(np.sum(~answered)))
+    return RelativeError.of(problem.predict(scaled), problem.samples.efficiency)

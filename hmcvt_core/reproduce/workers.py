@@ -11,11 +11,11 @@ from multiprocessing import get_context
 from types import TracebackType
 from typing import TypeVar
 
+from ..threads import ONE_BLAS_THREAD
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 Progress = Callable[[str], None]
-_ONE_THREAD = dict.fromkeys(
-    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 class Workers:
@@ -33,9 +33,9 @@ class Workers:
 
     def __enter__(self) -> Workers:
         # NumPy reads these when a worker imports it; this process has long done so.
-        self._before = {name: os.environ.get(name) for name in _ONE_THREAD}
+        self._before = {name: os.environ.get(name) for name in ONE_BLAS_THREAD}
         if self.jobs > 1:
-            os.environ.update(_ONE_THREAD)
+            os.environ.update(ONE_BLAS_THREAD)
             self._pool = ProcessPoolExecutor(
                 self.jobs, mp_context=get_context("spawn"), initializer=_leave_interrupts)
         return self

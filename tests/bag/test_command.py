@@ -12,24 +12,11 @@ import pytest
 
 from hmcvt_core import read_bench
 from hmcvt_core.bag import ImportSettings, Steadiness
-from hmcvt_core.cli import main
 from hmcvt_core.cli.import_bag import command
 
 from .simulated import START, TEMPERATURE, bench_records, temperature, write_bag
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture
-def hmcvt(capsys):
-    """Run the command in this process: exit code, stdout, stderr."""
-    def run(*arguments):
-        with pytest.raises(SystemExit) as stopped:
-            main([str(argument) for argument in arguments])
-        seen = capsys.readouterr()
-        return stopped.value.code, seen.out, seen.err
-
-    return run
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
+from tests.soak.goals import Goal, goal_table, table
 from tests.soak.processes import machine
 
 from . import report_identify, report_node
@@ -14,9 +15,9 @@ from .bench_batch import COUNT
 from .bench_diagnose import KINDS, LARGEST, USUAL
 from .bench_diagnose import SIZES as CAMPAIGNS
 from .bench_lookup import HOLDS, PIECES
+from .limits import at_least, at_most
 from .record import Record, Spread, short, spread
 from .rivals import ACCURACY, LOAD_TORQUE_LIMITS, NODES
-from .table import Goal, at_least, at_most, table
 
 LIBRARIES = ("numpy", "scipy", "pymoo", "cma", "pytest-benchmark", "ros-rclpy")
 _HELD = {"engine_speed": "engine speed held", "output_speed": "output speed and power held"}
@@ -58,7 +59,7 @@ def text(run: Run, record: Record) -> str:
         "Every figure without a unit is a ratio of two things that were timed in turns in this one "
         "run: each turn gives a ratio; told are the median and, in brackets, the quartiles. A "
         "goal is met when the median meets it. BLAS has one thread: the matrices are small.", "",
-        *table(("", "goal", "measured", ""), [goal.row() for goal in goals(record)]), "",
+        *goal_table(goals(record)), "",
         *_one_point(record), "", *_many_points(record), "",
         *report_identify.section(record), "", *_diagnosis(record), "",
         *report_node.section(record), "",

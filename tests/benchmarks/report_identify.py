@@ -7,10 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tests.soak.goals import Goal, table
+
 from .bench_identify import CASES, WITHIN
 from .record import Entry, Figure, Record, Spread, short
 from .searches import OURS, SEARCHES, SINGLE_START, Search
-from .table import Goal, table
 
 FASTER = 5.0
 

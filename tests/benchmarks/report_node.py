@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+from tests.soak.goals import Goal, table
+
 from . import bench_node
+from .limits import at_most
 from .record import Entry, Figure, Record, Spread, short
-from .table import Goal, at_most, table
 
 NODE, RELAY = ({"contender": name} for name in bench_node.CONTENDERS)
 CORE, BARE, MODULE, ROS = (

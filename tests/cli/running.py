@@ -35,10 +35,10 @@ class Done(NamedTuple):
         return json.loads(self.out, parse_constant=refuse)
 
 
-def process(*arguments, cwd=ROOT, **options):
-    """Run the command as its own process."""
-    found = subprocess.run([*COMMAND, *map(str, arguments)], cwd=cwd, capture_output=True,
-                           text=True, timeout=60, **options)
+def process(*arguments, cwd=ROOT, launcher=(), **options):
+    """Run the command as its own process, which a launcher may start."""
+    found = subprocess.run([*launcher, *COMMAND, *map(str, arguments)], cwd=cwd,
+                           capture_output=True, text=True, timeout=60, **options)
     return Done(found.returncode, found.stdout, found.stderr)
 
 

@@ -217,6 +217,16 @@ def mappings(data, path=()):
             yield from mappings(value, (*path, key))
 
 
+def write_with_key(file, data, path, key):
+    """Write data with one more key in the mapping at a path."""
+    changed = copy.deepcopy(data)
+    place = changed
+    for step in path:
+        place = place[step]
+    place[key] = "odd"
+    file.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
+
+
 @pytest.mark.parametrize("key", ODD_KEYS, ids=str)
 @pytest.mark.parametrize("sealed", [True, False])
 def test_odd_key_anywhere_is_no_traceback(saved, key, sealed):
@@ -225,12 +235,7 @@ def test_odd_key_anywhere_is_no_traceback(saved, key, sealed):
         del data["checksum"]
     refused, places = 0, list(mappings(data))
     for path in places:
-        changed = copy.deepcopy(data)
-        place = changed
-        for step in path:
-            place = place[step]
-        place[key] = "odd"
-        saved.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
+        write_with_key(saved, data, path, key)
         try:
             assert len(hmcvt.load_model(saved).fingerprint) == 12
         except hmcvt.InputError as error:
@@ -244,12 +249,7 @@ def test_odd_key_anywhere_in_a_transmission_is_no_traceback(tmp_path, key):
     data = yaml.safe_load(hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
     path = tmp_path / "transmission.yaml"
     for steps in mappings(data):
-        changed = copy.deepcopy(data)
-        place = changed
-        for step in steps:
-            place = place[step]
-        place[key] = "odd"
-        path.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
+        write_with_key(path, data, steps, key)
         for name in (None, "HM4"):
             try:
                 assert hmcvt.load_stage(path, name).name == "HM4"

@@ -12,6 +12,7 @@ import numpy as np
 
 import hmcvt_core
 from hmcvt_core.effects.drag import ChargePump
+from hmcvt_core.threads import ONE_BLAS_THREAD
 
 from .campaigns import BASE, campaign
 
@@ -50,8 +51,7 @@ def _columns(samples):
 
 def _run(script, samples):
     # A single core, whatever the machine has.
-    single = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    environment = {**os.environ, **single, "PYTHONPATH": str(ROOT.parent)}
+    environment = {**os.environ, **ONE_BLAS_THREAD, "PYTHONPATH": str(ROOT.parent)}
     done = subprocess.run([sys.executable, "-c", script], env=environment, text=True, check=True,
                           input=json.dumps({"stage": BASE.stage.to_mapping(), "samples": samples}),
                           capture_output=True)

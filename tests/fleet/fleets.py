@@ -7,22 +7,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import yaml
+from cli.running import COMMAND, ROOT, Done
 
-ROOT = Path(__file__).resolve().parents[2]
-# A warning on stderr would be noise to the user.
-HMCVT = (sys.executable, "-W", "error", "-m", "hmcvt_core.cli")
 _WORKER = b"hmcvt_core.fleet.worker"
-
-
-class Done(NamedTuple):
-    """What a command left behind."""
-
-    code: int
-    out: str
-    err: str
 
 
 def make_fleet(folder, logs, samples):
@@ -41,7 +30,7 @@ def fleet(*arguments):
 
 def start(*arguments, **options):
     """Start the command."""
-    return subprocess.Popen([*HMCVT, *map(str, arguments)], cwd=ROOT, text=True,
+    return subprocess.Popen([*COMMAND, *map(str, arguments)], cwd=ROOT, text=True,
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
 
 
@@ -50,14 +39,6 @@ def finish(running):
     with running:
         out, err = running.communicate(timeout=60)
     return Done(running.returncode, out, err)
-
-
-def assert_refused(done, *words):
-    """One line on stderr with these words, nothing on stdout, exit code 2."""
-    assert (done.code, done.out) == (2, ""), done
-    assert done.err.startswith("hmcvt: error: ") and done.err.count("\n") == 1, done.err
-    for word in words:
-        assert word in done.err, (word, done.err)
 
 
 def results(out):

@@ -7,18 +7,19 @@ import resource
 import shutil
 
 import pytest
+from cli.running import assert_refused, process
+from permissions import BOUND_BY_PERMISSIONS
 
 from hmcvt_core.cli import main
 from hmcvt_core.errors import InputError
 from hmcvt_core.fleet import study as study_module
-from hmcvt_core.fleet.plan import find_logs
 from hmcvt_core.fleet.results import locked
 from hmcvt_core.fleet.settings import Settings
 from hmcvt_core.fleet.study import Broken, study
 from hmcvt_core.parameter_file import load_model, load_stage
 from hmcvt_core.resources import data_path
 
-from .fleets import assert_refused, finish, fleet, make_fleet, start
+from .fleets import finish, fleet, make_fleet, start
 
 
 @pytest.fixture
@@ -113,12 +114,11 @@ def test_two_logs_never_share_their_files(refused, logs, tmp_path):
             arguments=(tmp_path, "--out", tmp_path / "out"))
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every folder")
 def test_folder_that_cannot_be_read_is_not_passed_over(tmp_path):
     (tmp_path / "closed").mkdir(mode=0)
     (tmp_path / "a.csv").write_text("")
-    with pytest.raises(OSError, match="closed"):
-        find_logs(tmp_path, tmp_path / "out")
+    done = process("fleet", tmp_path, "--out", tmp_path / "out", launcher=BOUND_BY_PERMISSIONS)
+    assert_refused(done, f"{tmp_path / 'closed'}: Permission denied")
 
 
 def test_second_run_in_the_same_folder_is_refused(logs, tmp_path):

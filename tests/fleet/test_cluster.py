@@ -6,8 +6,9 @@ import signal
 import sys
 
 import pytest
+from cli.running import assert_refused
 
-from .fleets import assert_refused, finish, fleet, results, start, wait_for
+from .fleets import finish, fleet, results, start, wait_for
 
 distributed = pytest.importorskip("distributed")
 

@@ -1,23 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Disks that are full and folders that cannot be written, for whoever runs the tests."""
+"""Disks that are full and folders that cannot be written."""
 
 from __future__ import annotations
 
 import os
 import resource
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-# Root may write everywhere, unless it does without that right; for others this changes nothing.
-_PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE = 24, 1
-BOUND_BY_PERMISSIONS = (
-    sys.executable, "-c",
-    f"import ctypes, os, sys; ctypes.CDLL(None).prctl({_PR_CAPBSET_DROP}, {_CAP_DAC_OVERRIDE}, "
-    "0, 0, 0); os.execv(sys.argv[1], sys.argv[1:])")
-"""Launcher of a process for which the permissions of files hold, even when root runs it."""
 
 
 @contextmanager

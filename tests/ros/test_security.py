@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from rclpy.node import NodeNameNonExistentError
 from ros_bench import command
 
 import hmcvt_ros
@@ -41,9 +42,12 @@ def allowed(node, namespace):
 
 
 def used(observer, node, namespace):
-    """What a running node uses, as another node sees it."""
-    return {kind: sorted(name for name, _ in getattr(observer, query)(node, namespace))
-            for kind, query in QUERIES.items()}
+    """What a running node uses, as another node sees it; nothing before it is discovered."""
+    try:
+        return {kind: sorted(name for name, _ in getattr(observer, query)(node, namespace))
+                for kind, query in QUERIES.items()}
+    except NodeNameNonExistentError:
+        return {}
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from .figures import (
     ratio,
     spread,
 )
+from .goals import Goal, goal_table
 from .load import Segment
 from .phases import Turn
 from .points import TOPICS
@@ -25,16 +26,6 @@ from .trial import Fuzzed, Loaded, Plan
 
 MEMORY_GOAL = 0.1  # MB a minute: two bytes for each arrival at 300 Hz
 CEILING_GOAL = 1000.0
-
-
-@dataclass(frozen=True)
-class Goal:
-    """One line of the first table."""
-
-    what: str
-    goal: str
-    measured: str
-    met: bool
 
 
 @dataclass(frozen=True)
@@ -85,7 +76,7 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> 
         f"Written by `make soak` (`{run.command}`) in {run.seconds / 60:.1f} minutes.", "",
         f"Machine: {processes.machine()}; rclpy {version('ros-rclpy')} with Fast DDS on the "
         f"loopback interface. Other programs used {run.others:.2f} cores before the start.", "",
-        *_goal_table(goals(loaded, fuzzed, kills, plan)), "",
+        *goal_table(goals(loaded, fuzzed, kills, plan)), "",
         *_ratio_table(loaded), "",
         *_time_table(loaded), "",
         *_count_table(loaded), "",
@@ -97,12 +88,6 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> 
 
 
 # --- parts ----------------------------------------------------------------------------------------
-
-
-def _goal_table(found: Sequence[Goal]) -> list[str]:
-    return ["|  | goal | measured |  |", "| --- | --- | --- | --- |",
-            *(f"| {goal.what} | {goal.goal} | {goal.measured} | "
-              f"{'met' if goal.met else '**missed**'} |" for goal in found)]
 
 
 def _ratio_table(loaded: Loaded) -> list[str]:
