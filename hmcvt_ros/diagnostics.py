@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from hmcvt_core.model import EfficiencyModel
 
 from .inputs import INPUT_RANGES, REASONS, Inputs, OperatingPoint, State
-from .model_store import ModelStore
+from .model_store import InService
 
 _LEVELS = {
     State.FRESH: DiagnosticStatus.OK,
@@ -138,7 +138,7 @@ def inputs_status(
 
 def model_status(
     name: str,
-    store: ModelStore,
+    now: InService,
     activity: Activity,
     logged: int,
     point: OperatingPoint | None,
@@ -148,22 +148,22 @@ def model_status(
 
     Args:
         name: of the node.
-        store: holds the model in service.
+        now: the model in service.
         activity: of the node.
         logged: samples in the bench log.
         point: the operating point now, None without one.
         refusal: why the model has no answer there; empty when it has.
     """
-    outside = [] if point is None else outside_domain(store.model, point)
+    outside = [] if point is None else outside_domain(now.model, point)
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
     complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint]
-    message = "; ".join(filter(None, complaints)) or f"serving {store.path}"
+    message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
     if activity.bench.reason == NOT_WRITTEN:
         level = DiagnosticStatus.ERROR  # data is being lost
     else:
         level = DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK
     values = {
-        **_model_values(store),
+        **_model_values(now),
         "extrapolation": "; ".join(outside) or "no",
         **_bench_values(activity.bench, logged),
         "last refit": activity.last_refit,
@@ -184,25 +184,24 @@ def outside_domain(model: EfficiencyModel, point: OperatingPoint) -> list[str]:
     found = []
     for limits in INPUT_RANGES:
         value = getattr(point, limits.name)
-        low, high = getattr(model.domain, limits.name)
-        slack = 1e-9 * max(abs(low), abs(high), 1.0)  # as the domain itself allows for rounding
-        if not low - slack <= value <= high + slack:
+        if not model.domain.covers(limits.name, value):
+            low, high = getattr(model.domain, limits.name)
             unit = "" if limits.unit == "-" else f" {limits.unit}"
             found.append(f"{limits.name} = {value:.4g}{unit} is outside {low:.4g} to {high:.4g}"
                          f"{unit} of the identification data")
     return found
 
 
-def _model_values(store: ModelStore) -> dict[str, Any]:
-    model = store.model
+def _model_values(now: InService) -> dict[str, Any]:
+    model = now.model
     return {
-        "file": store.path,
+        "file": now.path,
         "fingerprint": model.fingerprint,
         "formulation": model.formulation,
         "source": model.provenance.get("source", "-"),
         "identified": model.provenance.get("date", "-"),
         "fit error [-]": model.provenance.get("fit_error", "-"),
-        "in service since": store.since,
+        "in service since": now.since,
     }
 
 

@@ -3,7 +3,8 @@
 
 It computes nothing itself. It takes messages, checks ages and ranges, asks the model of
 `hmcvt_core`, and publishes the answers. A plain node and a single-threaded executor: a lookup takes
-a millisecond, and the rest runs in a process of its own.
+a millisecond, and the rest runs in a process of its own or, where that takes milliseconds too, in a
+thread.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from hmcvt_core.resources import data_path
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
+from .beside import Beside
 from .diagnostics import NOT_WRITTEN, Activity, inputs_status, model_status
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint
 from .model_store import ModelStore
@@ -88,15 +90,18 @@ class EfficiencyNode(Node):
             post_callback=lambda jump: self._inputs.clock_jumped())
         self._create_publishers()
         self._create_subscriptions()
+        self._beside = Beside(self)
         self._service_handlers = Services(self, self._store, self._log, self._activity,
-                                  lambda: self._settings, self._model_changed)
+                                  lambda: self._settings, self._change_model)
         self.create_timer(TICK, self._guarded(self._tick), clock=self._steady)
-        self._model_changed()
+        self._model_publisher.publish(self._model_message())
+        self._map_publisher.publish(self._map_message(self._settings))
         self._report_start()
 
     def close(self) -> None:
         """End what runs beside the node."""
         self._service_handlers.close()
+        self._beside.close()
         self._state.close()
 
     # --- set-up -------------------------------------------------------------------------------
@@ -162,7 +167,7 @@ class EfficiencyNode(Node):
         before = self._settings
         self._settings = parameters.Settings.of(parameters.current_values(self))
         if self._settings.engine_speed_limits != before.engine_speed_limits:
-            self._publish_map()
+            self._map_publisher.publish(self._map_message(self._settings))
 
     # --- inputs -> outputs --------------------------------------------------------------------
 
@@ -222,21 +227,28 @@ class EfficiencyNode(Node):
 
     # --- model --------------------------------------------------------------------------------
 
-    def _model_changed(self) -> None:
-        store = self._store
-        self._model_publisher.publish(messages.model_to_message(store.model, {
-            "file": str(store.path), "since": store.since,
-            "fingerprint": store.model.fingerprint}))
-        self._publish_map()
+    async def _change_model(self, change: Callable[[], object]) -> None:
+        """Let `change` put another model into service, and tell it to the world."""
+        settings = self._settings
+        _, model, grid = await self._beside.run(
+            change, self._model_message, lambda: self._map_message(settings))
+        self._model_publisher.publish(model)
+        # The limits of the map may have changed meanwhile.
+        self._map_publisher.publish(
+            grid if settings is self._settings else self._map_message(self._settings))
         self._publish_outputs(self._now())
 
-    def _publish_map(self) -> None:
-        settings = self._settings
+    def _model_message(self) -> String:
+        now = self._store.in_service
+        return messages.model_to_message(now.model, {
+            "file": str(now.path), "since": now.since, "fingerprint": now.model.fingerprint})
+
+    def _map_message(self, settings: parameters.Settings) -> Float64MultiArray:
         intervals = ((DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high),
                      settings.engine_speed_limits, settings.map_load_torque_limits)
         axes = (np.linspace(low, high, count)
                 for (low, high), count in zip(intervals, settings.map_points, strict=True))
-        self._map_publisher.publish(messages.map_to_message(self._store.model.efficiency_map(*axes)))
+        return messages.map_to_message(self._store.model.efficiency_map(*axes))
 
     # --- time ---------------------------------------------------------------------------------
 
@@ -248,6 +260,7 @@ class EfficiencyNode(Node):
 
     def _tick(self) -> None:
         self._service_handlers.poll()
+        self._beside.poll()
         # NaN is said again and again, so that whoever listens only now hears it too.
         now = self._now()
         unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
@@ -262,8 +275,8 @@ class EfficiencyNode(Node):
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings.input_timeouts,
                           self._outputs.answered),
-            model_status(name, self._store, self._activity, len(self._log), self._point(now),
-                         self._outputs.refusal),
+            model_status(name, self._store.in_service, self._activity, len(self._log),
+                         self._point(now), self._outputs.refusal),
         ])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)

@@ -8,6 +8,7 @@ garbage without a word.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Mapping
 from typing import Any
 
@@ -120,7 +121,8 @@ def map_to_message(grid: EfficiencyMap) -> Float64MultiArray:
         for name, axis, stride in zip(MAP_AXES, axes, strides, strict=True)
     ]
     message.layout.data_offset = sum(len(axis) for axis in axes)
-    message.data = np.concatenate([*axes, grid.efficiency.ravel()]).tolist()
+    # As an array of the kind that the message holds; it would look at every item of a list.
+    message.data = array("d", np.concatenate([*axes, grid.efficiency.ravel()]).tobytes())
     return message
 
 

@@ -11,6 +11,7 @@ the one after in service.
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -22,13 +23,29 @@ from hmcvt_core.parameter_file import load_model
 from .numbered_files import next_name
 
 
+@dataclass(frozen=True)
+class InService:
+    """A model in service.
+
+    Attributes:
+        model: without errors of meters that its file may hold.
+        path: its parameter file.
+        since: when it was put into service, UTC.
+    """
+
+    model: EfficiencyModel
+    path: Path
+    since: str
+
+
 class ModelStore:
     """Which model is in service, and the way back.
 
+    One thread at a time may change it; others may look at `in_service` meanwhile.
+
     Attributes:
         base: the parameter file that the node was given.
-        model: the model in service, without errors of meters that its file may hold.
-        since: when it was put into service, UTC.
+        in_service: the model in service.
         complaint: why a refitted model of an earlier run was not taken up; empty when it was.
     """
 
@@ -46,13 +63,17 @@ class ModelStore:
         base_model = _servable(base)
         self._base_fingerprint = base_model.fingerprint
         self._stack: list[str] = []
-        self.model = self._resumed() or base_model
-        self.since = _now()
+        self._serve(self._resumed() or base_model)
+
+    @property
+    def model(self) -> EfficiencyModel:
+        """The model in service."""
+        return self.in_service.model
 
     @property
     def path(self) -> Path:
         """The parameter file in service."""
-        return self._models / self._stack[-1] if self._stack else self.base
+        return self.in_service.path
 
     def new_path(self) -> Path:
         """Return a free name for a refitted model.
@@ -62,13 +83,21 @@ class ModelStore:
         """
         return next_name(self._models).with_suffix(".yaml")
 
-    def adopt(self, path: Path) -> EfficiencyModel:
+    def adopt(self, path: Path, instead_of: Path | None = None) -> EfficiencyModel:
         """Put a model written under `new_path` into service.
 
+        Args:
+            path: of the model.
+            instead_of: the parameter file that must be in service; any when left out.
+
         Raises:
+            HmcvtError: another is in service.
             InputError: the file is damaged or not to be served; the model before stays.
             OSError: the state cannot be written; the model before stays.
         """
+        if instead_of not in (None, self.path):
+            raise HmcvtError("the model in service was reverted meanwhile, and the refit was "
+                             "compared with the one before; call again")
         model = _servable(path)
         self._commit([*self._stack, path.name], model)
         return model
@@ -91,7 +120,12 @@ class ModelStore:
         state = {"base": str(self.base), "base_fingerprint": self._base_fingerprint,
                  "in_service": stack}
         write_atomically(self._state, json.dumps(state, indent=1) + "\n")
-        self._stack, self.model, self.since = stack, model, _now()
+        self._stack = stack
+        self._serve(model)
+
+    def _serve(self, model: EfficiencyModel) -> None:
+        path = self._models / self._stack[-1] if self._stack else self.base
+        self.in_service = InService(model, path, _now())
 
     def _resumed(self) -> EfficiencyModel | None:
         try:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heavy work in a process of its own, so that lookups keep their latency meanwhile.
+"""Heavy work in a process beside the node, so that lookups keep their latency meanwhile.
 
-A process per job and not a pool: it can be killed, and it does not outlive a node that was.
+One process for all jobs, started for the first: a start in itself costs the neighbours more time
+than a refit. It can be killed, and it does not outlive a node that was.
 """
 
 from __future__ import annotations
@@ -11,16 +12,15 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Mapping
-from typing import IO, Any
+from typing import Any
 
 from hmcvt_core.errors import HmcvtError
+from hmcvt_core.threads import ONE_BLAS_THREAD
 
-# BLAS threads would fight with the threads of DDS on a small machine.
-_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _COMMAND = (sys.executable, "-m", "hmcvt_ros.worker")
+_PIECE = 1 << 16  # bytes that a pipe holds
 
 
 class BackgroundJob:
@@ -28,14 +28,14 @@ class BackgroundJob:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
-        self._output: IO[bytes] | None = None
-        self._name = ""
+        self._name = ""  # of the job that runs; empty when none does
         self._started = 0.0
+        self._answer = b""  # as far as it has come
 
     @property
     def running(self) -> str:
         """What is running and for how long; empty when nothing is."""
-        if self._process is None:
+        if not self._name:
             return ""
         return f"{self._name} has been running for {time.monotonic() - self._started:.1f} s"
 
@@ -46,15 +46,11 @@ class BackgroundJob:
             HmcvtError: one is running.
             OSError: no process can be started.
         """
-        if self._process is not None:
+        if self._name:
             raise HmcvtError(f"busy: {self.running}")
-        # A file and not a pipe: the answer may be larger than what a pipe holds.
-        self._output = tempfile.TemporaryFile()  # noqa: SIM115 (closed in `cancel`)
-        environment = {**os.environ, **_ONE_THREAD,
-                       "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        self._process = subprocess.Popen(
-            _COMMAND, stdin=subprocess.PIPE, stdout=self._output, env=environment,
-            start_new_session=True)
+        if self._process is None or self._process.poll() is not None:
+            self.cancel()
+            self._process = _worker()
         self._name, self._started = str(request["job"]), time.monotonic()
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it died at once; `poll` tells
@@ -63,31 +59,41 @@ class BackgroundJob:
 
     def poll(self) -> dict[str, Any] | None:
         """Return the answer once the job has ended, None before; `error` in it says what failed."""
-        if self._process is None or self._process.poll() is None:
+        if not self._name or self._process is None:
             return None
-        status = self._process.returncode
-        assert self._output is not None
-        self._output.seek(0)
-        text = self._output.read()
-        name = self._name
+        assert self._process.stdout is not None
+        # First, so that an answer written before the end is not missed.
+        ended = self._process.poll() is not None
+        while piece := self._process.stdout.read(_PIECE):
+            self._answer += piece
+        if self._answer.endswith(b"\n"):
+            answer: dict[str, Any] = json.loads(self._answer)
+            self._name, self._answer = "", b""
+            return answer
+        if not ended:
+            return None
+        name, status = self._name, self._process.returncode
         self.cancel()
-        try:
-            answer = json.loads(text)
-        except ValueError:
-            answer = None
-        if status != 0 or not isinstance(answer, dict):
-            return {"error": f"{name}: the worker process ended with status {status}"}
-        return answer
+        return {"error": f"{name}: the worker process ended with status {status}"}
 
     def cancel(self) -> None:
-        """Kill a running job and forget it."""
-        if self._process is None:
-            return
-        self._process.kill()
-        self._process.wait()
-        if self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):
-                self._process.stdin.close()
-        if self._output is not None:
-            self._output.close()
-        self._process = self._output = None
+        """Kill the process, and a running job with it."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            for pipe in (self._process.stdin, self._process.stdout):
+                assert pipe is not None
+                with contextlib.suppress(BrokenPipeError):
+                    pipe.close()
+        self._process = None
+        self._name, self._answer = "", b""
+
+
+def _worker() -> subprocess.Popen[bytes]:
+    environment = {**os.environ, **ONE_BLAS_THREAD,
+                   "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    process = subprocess.Popen(_COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
+                               env=environment, start_new_session=True)
+    assert process.stdout is not None
+    os.set_blocking(process.stdout.fileno(), False)
+    return process

@@ -46,10 +46,10 @@ class Services:
         log: BenchLog,
         activity: Activity,
         settings: Callable[[], Settings],
-        model_changed: Callable[[], None],
+        change_model: Callable[[Callable[[], object]], Awaitable[None]],
     ) -> None:
         self._node, self._store, self._log, self._activity = node, store, log, activity
-        self._settings, self._model_changed = settings, model_changed
+        self._settings, self._change_model = settings, change_model
         self._folder = log.path.parent
         self._job = BackgroundJob()
         self._answer: Future | None = None
@@ -66,12 +66,11 @@ class Services:
         The coroutine that waits for it only goes on when the executor wakes up, which the timer
         that calls this sees to.
         """
-        self._activity.running = self._job.running
-        result = self._job.poll()
+        result = self._job.poll() if self._answer is not None else None
         if result is not None and self._answer is not None:
-            self._activity.running = ""
             self._answer.set_result(result)
             self._answer = None
+        self._activity.running = self._job.running
 
     def close(self) -> None:
         """Kill a running job."""
@@ -89,8 +88,8 @@ class Services:
         except (HmcvtError, OSError) as error:
             self._activity.last_refit = f"{_utc_now()}, failed: {error}"
             raise
-        self._activity.last_refit = f"{self._store.since}, {result['samples']} samples"
-        self._model_changed()
+        self._activity.last_refit = (
+            f"{self._store.in_service.since}, {result['samples']} samples")
         return {**result, **self._in_service()}
 
     async def _refit(self) -> Data:
@@ -100,10 +99,7 @@ class Services:
             min_samples=self._settings().reidentify_min_samples)
         if "refused" in result:
             raise _NotAdoptedError(result)
-        if self._store.path != before:
-            raise HmcvtError("the model in service was reverted meanwhile, and the refit was "
-                             "compared with the one before; call again")
-        self._store.adopt(output)
+        await self._change_model(lambda: self._store.adopt(output, instead_of=before))
         return result
 
     async def diagnose(self) -> Data:
@@ -124,8 +120,7 @@ class Services:
 
     async def revert(self) -> Data:
         """Put the model before into service."""
-        self._store.revert()
-        self._model_changed()
+        await self._change_model(self._store.revert)
         return self._in_service()
 
     async def clear_samples(self) -> Data:
@@ -183,7 +178,8 @@ class Services:
         return path
 
     def _in_service(self) -> Data:
-        return {"model": self._store.model.fingerprint, "file": str(self._store.path)}
+        now = self._store.in_service
+        return {"model": now.model.fingerprint, "file": str(now.path)}
 
 
 def _utc_now() -> str:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +36,14 @@ Progress = Callable[[AnnealingState], None]
 
 SCHEDULES = {
     # One smooth valley, as a rule: many short chains see whether there is another.
-    "power_balance": Schedule(chains=32, moves=1, final_temperature=1e-3),
+    "power_balance": Schedule(chains=64, moves=1, final_temperature=0.3),
     # Local minima, and regions without any answer: long chains.
     "published": Schedule(chains=16, moves=20),
 }
 """The improved annealing of section 4.1, as chains side by side, by formulation."""
 
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
-_POLISHED = {"power_balance": 2, "published": 4}  # chain ends that a local search finishes
+_POLISHED = {"power_balance": 4, "published": 4}  # chain ends that a local search finishes
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,9 +187,13 @@ def identify_gear_efficiency(
 
 
 def _stage(stage: Stage | None, gear_efficiency: float | None) -> Stage:
-    if stage is None:
-        stage = load_stage(data_path("params/transmission.yaml"))
+    stage = _paper_stage() if stage is None else stage
     return stage if gear_efficiency is None else stage.with_gear_efficiency(gear_efficiency)
+
+
+@cache
+def _paper_stage() -> Stage:
+    return load_stage(data_path("params/transmission.yaml"))
 
 
 def _starts(starts: Array | None, chains: int, seed: int | None) -> Array | None:

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..annealing import Objective
+from .least_squares import least_squares
 from .problem import BOUNDS, Problem
 
 Array = NDArray[np.float64]
-_STEP = 1e-6  # of the differences, in scaled variables
-_INSIDE = 1e-9  # the search wants to start off the bounds
 _NO_ANSWER = 1e3  # residual, in standard deviations, where the model has no answer
 _WORST = 1e9  # objective there
 
@@ -21,23 +20,11 @@ def least_squares_polish(problem: Problem, ends: Array) -> tuple[Array, float]:
 
     The value is infinite where no answer at every sample was found.
     """
-    from scipy.optimize import least_squares
-
     def residuals(scaled: Array) -> Array:
         return np.nan_to_num(problem.residuals(scaled), nan=_NO_ANSWER)
 
-    def slopes(scaled: Array) -> Array:
-        # Backward next to an upper bound; all four points in one evaluation.
-        steps = np.where(scaled + _STEP <= BOUNDS[:, 1], _STEP, -_STEP)
-        found = residuals(np.vstack([scaled, scaled + np.diag(steps)]))
-        return np.asarray(((found[1:] - found[0]) / steps[:, None]).T)
-
-    points = []
-    for end in ends:
-        start = np.clip(end, BOUNDS[:, 0] + _INSIDE, BOUNDS[:, 1] - _INSIDE)
-        points.append(least_squares(residuals, start, jac=slopes, bounds=BOUNDS.T, xtol=1e-12,
-                                    ftol=1e-12, gtol=1e-12, max_nfev=200).x)
-    values = np.nan_to_num(problem.weighted_squares(np.array(points)), nan=np.inf)
+    points = least_squares(residuals, ends, BOUNDS)
+    values = np.nan_to_num(problem.weighted_squares(points), nan=np.inf)
     return points[int(values.argmin())], float(values.min())
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench import BenchSamples
+from ..closed_form import ClosedForm
 from ..model import EfficiencyModel
 from ..parameters import HydraulicParameters
 from ..power_balance import OperatingPoints
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 # Scaled variables: log10 of the leakage, which spans decades; the dampings as they are, so that
 # zero can be reached.
 BOUNDS = np.array([[-13.0, -10.0], [0.0, 1.0], [0.0, 1.5]])
+_MOST_VALUES = 8192  # worked out at a time: their arrays stay in the cache of the processor
 BOUND_TEXT = {
     "leakage": ("1e-13", "1e-10"), "motor_damping": ("0", "1"), "pump_damping": ("0", "1.5"),
 }
@@ -80,12 +82,21 @@ class Problem:
     def predict(self, scaled: Array) -> Array:
         """Efficiency at scaled variables of shape (..., 3): shape (..., n)."""
         scaled = np.asarray(scaled)
+        rows = scaled.reshape(-1, scaled.shape[-1])
+        part = max(1, _MOST_VALUES // max(1, len(self.samples)))
+        if len(rows) <= part:
+            return self._predict(scaled)
+        found = [self._predict(rows[i:i + part]) for i in range(0, len(rows), part)]
+        return np.concatenate(found).reshape(*scaled.shape[:-1], len(self.samples))
+
+    def _predict(self, scaled: Array) -> Array:
         many = ManyParameters(10.0 ** scaled[..., :1], scaled[..., 1:2], scaled[..., 2:3])
         # The physics only reads attributes and broadcasts; one call serves every candidate.
-        model = replace(self.model, parameters=many)  # type: ignore[arg-type]
         points = self.points
-        if model.closed_form is not None:
-            return model.closed_form.efficiency_broadcast(*points[:3])
+        if self.model.closed_form is not None:
+            form = ClosedForm(self.model.stage, many)  # type: ignore[arg-type]
+            return form.efficiency_broadcast(*points[:3])
+        model = replace(self.model, parameters=many)  # type: ignore[arg-type]
         shape = np.broadcast_shapes(scaled[..., :1].shape, (len(self.samples),))
         return model.efficiency_at(points._replace(**{
             name: np.broadcast_to(axis, shape) for name, axis in points._asdict().items()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
@@ -86,6 +87,8 @@ def test_full_disk_while_refitting(start_node, paper_file, table2):
             "values"]["last refit"], 5.0)
         assert serves(node, paper_file)
     assert list((node.state / "models").iterdir()) == []
+    for worker in node.children():  # it has inherited the limit
+        resource.prlimit(worker, resource.RLIMIT_FSIZE, resource.prlimit(0, resource.RLIMIT_FSIZE))
     assert node.player.call("reidentify").success
 
 

@@ -44,7 +44,7 @@ class Plan:
     seconds: float = 10.0
     turns: int = 6
     refit_turns: int = 4
-    samples: int = 300
+    samples: int = 2000
     rates: tuple[float, ...] = (300.0, 500.0, 750.0, 1000.0, 1250.0, 1500.0, 2000.0, 2500.0, 3000.0)
     rising_seconds: float = 5.0
     fuzz: int = 100_000
