@@ -102,10 +102,7 @@ class ClosedForm:
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> float:
         """Efficiency [-] at one point in range; NaN where the load cannot be carried."""
-        flow = self.full_flow * displacement_ratio
-        motor, pressure = self.motor(flow, engine_speed, load_torque)
-        engine_torque = self.engine_torque(flow, motor, pressure, engine_speed, load_torque)
-        return load_torque / engine_torque if engine_torque > 0.0 else math.nan
+        return self.point(displacement_ratio, engine_speed, load_torque)[0]
 
     def output_speed(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
@@ -114,6 +111,17 @@ class ClosedForm:
         motor, _ = self.motor(self.full_flow * displacement_ratio, engine_speed, load_torque)
         output = self.idle + self.hydraulic * motor
         return engine_speed * output if output > 0.0 else math.nan
+
+    def point(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> tuple[float, float]:
+        """Efficiency [-] and output speed [rad/s] at once."""
+        flow = self.full_flow * displacement_ratio
+        motor, pressure = self.motor(flow, engine_speed, load_torque)
+        engine_torque = self.engine_torque(flow, motor, pressure, engine_speed, load_torque)
+        output = self.idle + self.hydraulic * motor
+        return (load_torque / engine_torque if engine_torque > 0.0 else math.nan,
+                engine_speed * output if output > 0.0 else math.nan)
 
     def motor(self, flow: float, engine_speed: float, load_torque: float) -> tuple[float, float]:
         """Return motor speed per engine speed and pressure torque [N m] for a flow s."""

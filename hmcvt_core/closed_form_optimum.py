@@ -16,9 +16,12 @@ would pay); a search on a grid then finds what there is to find.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from .closed_form import ClosedForm, Side
+
+Along = Callable[[float], tuple[float, float, float]]
+"""Flow at a motor speed x, slope of the engine torque over x, and slope of that slope."""
 
 _NEWTON_STEPS = 30
 _TOLERANCE = 1e-9  # of the motor speed per engine speed; the optimum is flat
@@ -35,17 +38,17 @@ def best_flow(form: ClosedForm, engine_speed: float, load_torque: float) -> floa
     if load_torque / engine_speed > form.collapse:
         return None
     driven = _best_while_driven(form, engine_speed, load_torque)
+    ahead = _along(form, form.forward, engine_speed, load_torque)
     # Friction sets a step between the motor at rest and turning: either side can hold the best.
-    if driven is None or _along(form, form.forward, 0.0, engine_speed, load_torque)[1] >= 0.0:
+    if driven is None or ahead(0.0)[1] >= 0.0:
         return driven
     fastest, _ = form.motor(abs(form.full_flow), engine_speed, load_torque)
     if not fastest > 0.0:
         return driven
-    motor = _where_flat(form, form.forward, 0.0, fastest, engine_speed, load_torque)
-    if motor is None:
+    faster = _where_flat(ahead, 0.0, fastest, ahead(fastest))
+    if faster is None:
         return None
-    ahead = _along(form, form.forward, motor, engine_speed, load_torque)[0]
-    return max(driven, ahead, key=lambda flow: form.efficiency(
+    return max(driven, faster, key=lambda flow: form.efficiency(
         flow / form.full_flow, engine_speed, load_torque))
 
 
@@ -53,80 +56,81 @@ def _best_while_driven(
     form: ClosedForm, engine_speed: float, load_torque: float
 ) -> float | None:
     """Best flow among those that leave the motor at rest or turn it back."""
+    behind = _along(form, form.backward, engine_speed, load_torque)
     # At rest every flow between two limits gives the same output; the least leaks least.
-    at_rest, slope, _ = _along(form, form.backward, 0.0, engine_speed, load_torque)
-    if at_rest > abs(form.full_flow):
+    at_rest = behind(0.0)
+    if at_rest[0] > abs(form.full_flow):
         return None
-    if slope <= 0.0:
-        return at_rest
+    if at_rest[1] <= 0.0:
+        return at_rest[0]
     motor, pressure = form.motor(0.0, engine_speed, load_torque)
     if not (motor < 0.0 and pressure > 0.0):
         return None
-    if _along(form, form.backward, motor, engine_speed, load_torque)[1] < 0.0:
-        best = _where_flat(form, form.backward, motor, 0.0, engine_speed, load_torque)
-        return None if best is None else _along(
-            form, form.backward, best, engine_speed, load_torque)[0]
+    if behind(motor)[1] < 0.0:
+        return _where_flat(behind, motor, 0.0, at_rest)
     # With the stroke beyond zero the pump drives the engine: friction takes its part both ways.
     share = (1.0 - form.pump_friction) / (1.0 + form.pump_friction)
-    back = _along(form, form.backward, motor, engine_speed, load_torque, share)[1]
+    back = _along(form, form.backward, engine_speed, load_torque, share)(motor)[1]
     return 0.0 if back <= 0.0 else None
 
 
 def _along(
     form: ClosedForm,
     side: Side,
-    motor: float,
     engine_speed: float,
     load_torque: float,
     pump_share: float = 1.0,
-) -> tuple[float, float, float]:
-    """Flow at a motor speed x, slope of the engine torque over x, and slope of that slope."""
-    output = form.idle + form.hydraulic * motor
+) -> Along:
+    """Return the function that goes along the motor speeds at one engine speed and load."""
+    # Worked out once: the search calls the function some ten times.
+    idle, hydraulic, grip = form.idle, form.hydraulic, side.grip
     leak = 1.0 / (form.stiffness * engine_speed)
-    load = side.load * load_torque / output
-    bend = form.hydraulic / output
     drag = form.motor_damping * engine_speed
-    pressure = (load + drag * motor) * side.grip
-    slope = (drag - load * bend) * side.grip
-    curvature = 2.0 * load * bend * bend * side.grip
-    flow = motor + pressure * leak
-    flow_slope = 1.0 + slope * leak
-    mechanical = form.mechanical_load * load_torque / output * bend
+    side_load, gear_load = side.load * load_torque, form.mechanical_load * load_torque
     pump = pump_share * (1.0 + form.pump_friction) / form.pump_gear_efficiency
-    return (
-        flow,
-        pump * (slope * flow + pressure * flow_slope) - mechanical,
-        pump * (curvature * (flow + pressure * leak) + 2.0 * slope * flow_slope)
-        + 2.0 * mechanical * bend,
-    )
+
+    def along(motor: float) -> tuple[float, float, float]:
+        output = idle + hydraulic * motor
+        bend = hydraulic / output
+        load = side_load / output
+        pressure = (load + drag * motor) * grip
+        slope = (drag - load * bend) * grip
+        flow = motor + pressure * leak
+        flow_slope = 1.0 + slope * leak
+        mechanical = gear_load / output * bend
+        curvature = 2.0 * load * bend * bend * grip
+        return (
+            flow,
+            pump * (slope * flow + pressure * flow_slope) - mechanical,
+            pump * (curvature * (flow + pressure * leak) + 2.0 * slope * flow_slope)
+            + 2.0 * mechanical * bend,
+        )
+
+    return along
 
 
 def _where_flat(
-    form: ClosedForm,
-    side: Side,
-    low: float,
-    high: float,
-    engine_speed: float,
-    load_torque: float,
+    along: Along, low: float, high: float, at_high: tuple[float, float, float]
 ) -> float | None:
-    """Motor speed in an interval with a falling start where the engine torque is least."""
-    motor = high
+    """Flow where the engine torque is least in an interval of motor speeds at whose start it falls.
+
+    `at_high` is what `along` gives at the end of the interval.
+    """
+    motor, (flow, slope, curvature) = high, at_high
+    if slope < 0.0:
+        return flow
     for _ in range(_NEWTON_STEPS):
-        _, slope, curvature = _along(form, side, motor, engine_speed, load_torque)
         if slope < 0.0:
-            if motor == high:
-                return high
             low = motor
         else:
             high = motor
         step = -slope / curvature if curvature > 0.0 else math.inf
-        if abs(step) < _TOLERANCE:
-            return motor
+        if abs(step) < _TOLERANCE or high - low < _TOLERANCE:
+            return flow
         motor += step
         if not low < motor < high:
             motor = 0.5 * (low + high)
-        if high - low < _TOLERANCE:
-            return motor
+        flow, slope, curvature = along(motor)
     return None
 
 

@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,9 @@ from .breakdown import Breakdown, breakdown
 from .closed_form import ClosedForm
 from .domain import Domain
 from .effects.base import Effect
+from .efficiency_map import EfficiencyMap, efficiency_map
 from .errors import InputError
+from .optimum import Optimum, optimum
 from .parameters import (
     LEAKAGE,
     MOTOR_DAMPING,
@@ -37,10 +39,6 @@ from .ranges import (
     in_range,
 )
 from .stage import Stage
-
-if TYPE_CHECKING:
-    from .efficiency_map import EfficiencyMap
-    from .optimum import Optimum
 
 Array = NDArray[np.float64]
 FORMULATIONS = ("power_balance", "published")
@@ -213,8 +211,6 @@ class EfficiencyModel:
         engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
     ) -> Optimum:
         """Displacement ratio (and engine speed) that wastes least; see `optimum.optimum`."""
-        from .optimum import optimum
-
         return optimum(self.without_meters(), engine_speed, load_torque, hold=hold,
                        displacement_ratio=displacement_ratio, output_speed=output_speed,
                        engine_speed_limits=engine_speed_limits)
@@ -223,8 +219,6 @@ class EfficiencyModel:
         self, displacement_ratios: ArrayLike, engine_speeds: ArrayLike, load_torques: ArrayLike
     ) -> EfficiencyMap:
         """Efficiency on a grid; each axis has shape (n,)."""
-        from .efficiency_map import efficiency_map
-
         return efficiency_map(self.without_meters(), displacement_ratios, engine_speeds,
                               load_torques)
 

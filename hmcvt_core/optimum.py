@@ -202,13 +202,16 @@ def _packed_point(
     target: Any,
     limits: Sequence[float],
 ) -> Optimum:
-    torque = power / speed
-    efficiency, reached = math.nan, math.nan if target is None else target
-    if not math.isnan(stroke):
+    torque, form = power / speed, model.closed_form
+    efficiency, reached = math.nan, math.nan
+    if math.isnan(stroke):
+        pass
+    elif form is not None:
+        efficiency, reached = form.point(stroke, speed, torque)
+    else:
         efficiency = model.efficiency(stroke, speed, torque)
-        if target is None:
-            reached = model.output_speed(stroke, speed, torque)
-    return Optimum(stroke, efficiency, speed, torque, reached, hold,
+        reached = model.output_speed(stroke, speed, torque)
+    return Optimum(stroke, efficiency, speed, torque, reached if target is None else target, hold,
                    _limit(stroke, speed, limits))
 
 

@@ -9,6 +9,7 @@ from ..bench import read_bench
 from ..diagnosis import diagnose
 from .common import (
     OutputFile,
+    Progress,
     json_option,
     model_from,
     noise_option,
@@ -41,7 +42,11 @@ def command(
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
     model, samples = model_from(params), read_bench(bench)
     held = None if holdout is None else read_bench(holdout)
-    found = diagnose(model, samples, held, noise=noise, seed=seed)
+    progress = Progress("diagnosis")
+    try:
+        found = diagnose(model, samples, held, noise=noise, seed=seed, progress=progress)
+    finally:
+        progress.close()
     if save_model is not None:
         found.model.save(save_model)
     if report is not None:

@@ -34,14 +34,14 @@ _MOST_POINTS = 2_000_000
 @click.command("map", epilog="""\b
 Examples:
   hmcvt map --out map.csv
-  hmcvt map --steps 21 11 5 --load-torque 100 400 --json
+  hmcvt map --steps 21 11 5 --load-torque-limits 100 400 --json
   hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
-@click.option("--engine-speed", type=SPEED, nargs=2, default=ENGINE_SPEED_LIMITS,
-              help="Lowest and highest.  [default: 750rpm 2200rpm]")
-@click.option("--load-torque", type=float, nargs=2, default=(50.0, 400.0), show_default=True,
-              help="Lowest and highest in N m.")
+@click.option("--engine-speed-limits", "--engine-speed", "engine_speed", type=SPEED, nargs=2,
+              default=ENGINE_SPEED_LIMITS, help="Lowest and highest.  [default: 750rpm 2200rpm]")
+@click.option("--load-torque-limits", "--load-torque", "load_torque", type=float, nargs=2,
+              default=(50.0, 400.0), show_default=True, help="Lowest and highest in N m.")
 @click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
 @picture_option
@@ -66,8 +66,8 @@ def command(
     if points > _MOST_POINTS:
         raise InputError(f"--steps gives {points} points; at most {_MOST_POINTS}")
     # Before the grid is made: NumPy would warn of infinity rather than refuse it.
-    ENGINE_SPEED.check(engine_speed, "--engine-speed")
-    LOAD_TORQUE.check(load_torque, "--load-torque")
+    ENGINE_SPEED.check(engine_speed, "--engine-speed-limits")
+    LOAD_TORQUE.check(load_torque, "--load-torque-limits")
     model = model_from(params)
     note_oil_temperature(model, None)
     if picture is not None:

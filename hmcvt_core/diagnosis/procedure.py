@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -62,6 +62,7 @@ def diagnose(
     *,
     noise: float | None = None,
     seed: int = 0,
+    progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between a model and a bench.
 
@@ -75,6 +76,7 @@ def diagnose(
         noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`,
             repeated points, or the paper's 1.12 %, in this order.
         seed: of every random number.
+        progress: called with a line of text before each step; may raise to cancel.
 
     Raises:
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
@@ -84,14 +86,23 @@ def diagnose(
     if holdout is not None:
         holdout, more = fresh(holdout, samples)
         notes += more
+    tell = progress if progress is not None else _silence
     boxes = regions(bench.observed.samples)
+    tell("step 1 of 4, is there a gap")
     found = _significance(bench, boxes, seed)
     significant = found.p_value <= SIGNIFICANCE
+    tell("step 2 of 4, refits with each effect")
     singles = single_candidates(bench)
     ranking = rank(bench, boxes, singles, paired=False)
     if significant and (ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
+        tell("step 3 of 4, refits with pairs of effects")
         ranking = rank(bench, boxes, singles, paired=True)
+    tell("step 4 of 4, how far the gap shrinks")
     return _Assembly(bench, boxes, found, significant, ranking, holdout, seed, notes).diagnosis()
+
+
+def _silence(text: str) -> None:
+    """Nobody asked."""
 
 
 def _significance(bench: Bench, boxes: Regions, seed: int) -> Significance:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -29,6 +30,8 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true",
                         help="two turns of everything, to try the benchmarks themselves")
     given = parser.parse_args()
+    # As Ctrl-C does: the processes that were started end, too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     if given.quick:
         os.environ["HMCVT_BENCH_QUICK"] = "1"
     before, pause = busy_seconds(), 2.0

@@ -51,9 +51,10 @@ def section(record: Record) -> list[str]:
         "- Evaluations are candidates, whole runs, median. Times are those of `hmcvt.identify` = "
         "1, which includes standard errors and warnings. The value counts as met at the first "
         "candidate that meets it, over the runs that do.",
-        "- `least_squares` is a local search, and much the fastest: from one random start it "
-        f"arrived in {_share(record, SINGLE_START)} runs. `hmcvt.identify` ends with it; what it "
-        "takes beyond that is the price of looking for other valleys first.",
+        "- `least_squares` is a local search: from one random start it arrived in "
+        f"{_share(record, SINGLE_START)} runs. `hmcvt.identify` ends with one of its kind, from "
+        "four points at once; what it takes beyond that is the price of looking for other valleys "
+        "first.",
         "- The rows under `hmcvt.identify` are its parts: the published schedule without and with "
         "the finish, and the chains that it uses instead, without the finish.",
     ]

@@ -457,3 +457,10 @@ def test_torque_out_of_nothing_names_the_meter():
     assert found.causes[0].effect == "torque_sensor"
     assert found.component == "sensor"
     assert found.causes[0].remedy
+
+
+def test_progress_tells_the_steps_in_order():
+    told = []
+    hmcvt.diagnose(BASE, campaign(n=24), noise=NOISE, progress=told.append)
+    steps = [int(text.split()[1]) for text in told]
+    assert steps in ([1, 2, 4], [1, 2, 3, 4])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -25,6 +26,8 @@ def main() -> int:
                         help="a minute before the kills, to try the trial itself")
     parser.add_argument("--kills", type=int, default=200, help="trials that kill the node")
     given = parser.parse_args()
+    # As Ctrl-C does: the processes that were started end, too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     plan = QUICK if given.quick else trial.Plan()
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="hmcvt-soak-") as name:
