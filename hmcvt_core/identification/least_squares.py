@@ -41,16 +41,15 @@ def least_squares(
         The points reached, shape (m, d).
     """
     low, high = bounds.T
-    neighbours = _Neighbours(low, high)
     points = np.array(starts, dtype=float)
-    found, slopes = neighbours(residuals, points)
+    found, slopes = _with_slopes(residuals, points, high)
     squares = np.sum(found**2, axis=-1)
     damping = np.full(len(points), _FIRST_DAMPING)
     active = np.ones(len(points), dtype=bool)
     for _ in range(most):
         step, fall = _step(found, slopes, damping, points, low, high)
         trial = np.clip(points + step, low, high)
-        trial_found, trial_slopes = neighbours(residuals, trial)
+        trial_found, trial_slopes = _with_slopes(residuals, trial, high)
         trial_squares = np.sum(trial_found**2, axis=-1)
         better = active & (trial_squares < squares)
         moved = np.max(np.abs(trial - points) / (high - low), axis=-1)
@@ -64,21 +63,16 @@ def least_squares(
     return points
 
 
-class _Neighbours:
-    """Points a little beside others, within the bounds."""
-
-    def __init__(self, low: Array, high: Array) -> None:
-        self.low, self.high = low, high
-
-    def __call__(self, residuals: Residuals, points: Array) -> tuple[Array, Array]:
-        """Return residuals (m, n) and their slopes (m, d, n) at points (m, d)."""
-        steps = np.where(points + _STEP <= self.high, _STEP, -_STEP)
-        around = np.repeat(points[:, None, :], points.shape[1] + 1, axis=1)
-        variable = np.arange(points.shape[1])
-        around[:, variable + 1, variable] += steps
-        found = residuals(around)
-        here = found[:, 0]
-        return here, (found[:, 1:] - here[:, None]) / steps[:, :, None]
+def _with_slopes(residuals: Residuals, points: Array, high: Array) -> tuple[Array, Array]:
+    """Return residuals (m, n) and their slopes (m, d, n) at points (m, d)."""
+    # Backward next to an upper bound.
+    steps = np.where(points + _STEP <= high, _STEP, -_STEP)
+    around = np.repeat(points[:, None, :], points.shape[1] + 1, axis=1)
+    variable = np.arange(points.shape[1])
+    around[:, variable + 1, variable] += steps
+    found = residuals(around)
+    here = found[:, 0]
+    return here, (found[:, 1:] - here[:, None]) / steps[:, :, None]
 
 
 def _step(

@@ -51,7 +51,7 @@ class Recorder:
     def note(self, values: Array) -> None:
         """Take the values of one or more candidates."""
         self.evaluations += values.size
-        low = float(values) if values.ndim == 0 else float(np.fmin.reduce(values))
+        low = float(values) if values.ndim == 0 else float(np.fmin.reduce(values.ravel()))
         if low < self.lowest:
             self.lowest = low
             if self.reached is None and low <= self.target:
