@@ -96,7 +96,7 @@ class ModelStore:
             OSError: the state cannot be written; the model before stays.
         """
         if instead_of not in (None, self.path):
-            raise HmcvtError("the model in service was reverted meanwhile, and the refit was "
+            raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call again")
         model = _servable(path)
         self._commit([*self._stack, path.name], model)

@@ -91,7 +91,7 @@ def test_refit_is_not_adopted_over_a_model_it_was_not_compared_with(node):
     assert reverted.success
     assert node.player.wait_until(running.done, 30.0)
     assert not running.result().success
-    assert "reverted meanwhile" in running.result().message
+    assert "changed meanwhile" in running.result().message
     assert reverted.data["model"] in node.player.model_text
 
 

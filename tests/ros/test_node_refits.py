@@ -6,6 +6,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
 import signal
 import time
 
@@ -240,6 +241,27 @@ def test_worker_does_not_outlive_a_killed_node(start_node, paper_file, table2):
     workers = node.children()
     node.stop(signal.SIGKILL)
     assert node.player.wait_until(lambda: not any(map(alive, workers)), 5.0)
+
+
+def test_worker_is_kept_and_replaced_when_it_dies(start_node, paper_file, table2):
+    node = start_node(paper_file)
+    send_table(node.player, table2)
+    for _ in range(2):
+        assert node.player.call("reidentify").success
+    worker, = node.children()
+    assert alive(worker)
+
+    reply = node.player.request("diagnose")
+    node.player.spin_for(0.2)  # it takes a second
+    os.kill(worker, signal.SIGKILL)
+    assert node.player.wait_until(reply.done, 5.0)
+    assert "diagnose: the worker process ended with status -9" in reply.result().message
+
+    assert node.player.call("reidentify").success
+    other, = node.children()
+    assert other != worker
+    os.kill(other, signal.SIGKILL)  # while it has nothing to do
+    assert node.player.call("reidentify").success
 
 
 def alive(pid):
