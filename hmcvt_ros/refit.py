@@ -48,14 +48,11 @@ class BackgroundJob:
         """
         if self._name:
             raise HmcvtError(f"busy: {self.running}")
-        if self._process is None or self._process.poll() is not None:
-            self.cancel()
+        if self._process is None or not _ask(self._process, request):
+            self.cancel()  # it may have died while it had nothing to do
             self._process = _worker()
+            _ask(self._process, request)  # `poll` tells if that one died at once
         self._name, self._started = str(request["job"]), time.monotonic()
-        assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it died at once; `poll` tells
-            self._process.stdin.write(json.dumps(dict(request)).encode() + b"\n")
-            self._process.stdin.flush()
 
     def poll(self) -> dict[str, Any] | None:
         """Return the answer once the job has ended, None before; `error` in it says what failed."""
@@ -72,9 +69,9 @@ class BackgroundJob:
             return answer
         if not ended:
             return None
-        name, status = self._name, self._process.returncode
+        status = self._process.returncode
         self.cancel()
-        return {"error": f"{name}: the worker process ended with status {status}"}
+        return {"error": f"the worker process ended with status {status}"}
 
     def cancel(self) -> None:
         """Kill the process, and a running job with it."""
@@ -87,6 +84,16 @@ class BackgroundJob:
                     pipe.close()
         self._process = None
         self._name, self._answer = "", b""
+
+
+def _ask(process: subprocess.Popen[bytes], request: Mapping[str, Any]) -> bool:
+    """Hand over a request; False where nobody is there to take it."""
+    assert process.stdin is not None
+    try:
+        process.stdin.write(json.dumps(dict(request)).encode() + b"\n")
+    except BrokenPipeError:
+        return False
+    return True
 
 
 def _worker() -> subprocess.Popen[bytes]:

@@ -146,7 +146,8 @@ class Services:
                 found = error.found if isinstance(error, _NotAdoptedError) else {}
                 response.success, response.message = False, json_text({"error": text, **found})
             else:
-                self._node.get_logger().info(f"{name}: done")
+                told = "{file} ({model}) in service" if "file" in result else "done"
+                self._node.get_logger().info(f"{name}: {told.format(**result)}")
                 response.success, response.message = True, json_text(result)
             return response
 

@@ -64,7 +64,10 @@ def command(
     transmission: str | None, stage: str | None, out: str | None, picture: str | None, seed: int,
     as_json: bool,
 ) -> None:
-    """Identify leakage and dampings from bench samples by improved simulated annealing."""
+    """Identify leakage and dampings from bench samples.
+
+    Improved simulated annealing looks for the valley, a local search finishes it.
+    """
     split = _split(read_bench(bench), fit)
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
     progress = Progress("annealing")

@@ -126,9 +126,9 @@ def identify(
 ) -> Identification:
     """Identify the three hydraulic parameters from bench samples by improved annealing.
 
-    `power_balance` minimises weighted squares (weights from `efficiency_std`, else the paper's
-    1.12 %); `published` maximises RSQ, eq. (21), in the paper's two parts. The annealing looks for
-    the valley, a local search finishes it.
+    `power_balance` minimises the mean of weighted squares (weights from `efficiency_std`, else the
+    paper's 1.12 %); `published` maximises RSQ, eq. (21), in the paper's two parts. The annealing
+    looks for the valley, a local search finishes it.
 
     Args:
         samples: at least one bench sample.

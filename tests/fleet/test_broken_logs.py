@@ -7,8 +7,8 @@ import resource
 import shutil
 
 import pytest
+from cli.permissions import BOUND_BY_PERMISSIONS
 from cli.running import assert_refused, process
-from permissions import BOUND_BY_PERMISSIONS
 
 from hmcvt_core.cli import main
 from hmcvt_core.errors import InputError

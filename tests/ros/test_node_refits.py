@@ -30,6 +30,7 @@ def test_refit_improves_and_revert_goes_back(start_node, paper_file, table2):
 
     reply = node.player.call("reidentify")
     assert reply.success, reply.data
+    assert node.says(f"reidentify: {reply.data['file']} ({reply.data['model']}) in service")
     assert reply.data["samples"] == 8
     assert reply.data["error_before"] == pytest.approx(before, rel=1e-9)
     after = relative_error(node, table2)
@@ -255,12 +256,13 @@ def test_worker_is_kept_and_replaced_when_it_dies(start_node, paper_file, table2
     node.player.spin_for(0.2)  # it takes a second
     os.kill(worker, signal.SIGKILL)
     assert node.player.wait_until(reply.done, 5.0)
-    assert "diagnose: the worker process ended with status -9" in reply.result().message
+    assert "the worker process ended with status -9" in reply.result().message
 
     assert node.player.call("reidentify").success
     other, = node.children()
     assert other != worker
     os.kill(other, signal.SIGKILL)  # while it has nothing to do
+    assert node.player.wait_until(lambda: not alive(other), 5.0)
     assert node.player.call("reidentify").success
 
 

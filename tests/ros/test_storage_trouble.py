@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli.permissions import BOUND_BY_PERMISSIONS
 from diagnostic_msgs.msg import DiagnosticStatus
 from full_disk import file_limit, fill, read_only
-from permissions import BOUND_BY_PERMISSIONS
 from ros_bench import GOOD, command, message, send_table
 
 import hmcvt_core as hmcvt
