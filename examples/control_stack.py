@@ -9,7 +9,6 @@ the engine speed too: among all pairs of engine speed and displacement ratio tha
 ground speed and power, one wastes least. This program finds it with `hmcvt_core`, from the very
 model that the node serves and latches on `~/model`, so that a refit of the node reaches it at once.
 It sends `cvt_command`: velocity of joint `engine` [rad/s], position of joint `displacement` [-].
-
 `--pretend` is the tractor too: it publishes the inputs of the node and follows the command at once.
 """
 
@@ -17,15 +16,17 @@ from __future__ import annotations
 
 import argparse
 import math
+import signal
 import tempfile
 import time
 from collections.abc import Iterable
 from pathlib import Path
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
@@ -96,15 +97,14 @@ def main() -> None:
     parser.add_argument("--namespace", default="", help="of the node and its topics")
     parser.add_argument("--pretend", action="store_true", help="be the tractor as well")
     options = parser.parse_args()
-    rclpy.init()
+    asked: list[int] = []  # to end; the handler of rclpy would do it in the midst of a step
+    signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, executor = ControlStack(options.namespace, options.pretend), SingleThreadedExecutor()
     executor.add_node(node)
     end = time.monotonic() + options.seconds
-    try:
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=PERIOD)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass  # Ctrl-C ends it early
+    while time.monotonic() < end and not asked:
+        executor.spin_once(timeout_sec=PERIOD)
     executor.shutdown()
     node.destroy_node()
     rclpy.try_shutdown()

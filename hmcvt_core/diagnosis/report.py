@@ -74,7 +74,7 @@ def headline(found: Diagnosis) -> str:
     if found.verdict == "no_gap":
         return (f"No gap: after a refit of its three parameters the model meets the bench within "
                 f"the noise of {points(gap.noise)} (p = {gap.p_value:.3g}).")
-    size = (f"Model and bench differ by {points(found.shrinkage.before)} rms beside the noise of "
+    size = (f"Model and bench differ by {points(found.shrinkage.before)} above the noise of "
             f"{points(gap.noise)} (p = {gap.p_value:.3g}).")
     if found.verdict == "unexplained":
         return f"{size} No listed effect explains it: look at where it lies."
