@@ -262,7 +262,9 @@ def test_worker_is_kept_and_replaced_when_it_dies(start_node, paper_file, table2
     other, = node.children()
     assert other != worker
     os.kill(other, signal.SIGKILL)  # while it has nothing to do
-    assert node.player.wait_until(lambda: not alive(other), 5.0)
+    # Its pipe closes with the last of its threads.
+    assert node.player.wait_until(
+        lambda: not alive(other) and len(os.listdir(f"/proc/{other}/task")) == 1, 5.0)
     assert node.player.call("reidentify").success
 
 
