@@ -27,7 +27,8 @@ from .stage import Stage
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value", float, Array)
-_CHUNK = 8192  # points worked on at a time: their arrays stay in the cache of the processor
+CHUNK = 8192
+"""Values worked out at a time: their arrays stay in the cache of the processor."""
 
 
 class Side(NamedTuple):
@@ -179,8 +180,8 @@ class ClosedForm:
         """Efficiency [-] at points of one shape; NaN as for `efficiency`."""
         given = [np.ravel(item) for item in (displacement_ratio, engine_speed, load_torque)]
         found = np.empty(given[0].size)
-        for start in range(0, found.size, _CHUNK):
-            part = slice(start, start + _CHUNK)
+        for start in range(0, found.size, CHUNK):
+            part = slice(start, start + CHUNK)
             found[part] = self.efficiency_broadcast(*(item[part] for item in given))
         return found.reshape(np.shape(displacement_ratio))
 

@@ -203,15 +203,15 @@ def _packed_point(
     limits: Sequence[float],
 ) -> Optimum:
     torque, form = power / speed, model.closed_form
-    efficiency, reached = math.nan, math.nan
-    if math.isnan(stroke):
-        pass
-    elif form is not None:
+    efficiency, reached = math.nan, math.nan if target is None else target
+    known = not math.isnan(stroke)
+    if known and target is None and form is not None:
         efficiency, reached = form.point(stroke, speed, torque)
-    else:
+    elif known:
         efficiency = model.efficiency(stroke, speed, torque)
-        reached = model.output_speed(stroke, speed, torque)
-    return Optimum(stroke, efficiency, speed, torque, reached if target is None else target, hold,
+        if target is None:
+            reached = model.output_speed(stroke, speed, torque)
+    return Optimum(stroke, efficiency, speed, torque, reached, hold,
                    _limit(stroke, speed, limits))
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A thread for the few milliseconds that a change of model takes.
 
-They go into reading files and waiting for the disk. A process, which refits and diagnoses have,
-would take longer to start.
+They go into reading files, waiting for the disk and making the messages that tell of it. A process,
+which refits and diagnoses have, could not put a model into the service of this one.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ than a refit. It can be killed, and it does not outlive a node that was.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import subprocess
@@ -80,8 +79,7 @@ class BackgroundJob:
             self._process.wait()
             for pipe in (self._process.stdin, self._process.stdout):
                 assert pipe is not None
-                with contextlib.suppress(BrokenPipeError):
-                    pipe.close()
+                pipe.close()
         self._process = None
         self._name, self._answer = "", b""
 

@@ -66,10 +66,10 @@ class Services:
         The coroutine that waits for it only goes on when the executor wakes up, which the timer
         that calls this sees to.
         """
-        result = self._job.poll() if self._answer is not None else None
-        if result is not None and self._answer is not None:
-            self._answer.set_result(result)
+        waiting = self._answer
+        if waiting is not None and (result := self._job.poll()) is not None:
             self._answer = None
+            waiting.set_result(result)
         self._activity.running = self._job.running
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..ranges import RPM
+from .page.words import plain, with_partner
 from .result import REGION_SIGNIFICANCE
 
 if TYPE_CHECKING:
@@ -84,15 +85,15 @@ def headline(found: Diagnosis) -> str:
 def _named(found: Diagnosis) -> str:
     cause = found.causes[0]
     if cause.probability < _VAGUE:
-        likely = ", ".join(f"{_plain(each.effect)} ({100 * each.probability:.0f} %)"
+        likely = ", ".join(f"{plain(each.effect)} ({100 * each.probability:.0f} %)"
                            for each in found.causes[:3])
         return f"These samples cannot tell the cause; the likeliest are {likely}."
-    name = _plain(cause.effect)
+    name = plain(cause.effect)
     if cause.together_with:
-        name += f" together with {_plain(cause.together_with)}"
+        name += f" together with {plain(cause.together_with)}"
     sentence = "Cause: " if found.verdict == "cause_found" else "Most probable cause: "
     sentence += f"{name} ({100 * cause.probability:.0f} %)"
-    twins = [_plain(other) for other in cause.indistinguishable_from]
+    twins = [plain(other) for other in cause.indistinguishable_from]
     if twins:
         more = " or others" if len(twins) > _TWINS else ""
         sentence += f"; these data cannot rule out {' or '.join(twins[:_TWINS])}{more}"
@@ -117,18 +118,11 @@ def removed(found: Diagnosis) -> str:
     own = found.causes[0].shrinkage if found.causes else None
     if own is None:
         return f"{said}."
-    cause = found.causes[0]
-    fixed = _plain(cause.effect) + (
-        f" with {_plain(cause.together_with)}" if cause.together_with else "")
-    return f"{said}; with {fixed} held as the effect, {_percent(own)}."
+    return f"{said}; with {with_partner(found.causes[0])} held as the effect, {_percent(own)}."
 
 
 def _percent(fraction: float) -> str:
     return f"{100 * fraction:.0f} %" if fraction >= 0.0 else "less than nothing"
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def points(value: float) -> str:
@@ -240,8 +234,8 @@ def _tests(found: Diagnosis) -> list[str]:
 def _test(tests: Sequence[NextTest]) -> str:
     test = tests[0]
     # Every test is for or against the leading cause.
-    rivals = dict.fromkeys(_plain(each.separates[1]) for each in tests)
-    told = f"{_plain(test.separates[0])} from {' and '.join(rivals)}"
+    rivals = dict.fromkeys(plain(each.separates[1]) for each in tests)
+    told = f"{plain(test.separates[0])} from {' and '.join(rivals)}"
     if test.displacement_ratio is None or test.engine_speed is None or test.load_torque is None:
         return f"{test.measure}: tells {told}"
     extra = f", with {test.measure} read" if test.measure else ""

@@ -43,7 +43,7 @@ SCHEDULES = {
 """The improved annealing of section 4.1, as chains side by side, by formulation."""
 
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
-_POLISHED = {"power_balance": 4, "published": 4}  # chain ends that a local search finishes
+_POLISHED = 4  # chain ends that a local search finishes
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +158,7 @@ def identify(
     annealed = annealing.minimise(
         objective, BOUNDS, schedule=schedule, seed=seed, progress=progress,
         start=_starts(starts, schedule.chains, seed))
-    ends = annealed.ends[:_POLISHED[formulation]]
+    ends = annealed.ends[:_POLISHED]
     scaled, value = (least_squares_polish(problem, ends) if formulation == "power_balance"
                      else simplex_polish(objective, ends))
     if not np.isfinite(value):

@@ -86,11 +86,12 @@ def _step(
     gradient = np.matmul(slopes, found[:, :, None])[:, :, 0]
     normal = np.matmul(slopes, slopes.transpose(0, 2, 1))
     held = ((points <= low) & (gradient > 0.0)) | ((points >= high) & (gradient < 0.0))
+    gradient[held] = 0.0
     free = ~held
     normal *= free[:, :, None] & free[:, None, :]
     diagonal = np.arange(points.shape[1])
     curvature = normal[:, diagonal, diagonal]
     damped = damping[:, None] * curvature
     normal[:, diagonal, diagonal] = curvature + damped + held + _TINY
-    step = -np.linalg.solve(normal, (gradient * free)[:, :, None])[:, :, 0]
-    return step, np.sum(step * (damped * step - gradient * free), axis=-1)
+    step = -np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
+    return step, np.sum(step * (damped * step - gradient), axis=-1)

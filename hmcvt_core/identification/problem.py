@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench import BenchSamples
-from ..closed_form import ClosedForm
+from ..closed_form import CHUNK, ClosedForm
 from ..model import EfficiencyModel
 from ..parameters import HydraulicParameters
 from ..power_balance import OperatingPoints
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 # Scaled variables: log10 of the leakage, which spans decades; the dampings as they are, so that
 # zero can be reached.
 BOUNDS = np.array([[-13.0, -10.0], [0.0, 1.0], [0.0, 1.5]])
-_MOST_VALUES = 8192  # worked out at a time: their arrays stay in the cache of the processor
 BOUND_TEXT = {
     "leakage": ("1e-13", "1e-10"), "motor_damping": ("0", "1"), "pump_damping": ("0", "1.5"),
 }
@@ -83,7 +82,7 @@ class Problem:
         """Efficiency at scaled variables of shape (..., 3): shape (..., n)."""
         scaled = np.asarray(scaled)
         rows = scaled.reshape(-1, scaled.shape[-1])
-        part = max(1, _MOST_VALUES // max(1, len(self.samples)))
+        part = max(1, CHUNK // max(1, len(self.samples)))
         if len(rows) <= part:
             return self._predict(scaled)
         found = [self._predict(rows[i:i + part]) for i in range(0, len(rows), part)]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.soak.processes import busy_seconds
+from tests.soak.run import Run, busy_cores
 
 from . import report
 from .record import Record
@@ -34,9 +34,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if given.quick:
         os.environ["HMCVT_BENCH_QUICK"] = "1"
-    before, pause = busy_seconds(), 2.0
-    time.sleep(pause)
-    others = (busy_seconds() - before) / pause
+    others = busy_cores()
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="hmcvt-bench-") as name:
         file = given.record or Path(name) / "record.json"
@@ -50,7 +48,7 @@ def main() -> int:
             return int(code)
         record = Record(json.loads(file.read_text()))
     command = " ".join(["python -m tests.benchmarks", *sys.argv[1:]])
-    run = report.Run(command, time.monotonic() - start, others)
+    run = Run(command, time.monotonic() - start, others)
     given.out.write_text(report.text(run, record))
     for goal in report.goals(record):
         if not goal.met:

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 
 from tests.soak.goals import Goal, goal_table, table
 from tests.soak.processes import machine
+from tests.soak.run import Run
 
 from . import report_identify, report_node
 from .bench_batch import COUNT
@@ -23,15 +23,6 @@ LIBRARIES = ("numpy", "scipy", "pymoo", "cma", "pytest-benchmark", "ros-rclpy")
 _HELD = {"engine_speed": "engine speed held", "output_speed": "output speed and power held"}
 _WHOLE = f"SciPy, {PIECES[0]} pieces"
 _PIECES = f"SciPy, {PIECES[1]} pieces"
-
-
-@dataclass(frozen=True)
-class Run:
-    """How the command was run: its line, how long it took [s], the load from others before it."""
-
-    command: str
-    seconds: float
-    others: float
 
 
 def goals(record: Record) -> list[Goal]:

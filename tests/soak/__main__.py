@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 from . import processes, report, trial
+from .run import Run, busy_cores
 
 QUICK = trial.Plan(seconds=3.0, turns=2, refit_turns=1, rates=(300.0, 1000.0, 2000.0),
                    rising_seconds=2.0, fuzz=10_000)
@@ -33,12 +34,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="hmcvt-soak-") as name:
         folder = Path(name)
         _loopback_only(folder)
-        others = _busy_cores(2.0)
+        others = busy_cores()
         loaded = trial.under_load(plan, folder, _say)
         fuzzed = trial.nonsense(plan, folder, _say)
         kills = _kill_trials(given.kills)
     command = " ".join(["python -m tests.soak", *sys.argv[1:]])
-    run = report.Run(command, time.monotonic() - start, others)
+    run = Run(command, time.monotonic() - start, others)
     given.out.write_text(report.text(run, plan, loaded, fuzzed, kills))
     missed = [goal for goal in report.goals(loaded, fuzzed, kills, plan) if not goal.met]
     for goal in missed:
@@ -51,12 +52,6 @@ def _loopback_only(folder: Path) -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
     os.environ["ROS_LOG_DIR"] = str(folder / "log")
-
-
-def _busy_cores(seconds: float) -> float:
-    before = processes.busy_seconds()
-    time.sleep(seconds)
-    return (processes.busy_seconds() - before) / seconds
 
 
 def _kill_trials(count: int) -> report.Kills:

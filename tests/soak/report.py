@@ -22,19 +22,11 @@ from .goals import Goal, goal_table
 from .load import Segment
 from .phases import Turn
 from .points import TOPICS
+from .run import Run
 from .trial import Fuzzed, Loaded, Plan
 
 MEMORY_GOAL = 0.1  # MB a minute: two bytes for each arrival at 300 Hz
 CEILING_GOAL = 1000.0
-
-
-@dataclass(frozen=True)
-class Run:
-    """How the command was run: its line, how long it took [s], the load from others before it."""
-
-    command: str
-    seconds: float
-    others: float
 
 
 @dataclass(frozen=True)

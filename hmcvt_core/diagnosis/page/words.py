@@ -95,6 +95,12 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
+def with_partner(cause: Cause) -> str:
+    """Return the effect of a cause in words, and the other one of a pair."""
+    partner = f" with {plain(cause.together_with)}" if cause.together_with else ""
+    return plain(cause.effect) + partner
+
+
 def listed(names: Sequence[str], last: str = "or") -> str:
     """Return `a, b or c`."""
     if len(names) < 2:
@@ -216,9 +222,7 @@ def _removed(found: Diagnosis) -> str:
     sentence = f"{place} {percent(fraction)} of the squared gap is removed{span}"
     if held_out or lead.shrinkage is None or lead.shrinkage <= 0.0:
         return f"{sentence}."
-    fixed_effect = plain(lead.effect) + (
-        f" with {plain(lead.together_with)}" if lead.together_with else "")
-    return f"{sentence}; {percent(lead.shrinkage)} with {fixed_effect} held as the effect."
+    return f"{sentence}; {percent(lead.shrinkage)} with {with_partner(lead)} held as the effect."
 
 
 def fraction_interval(limits: Sequence[float]) -> str:
