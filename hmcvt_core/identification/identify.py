@@ -23,6 +23,7 @@ from ..errors import IdentificationError
 from ..model import EfficiencyModel
 from ..parameter_file import load_stage
 from ..parameters import PAPER_PARAMETERS, HydraulicParameters
+from ..relative_error import RelativeError
 from ..resources import data_path
 from ..stage import Stage
 from ..version import __version__
@@ -36,7 +37,7 @@ Progress = Callable[[AnnealingState], None]
 
 SCHEDULES = {
     # One smooth valley, as a rule: many short chains see whether there is another.
-    "power_balance": Schedule(chains=64, moves=1, final_temperature=0.3),
+    "power_balance": Schedule(chains=32, moves=1, final_temperature=0.3),
     # Local minima, and regions without any answer: long chains.
     "published": Schedule(chains=16, moves=20),
 }
@@ -167,13 +168,15 @@ def identify(
             "sample: check stage, units and load torque")
     found = precision(problem, scaled)
     held = None if validation is None else Problem.of(model, validation)
-    fitted = _fitted(problem, scaled, found, seed, value, held)
+    predicted = problem.predict(scaled)
+    fit_error = RelativeError.of(predicted, samples.efficiency).mean
+    fitted = _fitted(problem, scaled, found, seed, value, fit_error, held)
     warnings = findings(problem, scaled, found)
     if held is not None:
         warnings += unanswered(held, scaled)
     return Identification(
-        fitted, samples, problem.predict(scaled) - samples.efficiency,
-        relative_error(problem, scaled).mean, fitted.provenance.get("prediction_error"),
+        fitted, samples, predicted - samples.efficiency, fit_error,
+        fitted.provenance.get("prediction_error"),
         value, OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
         annealed.stop_reason, seed, warnings, tuple(roots),
     )
@@ -211,6 +214,7 @@ def _fitted(
     found: Precision,
     seed: int | None,
     value: float,
+    fit_error: float,
     held: Problem | None,
 ) -> EfficiencyModel:
     samples, formulation = problem.samples, problem.model.formulation
@@ -223,7 +227,7 @@ def _fitted(
         "seed": seed,
         "objective": OBJECTIVES[formulation],
         "objective_value": float(f"{value:.9g}"),
-        "fit_error": float(f"{relative_error(problem, scaled).mean:.6g}"),
+        "fit_error": float(f"{fit_error:.6g}"),
     }
     if held is not None:
         error = relative_error(held, scaled)

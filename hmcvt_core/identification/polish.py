@@ -20,12 +20,30 @@ def least_squares_polish(problem: Problem, ends: Array) -> tuple[Array, float]:
 
     The value is infinite where no answer at every sample was found.
     """
-    def residuals(scaled: Array) -> Array:
-        return np.nan_to_num(problem.residuals(scaled), nan=_NO_ANSWER)
+    def residuals(linear: Array) -> Array:
+        return np.nan_to_num(problem.residuals(_from_linear(linear)), nan=_NO_ANSWER)
 
-    points = least_squares(residuals, ends, BOUNDS)
+    linear = least_squares(residuals, _to_linear(ends), _to_linear(BOUNDS.T).T)
+    points = np.clip(_from_linear(linear), *BOUNDS.T)
     values = np.nan_to_num(problem.weighted_squares(points), nan=np.inf)
     return points[int(values.argmin())], float(values.min())
+
+
+def _to_linear(scaled: Array) -> Array:
+    """Return the leakage itself, in its upper bound, in place of its logarithm.
+
+    The losses are nearly linear in it: from a leakage far too small, where the logarithm has no
+    slope left, the first step already goes most of the way.
+    """
+    linear = scaled.copy()
+    linear[..., 0] = 10.0 ** (scaled[..., 0] - BOUNDS[0, 1])
+    return linear
+
+
+def _from_linear(linear: Array) -> Array:
+    scaled = linear.copy()
+    scaled[..., 0] = np.log10(linear[..., 0]) + BOUNDS[0, 1]
+    return scaled
 
 
 def simplex_polish(objective: Objective, ends: Array) -> tuple[Array, float]:

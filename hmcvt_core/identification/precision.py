@@ -39,8 +39,7 @@ def precision(problem: Problem, scaled: Array) -> Precision:
     The width of the bounds enters as prior knowledge, so that a direction the samples do not see
     gets the error of that width rather than infinity.
     """
-    jacobian = _jacobian(problem, scaled)
-    residuals = problem.residuals(scaled)
+    residuals, jacobian = _linearised(problem, scaled)
     free = len(residuals) - len(scaled)
     factor = 1.0
     if free > 0:
@@ -56,16 +55,14 @@ def precision(problem: Problem, scaled: Array) -> Precision:
                      covariance / np.outer(spread, spread), factor)
 
 
-def _jacobian(problem: Problem, scaled: Array) -> Array:
-    width = BOUNDS[:, 1] - BOUNDS[:, 0]
-    columns = []
-    for i, step in enumerate(1e-6 * width):
-        ends = np.stack([scaled, scaled])
-        ends[0, i] = max(scaled[i] - step, BOUNDS[i, 0])
-        ends[1, i] = min(scaled[i] + step, BOUNDS[i, 1])
-        low, high = problem.residuals(ends)
-        columns.append((high - low) / (ends[1, i] - ends[0, i]))
-    return np.nan_to_num(np.stack(columns, axis=-1))
+def _linearised(problem: Problem, scaled: Array) -> tuple[Array, Array]:
+    """Weighted residuals (n,) and their Jacobian (n, 3)."""
+    step = np.diag(1e-6 * (BOUNDS[:, 1] - BOUNDS[:, 0]))
+    low = np.maximum(scaled - step, BOUNDS[:, 0])
+    high = np.minimum(scaled + step, BOUNDS[:, 1])
+    found = problem.residuals(np.vstack([scaled, low, high]))
+    slopes = (found[4:] - found[1:4]) / np.diag(high - low)[:, None]
+    return found[0], np.nan_to_num(slopes).T
 
 
 def findings(problem: Problem, scaled: Array, found: Precision) -> tuple[str, ...]:
