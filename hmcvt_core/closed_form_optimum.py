@@ -20,11 +20,13 @@ from collections.abc import Callable, Iterator
 
 from .closed_form import ClosedForm, Side
 
-Along = Callable[[float], tuple[float, float, float]]
-"""Flow at a motor speed x, slope of the engine torque over x, and slope of that slope."""
+State = tuple[float, float, float, float]
+"""Flow at a motor speed x and its slope over x; slope of the engine torque and slope of that."""
+Along = Callable[[float], State]
 
 _NEWTON_STEPS = 30
-_TOLERANCE = 1e-9  # of the motor speed per engine speed; the optimum is flat
+# Motor speed per engine speed: after a Newton step this small the next would be some 1e-8.
+_LAST_STEP = 1e-4
 
 
 def best_flow(form: ClosedForm, engine_speed: float, load_torque: float) -> float | None:
@@ -40,7 +42,7 @@ def best_flow(form: ClosedForm, engine_speed: float, load_torque: float) -> floa
     driven = _best_while_driven(form, engine_speed, load_torque)
     ahead = _along(form, form.forward, engine_speed, load_torque)
     # Friction sets a step between the motor at rest and turning: either side can hold the best.
-    if driven is None or ahead(0.0)[1] >= 0.0:
+    if driven is None or ahead(0.0)[2] >= 0.0:
         return driven
     fastest, _ = form.motor(abs(form.full_flow), engine_speed, load_torque)
     if not fastest > 0.0:
@@ -61,16 +63,16 @@ def _best_while_driven(
     at_rest = behind(0.0)
     if at_rest[0] > abs(form.full_flow):
         return None
-    if at_rest[1] <= 0.0:
+    if at_rest[2] <= 0.0:
         return at_rest[0]
     motor, pressure = form.motor(0.0, engine_speed, load_torque)
     if not (motor < 0.0 and pressure > 0.0):
         return None
-    if behind(motor)[1] < 0.0:
+    if behind(motor)[2] < 0.0:
         return _where_flat(behind, motor, 0.0, at_rest)
     # With the stroke beyond zero the pump drives the engine: friction takes its part both ways.
     share = (1.0 - form.pump_friction) / (1.0 + form.pump_friction)
-    back = _along(form, form.backward, engine_speed, load_torque, share)(motor)[1]
+    back = _along(form, form.backward, engine_speed, load_torque, share)(motor)[2]
     return 0.0 if back <= 0.0 else None
 
 
@@ -89,7 +91,7 @@ def _along(
     side_load, gear_load = side.load * load_torque, form.mechanical_load * load_torque
     pump = pump_share * (1.0 + form.pump_friction) / form.pump_gear_efficiency
 
-    def along(motor: float) -> tuple[float, float, float]:
+    def along(motor: float) -> State:
         output = idle + hydraulic * motor
         bend = hydraulic / output
         load = side_load / output
@@ -101,6 +103,7 @@ def _along(
         curvature = 2.0 * load * bend * bend * grip
         return (
             flow,
+            flow_slope,
             pump * (slope * flow + pressure * flow_slope) - mechanical,
             pump * (curvature * (flow + pressure * leak) + 2.0 * slope * flow_slope)
             + 2.0 * mechanical * bend,
@@ -109,14 +112,12 @@ def _along(
     return along
 
 
-def _where_flat(
-    along: Along, low: float, high: float, at_high: tuple[float, float, float]
-) -> float | None:
+def _where_flat(along: Along, low: float, high: float, at_high: State) -> float | None:
     """Flow where the engine torque is least in an interval of motor speeds at whose start it falls.
 
     `at_high` is what `along` gives at the end of the interval.
     """
-    motor, (flow, slope, curvature) = high, at_high
+    motor, (flow, flow_slope, slope, curvature) = high, at_high
     if slope < 0.0:
         return flow
     for _ in range(_NEWTON_STEPS):
@@ -125,12 +126,12 @@ def _where_flat(
         else:
             high = motor
         step = -slope / curvature if curvature > 0.0 else math.inf
-        if abs(step) < _TOLERANCE or high - low < _TOLERANCE:
-            return flow
+        if -_LAST_STEP < step < _LAST_STEP:
+            return flow + flow_slope * min(max(step, low - motor), high - motor)
         motor += step
         if not low < motor < high:
             motor = 0.5 * (low + high)
-        flow, slope, curvature = along(motor)
+        flow, flow_slope, slope, curvature = along(motor)
     return None
 
 

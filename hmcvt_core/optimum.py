@@ -9,7 +9,7 @@ output speed and output power: every pair there gives the same ground speed and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,8 @@ Value = Any
 """A float, or an array."""
 Pairs = tuple[Any, Any]
 """Displacement ratio and engine speed: floats, or arrays of one shape."""
+Limits = tuple[float, float]
+"""Lowest and highest engine speed [rad/s]."""
 HOLDS = ("engine_speed", "output_speed")
 _LIMIT_SLACK = 1e-5  # of the width between two limits
 
@@ -95,10 +97,9 @@ def optimum(
     if hold == "engine_speed":
         pairs = _held_engine_speed(model, speed, torque)
         return _packed(model, pairs, speed * torque, hold)
-    limits = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
-    if not limits[0] < limits[1]:
-        raise InputError(f"engine_speed_limits = {limits[0]:g}, {limits[1]:g}: the first must be "
-                         "lower")
+    low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+    if not low < high:
+        raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
     if output_speed is not None:
         target = _checked(OUTPUT_SPEED, output_speed)
     elif displacement_ratio is not None:
@@ -106,8 +107,8 @@ def optimum(
     else:
         raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
     power = speed * torque
-    pairs = _held_output_speed(model, target, power, limits)
-    return _packed(model, pairs, power, hold, target, limits)
+    pairs = _held_output_speed(model, target, power, (low, high))
+    return _packed(model, pairs, power, hold, target, (low, high))
 
 
 def _checked(limits: Range, value: Any) -> Value:
@@ -131,17 +132,17 @@ def _held_engine_speed(model: EfficiencyModel, speed: Value, torque: Value) -> P
 
 
 def _held_output_speed(
-    model: EfficiencyModel, target: Value, power: Value, limits: Sequence[float]
+    model: EfficiencyModel, target: Value, power: Value, limits: Limits
 ) -> Pairs:
     """Displacement ratio and engine speed at output speeds and powers."""
-    form, interval = model.closed_form, (limits[0], limits[1])
+    form = model.closed_form
 
     def exact(target: float, power: float) -> tuple[float, float] | None:
-        found = None if form is None else best_engine_speed(form, target, power, interval)
+        found = None if form is None else best_engine_speed(form, target, power, limits)
         return None if form is None or found is None else (found[1] / form.full_flow, found[0])
 
     return _exact_or_searched(
-        exact, lambda target, power: search_pair(model, target, power, interval), target, power)
+        exact, lambda target, power: search_pair(model, target, power, limits), target, power)
 
 
 def _exact_or_searched(
@@ -174,11 +175,13 @@ def _packed(
     power: Value,
     hold: str,
     target: Value | None = None,
-    limits: Sequence[float] = (-math.inf, math.inf),
+    limits: Limits | None = None,
 ) -> Optimum:
     stroke, speed = pairs
     if isinstance(stroke, float) and isinstance(speed, float):
-        return _packed_point(model, min(max(stroke, -1.0), 1.0), speed, power, hold, target, limits)
+        # Rounding may lead a little beyond full stroke.
+        stroke = 1.0 if stroke > 1.0 else -1.0 if stroke < -1.0 else stroke
+        return _packed_point(model, stroke, speed, power, hold, target, limits)
     stroke, torque = np.clip(stroke, -1.0, 1.0), power / speed
     known = ~np.isnan(stroke)
     # The model takes no NaN; what it says there is not used.
@@ -200,7 +203,7 @@ def _packed_point(
     power: Any,
     hold: str,
     target: Any,
-    limits: Sequence[float],
+    limits: Limits | None,
 ) -> Optimum:
     torque, form = power / speed, model.closed_form
     efficiency, reached = math.nan, math.nan if target is None else target
@@ -215,14 +218,14 @@ def _packed_point(
                    _limit(stroke, speed, limits))
 
 
-def _limit(stroke: float, speed: float, limits: Sequence[float]) -> str | None:
+def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:
     """Name the limit that binds, the engine's before the pump's."""
-    return (_end("engine_speed", speed, limits[0], limits[1])
-            or _end("displacement_ratio", stroke, -1.0, 1.0))
+    at_engine = None if limits is None else _end("engine_speed", speed, *limits)
+    return at_engine or _end("displacement_ratio", stroke, -1.0, 1.0)
 
 
 def _end(name: str, value: float, low: float, high: float) -> str | None:
-    slack = _LIMIT_SLACK * (high - low) if math.isfinite(high - low) else 0.0
+    slack = _LIMIT_SLACK * (high - low)
     if value <= low + slack:
         return f"{name} low"
     return f"{name} high" if value >= high - slack else None
