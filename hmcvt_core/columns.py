@@ -8,7 +8,7 @@ import hashlib
 import io
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .ranges import BENCH_COLUMNS, REQUIRED_COLUMNS
+from .ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Range
 
 Array = NDArray[np.float64]
 _MAX_BYTES = 256 * 1024 * 1024
@@ -25,8 +25,41 @@ _SPECIAL = ("nan", "inf", "infinity")
 _DECIMAL_COMMA = re.compile(r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")
 
 
+class Cells(NamedTuple):
+    """What a file holds, as text.
+
+    Attributes:
+        columns: one cell per sample, by column name.
+        rows: line of each sample in the file, from 1.
+        separator: of the columns.
+        source, sha256: of the file.
+    """
+
+    columns: dict[str, list[str]]
+    rows: list[int]
+    separator: str
+    source: str
+    sha256: str
+
+    def read_decimal_commas(self, names: Collection[str]) -> None:
+        """Turn decimal commas into points where nothing but decimal commas can be meant.
+
+        That is where commas do not part the columns, no number has a point, and some comma cannot
+        set thousands apart: 0,643 or 78,54.
+
+        Args:
+            names: of the columns that hold numbers.
+        """
+        chosen = {name: column for name, column in self.columns.items() if name in names}
+        every = [cell for column in chosen.values() for cell in column]
+        if (self.separator != "," and not any("." in cell for cell in every)
+                and any(map(_DECIMAL_COMMA.fullmatch, every))):
+            for name, column in chosen.items():
+                self.columns[name] = [cell.replace(",", ".") for cell in column]
+
+
 class Columns(NamedTuple):
-    """What a file holds.
+    """What a bench file holds.
 
     Attributes:
         known: columns that hmcvt knows, by name, shape (n,) each.
@@ -43,14 +76,42 @@ class Columns(NamedTuple):
 
 
 def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Columns:
+    """Read the columns of a bench file; the names of known ones may have capitals and spaces.
+
+    Raises:
+        InputError: as `read_cells`; or a column stands there twice or a value is no number or
+            outside its range.
+    """
+    cells = read_cells(path, required, _column_name)
+    columns, rows, source = cells.columns, cells.rows, cells.source
+    cells.read_decimal_commas(_NAMES)
+    _refuse_units(columns, rows, source, required)
+    known = {}
+    for column in BENCH_COLUMNS:
+        if column.name in columns:
+            values = numbers(columns.pop(column.name), rows, column.name, source)
+            require_range(values, column, rows, source)
+            known[column.name] = values
+    extra = {name: tuple(column) for name, column in columns.items()}
+    return Columns(known, extra, rows, source, cells.sha256)
+
+
+def read_cells(
+    path: str | os.PathLike[str], required: Sequence[str],
+    name_of: Callable[[str], str] = str.strip,
+) -> Cells:
     """Read a CSV file with a header, separated by commas, semicolons or tabs.
 
-    Lines above the header that begin with # are left out. The names of known columns may be
-    written with capitals and spaces.
+    Lines above the header that begin with # are left out.
+
+    Args:
+        path: of the file.
+        required: columns that must be there.
+        name_of: gives the name of a column from its cell in the header.
 
     Raises:
         InputError: the file is missing, empty, too large or not CSV, a required column is
-            missing or a column doubled, or a value is not a number or outside its range.
+            missing or a column doubled.
     """
     path = Path(path)
     try:
@@ -66,24 +127,18 @@ def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Colum
     if "\n" not in text:
         text = text.replace("\r", "\n")  # line ends of old programs
     separator = _separator(text)
-    header, body = _lines(text, separator, str(path), required)
-    cells = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
-    rows = [number for number, _ in body]
-    if separator != ",":
-        _read_decimal_commas(cells)
-    _refuse_units(cells, rows, str(path), required)
-    known = {}
-    for column in BENCH_COLUMNS:
-        if column.name not in cells:
-            continue
-        values = _numbers(cells.pop(column.name), rows, column.name, str(path))
-        inside = column.contains(values)
-        if not inside.all():
-            first = int(np.flatnonzero(~inside)[0])
-            raise InputError(f"{path}: row {rows[first]}: {column.complaint(values[first])}")
-        known[column.name] = values
-    extra = {name: tuple(column) for name, column in cells.items()}
-    return Columns(known, extra, rows, str(path), hashlib.sha256(raw).hexdigest())
+    header, body = _lines(text, separator, str(path), required, name_of)
+    columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
+    return Cells(columns, [number for number, _ in body], separator, str(path),
+                 hashlib.sha256(raw).hexdigest())
+
+
+def require_range(values: Array, limits: Range, rows: Sequence[int], source: str) -> None:
+    """Raise an `InputError` that names the row of the first value outside its range."""
+    inside = limits.contains(values)
+    if not inside.all():
+        first = int(np.flatnonzero(~inside)[0])
+        raise InputError(f"{source}: row {rows[first]}: {limits.complaint(values[first])}")
 
 
 def _separator(text: str) -> str:
@@ -93,7 +148,7 @@ def _separator(text: str) -> str:
 
 
 def _lines(
-    text: str, separator: str, source: str, required: Sequence[str]
+    text: str, separator: str, source: str, required: Sequence[str], name_of: Callable[[str], str]
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Return the header and the numbered rows below it."""
     try:
@@ -108,7 +163,7 @@ def _lines(
     if not numbered:
         raise InputError(f"{source}: is empty; needs columns {', '.join(required)}")
     (top, first), body = numbered[0], numbered[1:]
-    header = [_column_name(cell) for cell in first]
+    header = [name_of(cell) for cell in first]
     for name in header:
         if header.count(name) > 1:
             raise InputError(f"{source}: row {top}: column {name!r} stands there twice")
@@ -133,18 +188,6 @@ def _column_name(cell: str) -> str:
     return plain if plain in _NAMES else cell.strip()
 
 
-def _read_decimal_commas(cells: dict[str, list[str]]) -> None:
-    """Turn decimal commas into points where nothing but decimal commas can be meant.
-
-    That is where no number has a point, and some comma cannot set thousands apart: 0,643 or 78,54.
-    """
-    known = {name: column for name, column in cells.items() if name in _NAMES}
-    every = [cell for column in known.values() for cell in column]
-    if not any("." in cell for cell in every) and any(map(_DECIMAL_COMMA.fullmatch, every)):
-        for name, column in known.items():
-            cells[name] = [cell.replace(",", ".") for cell in column]
-
-
 def _refuse_units(
     cells: dict[str, list[str]], rows: list[int], source: str, required: Sequence[str]
 ) -> None:
@@ -156,7 +199,8 @@ def _refuse_units(
                          f"row of units ({required[1]} is in rad/s, {required[2]} in N m)")
 
 
-def _numbers(cells: list[str], rows: list[int], name: str, source: str) -> Array:
+def numbers(cells: Sequence[str], rows: Sequence[int], name: str, source: str) -> Array:
+    """Return the numbers of a column; the row of what is none is named by an `InputError`."""
     values = np.empty(len(cells))
     for i, cell in enumerate(cells):
         try:

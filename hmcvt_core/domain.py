@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from .bench import BenchSamples
 from .errors import InputError
 from .power_balance import OperatingPoints
+from .ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, Range
 
-AXES = ("displacement_ratio", "engine_speed", "load_torque")
+_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
+AXES = tuple(axis.name for axis in _RANGES)
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,19 @@ class Domain:
         slack = 1e-9 * max(abs(low), abs(high), 1.0)
         array = np.asarray(values)
         return (array >= low - slack) & (array <= high + slack)
+
+    def departures(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> list[str]:
+        """Say for each axis along which one point lies outside how far the data reach."""
+        point = (displacement_ratio, engine_speed, load_torque)
+        return [self._departure(axis, value) for axis, value in zip(_RANGES, point, strict=True)
+                if not self.covers(axis.name, value)]
+
+    def _departure(self, axis: Range, value: float) -> str:
+        low, high = getattr(self, axis.name)
+        unit = "" if axis.unit == "-" else f" {axis.unit}"
+        return f"{axis.name} {value:.4g} is not in {low:.4g} to {high:.4g}{unit}"
 
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""

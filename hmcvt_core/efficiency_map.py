@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .domain import AXES
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -26,12 +27,15 @@ class EfficiencyMap:
         engine_speed: axis of shape (b,) [rad/s].
         load_torque: axis of shape (c,) [N m].
         efficiency: shape (a, b, c) [-]; NaN where the model has no answer.
+        inside_domain: where the data of the identification reach, shape (a, b, c); None for a model
+            that does not know them.
     """
 
     displacement_ratio: Array
     engine_speed: Array
     load_torque: Array
     efficiency: Array
+    inside_domain: NDArray[np.bool_] | None = None
 
 
 def efficiency_map(
@@ -47,9 +51,10 @@ def efficiency_map(
     """
     axes = [np.atleast_1d(np.asarray(axis, dtype=float))
             for axis in (displacement_ratios, engine_speeds, load_torques)]
-    names = ("displacement_ratio", "engine_speed", "load_torque")
-    for name, axis in zip(names, axes, strict=True):
+    for name, axis in zip(AXES, axes, strict=True):
         if axis.ndim != 1 or axis.size == 0:
             raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
-    efficiency = model.efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
-    return EfficiencyMap(axes[0], axes[1], axes[2], efficiency)
+    grid = np.meshgrid(*axes, indexing="ij", sparse=True)
+    inside = None if model.domain is None else np.logical_and.reduce(np.broadcast_arrays(*(
+        model.domain.covers(name, axis) for name, axis in zip(AXES, grid, strict=True))))
+    return EfficiencyMap(axes[0], axes[1], axes[2], model.efficiency(*grid), inside)

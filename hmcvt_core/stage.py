@@ -60,12 +60,12 @@ class Path:
     def __post_init__(self) -> None:
         _require(self.direction in (1, -1), "direction", self.direction, "1 or -1")
 
-    @property
+    @cached_property
     def ratio(self) -> float:
         """Speed of the first shaft / speed of the last, without sign [-]."""
         return math.prod(pair.ratio for pair in self.gear_pairs)
 
-    @property
+    @cached_property
     def efficiency(self) -> float:
         """Product of the pair efficiencies [-]."""
         return math.prod(pair.efficiency for pair in self.gear_pairs)

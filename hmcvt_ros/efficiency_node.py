@@ -142,6 +142,9 @@ class EfficiencyNode(Node):
         for complaint in filter(None, (self._state.complaint, self._store.complaint,
                                        self._log.recovered)):
             logger.warning(complaint)
+        if not self._settings.model_file and self._store.path == self._store.base:
+            logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
+                           "served, an example identified from five tests of one transmission")
         logger.info(f"serving {self._store.path}, {len(self._log)} bench samples in "
                     f"{self._log.path}")
 
@@ -328,6 +331,7 @@ def _spin(node: EfficiencyNode, stop: _StopSignals) -> None:
     try:
         while not stop.asked:
             executor.spin_once()  # the node's timer wakes it up every TICK
+        node.get_logger().info("stopping: asked to by a signal")
     finally:
         node.close()
         executor.shutdown()

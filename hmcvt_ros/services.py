@@ -113,9 +113,6 @@ class Services:
         found = GapSummary.of(result, fingerprint, _utc_now())
         self._activity.gap = found
         self._activity.last_diagnosis = f"{found.time}, {found.verdict}"
-        self._node.get_logger().info(
-            f"diagnose: {found.verdict}, leading cause {found.leading_cause}; report "
-            f"{result['report'] or 'not written: ' + result['report_error']}")
         return result
 
     async def revert(self) -> Data:
@@ -146,8 +143,7 @@ class Services:
                 found = error.found if isinstance(error, _NotAdoptedError) else {}
                 response.success, response.message = False, json_text({"error": text, **found})
             else:
-                told = "{file} ({model}) in service" if "file" in result else "done"
-                self._node.get_logger().info(f"{name}: {told.format(**result)}")
+                self._node.get_logger().info(f"{name}: {_told(result)}")
                 response.success, response.message = True, json_text(result)
             return response
 
@@ -181,6 +177,17 @@ class Services:
     def _in_service(self) -> Data:
         now = self._store.in_service
         return {"model": now.model.fingerprint, "file": str(now.path)}
+
+
+def _told(result: Data) -> str:
+    """What the log says of an answer."""
+    if "file" in result:
+        return f"{result['file']} ({result['model']}) in service"
+    if "verdict" in result:
+        first = result["causes"][0]["effect"] if result["causes"] else "none"
+        report = result["report"] or f"not written: {result['report_error']}"
+        return f"{result['verdict']}, leading cause {first}; report {report}"
+    return "done"
 
 
 def _utc_now() -> str:

@@ -30,6 +30,7 @@ COMMANDS = {
     "separable": "tell which effects a test plan can tell apart",
     "blind": "run the blind trial of the diagnosis",
     "reproduce": "put every number and figure of the paper beside ours",
+    "import-csv": "turn the table of your bench into bench samples",
     "import-bag": "turn a recorded bag (rosbag2) into bench samples",
     "node": "start the ROS 2 node",
 }

@@ -7,12 +7,14 @@ import click
 
 from ..errors import HmcvtError
 from .common import (
+    inside_domain,
     json_option,
     model_from,
     note_oil_temperature,
     params_option,
     picture_option,
     point_options,
+    print_domain,
     print_json,
     require,
     table,
@@ -36,11 +38,12 @@ def command(
     require(displacement_ratio=displacement_ratio, engine_speed=engine_speed,
             load_torque=load_torque)
     assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
+    point = (displacement_ratio, engine_speed, load_torque)
     model = model_from(params).without_meters()
-    refusal = model.refusal(displacement_ratio, engine_speed, load_torque, oil_temperature)
+    refusal = model.refusal(*point, oil_temperature)
     if refusal is not None:
         raise HmcvtError(f"no breakdown at this point: {refusal}")
-    found = model.breakdown(displacement_ratio, engine_speed, load_torque, oil_temperature)
+    found = model.breakdown(*point, oil_temperature)
     note_oil_temperature(model, oil_temperature)
     if picture is not None:
         from ..pictures import draw_losses, save
@@ -50,10 +53,12 @@ def command(
     if as_json:
         print_json({"input_power": found.input_power, "output_power": found.output_power,
                     "efficiency": found.output_power / found.input_power,
-                    "losses": dict(found.losses)})
+                    "losses": dict(found.losses),
+                    "inside_domain": inside_domain(model, *point)})
         return
     losses = sorted(found.losses.items(), key=lambda entry: -entry[1])
     rows = [("from the engine", found.input_power), *losses, ("to the load", found.output_power)]
     click.echo(table(("part", "W", "% of input"),
                      [(name, f"{watts:.0f}", f"{100 * watts / found.input_power:.1f}")
                       for name, watts in rows]))
+    print_domain(model, *point)

@@ -194,6 +194,28 @@ def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None) 
                    "its identification, 60 deg C", err=True)
 
 
+def inside_domain(
+    model: EfficiencyModel, displacement_ratio: float, engine_speed: float, load_torque: float
+) -> bool | None:
+    """Tell whether a point lies within the data of the model; None if it does not know them."""
+    if model.domain is None:
+        return None
+    return not model.domain.departures(displacement_ratio, engine_speed, load_torque)
+
+
+def print_domain(
+    model: EfficiencyModel, displacement_ratio: float, engine_speed: float, load_torque: float
+) -> None:
+    """Say where a point leaves the data that the model comes from."""
+    if model.domain is None:
+        click.echo("the model does not say what range of data it comes from")
+        return
+    left = model.domain.departures(displacement_ratio, engine_speed, load_torque)
+    if left:
+        click.echo(f"outside the range of the data that the model was identified from: "
+                   f"{'; '.join(left)}")
+
+
 def print_json(value: Any) -> None:
     """Print plain data as JSON; NaN and infinity become null."""
     click.echo(json.dumps(plain(value), indent=1, allow_nan=False))

@@ -38,9 +38,9 @@ Examples:
   hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
-@click.option("--engine-speed-limits", "--engine-speed", "engine_speed", type=SPEED, nargs=2,
+@click.option("--engine-speed-limits", "engine_speed", type=SPEED, nargs=2,
               default=ENGINE_SPEED_LIMITS, help="Lowest and highest.  [default: 750rpm 2200rpm]")
-@click.option("--load-torque-limits", "--load-torque", "load_torque", type=float, nargs=2,
+@click.option("--load-torque-limits", "load_torque", type=float, nargs=2,
               default=(50.0, 400.0), show_default=True, help="Lowest and highest in N m.")
 @click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
@@ -86,7 +86,7 @@ def command(
     if as_json:
         print_json({"displacement_ratio": found.displacement_ratio,
                     "engine_speed": found.engine_speed, "load_torque": found.load_torque,
-                    "efficiency": found.efficiency})
+                    "efficiency": found.efficiency, "inside_domain": found.inside_domain})
     elif out is None:
         click.echo(_csv(found), nl=False)
 
@@ -94,11 +94,14 @@ def command(
 def _csv(found: EfficiencyMap) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(("displacement_ratio", "engine_speed", "load_torque", "efficiency"))
+    writer.writerow(("displacement_ratio", "engine_speed", "load_torque", "efficiency",
+                     "inside_domain"))
+    inside = found.inside_domain
     for i, j, k in np.ndindex(found.efficiency.shape):
         # An empty cell: the load cannot be carried there.
         value = found.efficiency[i, j, k]
         writer.writerow((f"{found.displacement_ratio[i]:.6g}", f"{found.engine_speed[j]:.6g}",
                          f"{found.load_torque[k]:.6g}",
-                         f"{value:.6f}" if np.isfinite(value) else ""))
+                         f"{value:.6f}" if np.isfinite(value) else "",
+                         "" if inside is None else str(inside[i, j, k]).lower()))
     return buffer.getvalue()

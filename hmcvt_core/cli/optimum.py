@@ -13,10 +13,12 @@ from ..optimum import HOLDS, Optimum
 from ..ranges import ENGINE_SPEED_LIMITS, RPM
 from .common import (
     SPEED,
+    inside_domain,
     json_option,
     model_from,
     note_oil_temperature,
     params_option,
+    print_domain,
     print_json,
 )
 
@@ -58,10 +60,13 @@ def command(
     now = (math.nan if displacement_ratio is None
            else model.efficiency(displacement_ratio, engine_speed, load_torque))
     note_oil_temperature(model, None)
+    point = (best.displacement_ratio, best.engine_speed, best.load_torque)
     if as_json:
-        print_json({**asdict(best), "efficiency_now": now})
+        print_json({**asdict(best), "efficiency_now": now,
+                    "inside_domain": inside_domain(model, *point)})
     else:
         _print(best, now)
+        print_domain(model, *point)
 
 
 def _check(

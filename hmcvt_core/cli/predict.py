@@ -10,20 +10,17 @@ import click
 from ..bench import read_bench
 from ..model import EfficiencyModel
 from .common import (
+    inside_domain,
     json_option,
     model_from,
     note_oil_temperature,
     params_option,
     point_options,
+    print_domain,
     print_json,
     require,
 )
-from .samples import inside_domain, mean_error, sample_records, sample_table
-
-_DOMAIN = {
-    False: "outside the range of the data that the model was identified from",
-    None: "the model does not say what range of data it comes from",
-}
+from .samples import mean_error, sample_records, sample_table
 
 
 @click.command("predict", epilog="""\b
@@ -62,10 +59,10 @@ def _predict_point(
     point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
     found, refusal = model.predict(*point), model.refusal(*point)
     note_oil_temperature(model, oil_temperature)
-    inside = inside_domain(model, found.inside_domain)
     # Where there is no efficiency the shaft does not turn as any formula says.
     speed = model.output_speed(*point) if refusal is None else math.nan
     if as_json:
+        inside = inside_domain(model, displacement_ratio, engine_speed, load_torque)
         print_json({**found._asdict(), "inside_domain": inside, "output_speed": speed,
                     "refusal": refusal})
     elif refusal is not None:
@@ -75,8 +72,7 @@ def _predict_point(
                   else f"+- {found.standard_error:.4f}")
         click.echo(f"efficiency     {found.efficiency:.4f} {spread}")
         click.echo(f"output speed   {speed:.2f} rad/s")
-        if inside is not True:
-            click.echo(_DOMAIN[inside])
+        print_domain(model, displacement_ratio, engine_speed, load_torque)
 
 
 def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:

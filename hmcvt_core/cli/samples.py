@@ -38,14 +38,10 @@ def sample_records(
         "measured": float(samples.efficiency[i]),
         "predicted": float(found.efficiency[i]),
         "standard_error": float(found.standard_error[i]),
-        "inside_domain": inside_domain(model, found.inside_domain[i]),
+        # None, not false, for a model that does not say what data it comes from.
+        "inside_domain": None if model.domain is None else bool(found.inside_domain[i]),
         "error": float(error[i]),
     } for i in range(len(samples))]
-
-
-def inside_domain(model: EfficiencyModel, inside: Any) -> bool | None:
-    """Return None, not False, for a model that does not say what data it comes from."""
-    return bool(inside) if model.domain is not None else None
 
 
 def sample_table(records: Sequence[dict[str, Any]]) -> str:

@@ -7,9 +7,10 @@ import os
 from pathlib import Path
 
 from ..atomic import write_atomically
-from .page import causes, gap_map, residual_plot, svg, tables, watts, words
+from . import words
+from .page import causes, gap_map, residual_plot, svg, tables, watts
 from .page.style import PATTERNS, STYLE
-from .result import Diagnosis
+from .result import GAP_SIGNIFICANCE, Diagnosis
 
 _BADGES = {"no_gap": "No gap", "cause_found": "Cause found", "ambiguous": "Ambiguous",
            "unexplained": "Unexplained"}
@@ -56,10 +57,9 @@ def _cards(found: Diagnosis) -> str:
         ("Gap above the noise", words.points(shrunk.before),
          "rms of measured minus predicted, base refitted"),
         ("Noise", words.points(gap.noise),
-         f"stated {words.points(gap.noise_stated)}: {gap.noise_source}"),
-        ("Chance alone", f"p {words.chance(gap.p_value)}"
-         if gap.p_value < 0.001 else f"p = {words.chance(gap.p_value)}",
-         "significant" if gap.significant else "not significant"),
+         f"before the fit {words.points(gap.noise_stated)}: {gap.noise_source}"),
+        ("Chance alone", f"p = {words.chance(gap.p_value)}",
+         f"{'' if gap.significant else 'not '}significant: the limit is {GAP_SIGNIFICANCE:g}"),
     ]
     if found.verdict != "no_gap":
         cards.append(_shrinkage_card(found))

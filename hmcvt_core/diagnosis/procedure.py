@@ -22,14 +22,19 @@ from .next_tests import next_tests
 from .observations import FEW, Observations
 from .ranking import Ranking, rank, single_candidates
 from .regions import Regions, regions
-from .result import REGION_SIGNIFICANCE, Cause, Diagnosis, Gap, Region, ShrinkageSummary
+from .result import (
+    GAP_SIGNIFICANCE,
+    REGION_SIGNIFICANCE,
+    Cause,
+    Diagnosis,
+    Gap,
+    Region,
+    ShrinkageSummary,
+)
 from .shrinkage import Shrinkage, averaged_errors, deals, shrinkage
 from .significance import Significance, basis, significance
 
 Array = NDArray[np.float64]
-
-SIGNIFICANCE = 0.02
-"""A gap counts when chance alone would show as much in one campaign of fifty."""
 
 FOUND = 0.80
 """Probability from which one cause is called found."""
@@ -90,7 +95,7 @@ def diagnose(
     boxes = regions(bench.observed.samples)
     tell("step 1 of 4, is there a gap")
     found = _significance(bench, boxes, seed)
-    significant = found.p_value <= SIGNIFICANCE
+    significant = found.p_value <= GAP_SIGNIFICANCE
     tell("step 2 of 4, refits with each effect")
     singles = single_candidates(bench)
     ranking = rank(bench, boxes, singles, paired=False)

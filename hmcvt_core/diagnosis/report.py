@@ -8,14 +8,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..ranges import RPM
-from .page.words import plain, with_partner
-from .result import REGION_SIGNIFICANCE
+from . import words
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 
 if TYPE_CHECKING:
     from .result import Cause, Diagnosis, NextTest
 
-_VAGUE = 0.3  # probability below which the first cause is one among many
-_TWINS = 3  # named in the headline
 _DETAILED = 3  # causes told at length; the page has all
 _TESTS, _BESIDE = 5, 2  # lines of next tests, and how many of them are no operating point
 _WIDTH, _MARGIN = 100, 11
@@ -69,85 +67,25 @@ def _cause(cause: Cause) -> dict[str, Any]:
     }
 
 
-def headline(found: Diagnosis) -> str:
-    """Return the outcome in one or two plain sentences."""
-    gap = found.gap
-    if found.verdict == "no_gap":
-        return (f"No gap: after a refit of its three parameters the model meets the bench within "
-                f"the noise of {points(gap.noise)} (p = {gap.p_value:.3g}).")
-    size = (f"Model and bench differ by {points(found.shrinkage.before)} above the noise of "
-            f"{points(gap.noise)} (p = {gap.p_value:.3g}).")
-    if found.verdict == "unexplained":
-        return f"{size} No listed effect explains it: look at where it lies."
-    return f"{size} {_named(found)}"
-
-
-def _named(found: Diagnosis) -> str:
-    cause = found.causes[0]
-    if cause.probability < _VAGUE:
-        likely = ", ".join(f"{plain(each.effect)} ({100 * each.probability:.0f} %)"
-                           for each in found.causes[:3])
-        return f"These samples cannot tell the cause; the likeliest are {likely}."
-    name = plain(cause.effect)
-    if cause.together_with:
-        name += f" together with {plain(cause.together_with)}"
-    sentence = "Cause: " if found.verdict == "cause_found" else "Most probable cause: "
-    sentence += f"{name} ({100 * cause.probability:.0f} %)"
-    twins = [plain(other) for other in cause.indistinguishable_from]
-    if twins:
-        more = " or others" if len(twins) > _TWINS else ""
-        sentence += f"; these data cannot rule out {' or '.join(twins[:_TWINS])}{more}"
-    return f"{sentence}. {removed(found)}".rstrip()
-
-
-def removed(found: Diagnosis) -> str:
-    """Say how far the gap shrinks, and of what that is the figure; empty without one.
-
-    Cross-validation measures the procedure, which picks an effect anew in every fold; the first
-    cause held fixed has a figure of its own.
-    """
-    fraction, limits = found.shrinkage.fraction, found.shrinkage.interval
-    if fraction is None:
-        return ""
-    span = "" if limits is None else f" (95 %: {_percent(limits[0])} to {_percent(limits[1])})"
-    if found.shrinkage.on == "holdout":
-        return (f"On the samples held out, the model with the first cause removes "
-                f"{_percent(fraction)} of the squared gap{span}.")
-    said = (f"On samples left out, picking the effect anew without them each time, "
-            f"{_percent(fraction)} of the squared gap is removed{span}")
-    own = found.causes[0].shrinkage if found.causes else None
-    if own is None:
-        return f"{said}."
-    return f"{said}; with {with_partner(found.causes[0])} held as the effect, {_percent(own)}."
-
-
-def _percent(fraction: float) -> str:
-    return f"{100 * fraction:.0f} %" if fraction >= 0.0 else "less than nothing"
-
-
-def points(value: float) -> str:
-    """Return an efficiency difference in points."""
-    return f"{100 * value:.2f} points"
-
-
 def report(found: Diagnosis) -> str:
     """Return a diagnosis as text for a person, at most 100 columns wide."""
-    lines = [headline(found), ""]
-    gap = found.gap
-    lines.append(f"gap        {gap.samples} samples, error of prediction {points(gap.rmse)} rms, "
-                 f"noise {points(gap.noise)} (stated {points(gap.noise_stated)}: "
-                 f"{gap.noise_source})")
-    shrunk = found.shrinkage
+    lines = [words.verdict(found), ""]
+    gap, shrunk = found.gap, found.shrinkage
+    lines.append(f"gap        {gap.samples} samples, {words.points(shrunk.before)} rms beyond the "
+                 f"noise, p = {words.chance(gap.p_value)} (counts as a gap up to "
+                 f"{GAP_SIGNIFICANCE:g})")
+    lines.append(f"noise      {words.points(gap.noise)}; before the fit "
+                 f"{words.points(gap.noise_stated)}: {gap.noise_source}")
+    lines.append(f"error      {words.points(gap.rmse)} rms of the refitted model at samples left "
+                 "out")
     if shrunk.fraction is not None:
-        lines.append(f"shrinkage  {points(shrunk.before)} -> {points(shrunk.after)} above noise, "
-                     f"on {shrunk.on}")
-        if found.verdict == "unexplained":
-            lines.append(f"           {removed(found)}")
+        lines.append(f"shrinkage  {words.points(shrunk.before)} -> {words.points(shrunk.after)} "
+                     f"beyond the noise, on {shrunk.on}")
     lines += _where(found)
     lines += _causes(found)
     lines += _tests(found)
     lines += [f"note: {note}" for note in found.notes]
-    return "\n".join(_wrapped(line) for line in lines)
+    return "\n".join(_wrapped(line) for line in lines).replace(words.MINUS, "-")
 
 
 def _wrapped(line: str) -> str:
@@ -169,7 +107,7 @@ def _where(found: Diagnosis) -> list[str]:
             f"           {_range(region.displacement_ratio, '.2f'):<15} "
             f"{_range(region.engine_speed, '.1f'):<16} {_range(region.load_torque, '.0f'):<14} "
             f"{100 * region.mean_residual:+8.2f} points  {region.samples:>7}  "
-            f"{region.p_value:.2g}")
+            f"{words.chance(region.p_value)}")
     if found.where[0].p_value > REGION_SIGNIFICANCE:
         lines.append("           no place is significant by itself: the gap shows in the samples "
                      "as a whole")
@@ -193,13 +131,15 @@ def _causes(found: Diagnosis) -> list[str]:
             if "interval" not in entry:
                 continue
             low, high = entry["interval"]
-            doubt = "" if entry["plausible"] else "  (implausible size)"
-            lines.append(f"         {name} = {entry['value']:.3g} ({low:.3g} to {high:.3g}) "
-                         f"{entry['unit']}{doubt}")
+            unit = "" if entry["unit"] == "-" else f" {entry['unit']}"
+            doubt = "" if entry["plausible"] else ", implausible size"
+            lines.append(f"         {name} = {entry['value']:.3g}{unit} "
+                         f"(95 %: {low:.3g} to {high:.3g}){doubt}")
         for name, change in cause.drift.items():
             if abs(change["standard_errors"]) > _SETTLED:
-                lines.append(f"         without it the refit moves {name} from "
-                             f"{change['with_effect']:.3g} to {change['without_effect']:.3g} "
+                lines.append(f"         a model without it takes it for {name}: "
+                             f"{change['without_effect']:.3g} instead of "
+                             f"{change['with_effect']:.3g} "
                              f"({change['standard_errors']:+.1f} standard errors)")
     others = [f"{cause.effect} ({100 * cause.probability:.0f} %)"
               for cause in found.causes[_DETAILED:]]
@@ -234,8 +174,8 @@ def _tests(found: Diagnosis) -> list[str]:
 def _test(tests: Sequence[NextTest]) -> str:
     test = tests[0]
     # Every test is for or against the leading cause.
-    rivals = dict.fromkeys(plain(each.separates[1]) for each in tests)
-    told = f"{plain(test.separates[0])} from {' and '.join(rivals)}"
+    rivals = dict.fromkeys(words.plain(each.separates[1]) for each in tests)
+    told = f"{words.plain(test.separates[0])} from {' and '.join(rivals)}"
     if test.displacement_ratio is None or test.engine_speed is None or test.load_torque is None:
         return f"{test.measure}: tells {told}"
     extra = f", with {test.measure} read" if test.measure else ""

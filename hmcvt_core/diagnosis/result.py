@@ -14,6 +14,8 @@ from ..model import EfficiencyModel
 
 Array = NDArray[np.float64]
 
+GAP_SIGNIFICANCE = 0.02
+"""A gap counts when chance alone would show as much in one campaign of fifty."""
 REGION_SIGNIFICANCE = 0.05
 """Family-wise p value up to which a place is one by itself."""
 

@@ -37,7 +37,7 @@ Progress = Callable[[AnnealingState], None]
 
 SCHEDULES = {
     # One smooth valley, as a rule: many short chains see whether there is another.
-    "power_balance": Schedule(chains=32, moves=1, final_temperature=0.3),
+    "power_balance": Schedule(chains=32, moves=1, final_temperature=0.5),
     # Local minima, and regions without any answer: long chains.
     "published": Schedule(chains=16, moves=20),
 }

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench import BenchSamples
+from ..domain import Domain
 from ..model import EfficiencyModel
 from ..ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 
@@ -49,6 +50,8 @@ def draw_surface(
     axes.clabel(lines, fmt="%g %%", fontsize=12)
     if model.formulation == "power_balance":  # the other has no optimum to draw
         _draw_best(axes, model, power, engine_speeds, at)
+    if model.domain is not None:
+        _draw_domain(axes, model, model.domain, power, engine_speeds)
     if samples is not None:
         _draw_samples(axes, model, samples)
     axes.set(xlabel="engine speed [r/min]", ylabel="output speed / engine speed [-]")
@@ -77,6 +80,24 @@ def _draw_best(
         engine_speed_limits=limits)
     axes.plot(pair.engine_speed / RPM, target / pair.engine_speed, color="#b45f06", lw=3.0,
               label="best at an output speed")
+
+
+def _draw_domain(
+    axes: Any, model: EfficiencyModel, domain: Domain, power: float, limits: tuple[float, float]
+) -> None:
+    """Outline how far the data of the identification reach at this power, if they do."""
+    low = max(domain.engine_speed[0], power / domain.load_torque[1], limits[0])
+    high = min(domain.engine_speed[1], power / domain.load_torque[0], limits[1])
+    if low > high:
+        axes.plot([], [], " ", label="no data at this power")
+        return
+    speed = np.linspace(low, high, _BEST)
+    torque = power / speed
+    ends = [model.output_speed(stroke, speed, torque) / speed
+            for stroke in domain.displacement_ratio]
+    axes.plot(np.concatenate([speed, speed[::-1], speed[:1]]) / RPM,
+              np.concatenate([ends[0], ends[1][::-1], ends[0][:1]]), color="0.1", lw=2.2, ls=":",
+              label="data of the identification")
 
 
 def _draw_samples(axes: Any, model: EfficiencyModel, samples: BenchSamples) -> None:

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ...parameters import PARAMETER_UNITS
+from .. import words
 from ..result import Cause, Diagnosis
-from . import svg, words
+from . import svg
 
 _SETTLED = 2.0  # standard errors from which a drift is named
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ...model import EfficiencyModel
 from ...ranges import RPM
-from ..result import Diagnosis, Region
-from . import svg, words
+from .. import words
+from ..result import REGION_SIGNIFICANCE, Diagnosis, Region
+from . import svg
 from .svg import Panel, Scale
 
 Array = NDArray[np.float64]
@@ -181,7 +182,7 @@ def _boxes(
         if box is None:
             continue
         left, top, right, bottom = box
-        kind = "region" if region.p_value <= words.SIGNIFICANT else "region weak"
+        kind = "region" if region.p_value <= REGION_SIGNIFICANCE else "region weak"
         parts.append(svg.element("rect", class_=kind, x=left, y=top, width=right - left,
                                  height=bottom - top))
         x, y = _corner(panel, box, flags, marks)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...ranges import RPM
+from .. import words
 from ..result import Diagnosis
-from . import svg, words
+from . import svg
 from .svg import Panel, Scale
 
 Array = NDArray[np.float64]

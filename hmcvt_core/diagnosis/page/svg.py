@@ -8,7 +8,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-MINUS = "\N{MINUS SIGN}"
+from ..words import MINUS
+
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...parameters import PARAMETER_UNITS
-from ..result import Diagnosis, NextTest
-from . import svg, words
+from .. import words
+from ..result import REGION_SIGNIFICANCE, Diagnosis, NextTest
+from . import svg
 
 
 def table(
@@ -36,7 +37,7 @@ def places(found: Diagnosis) -> str:
     for number, region in enumerate(found.where, 1):
         low, high = region.engine_speed
         chance = words.chance(region.p_value)
-        if region.p_value > words.SIGNIFICANT:
+        if region.p_value > REGION_SIGNIFICANCE:
             chance += " (may be chance)"
         rows.append((
             str(number), words.points(region.mean_residual, sign=True),

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...model import EfficiencyModel
+from .. import words
 from ..result import Diagnosis
-from . import svg, words
+from . import svg
 from .svg import Panel, Scale
 
 Array = NDArray[np.float64]

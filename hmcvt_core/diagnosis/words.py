@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers, names and sentences of the page; plain text, nothing is escaped here."""
+"""Numbers, names and sentences that tell a diagnosis; plain text, nothing is escaped here."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...ranges import RPM
-from ..result import Cause, Diagnosis, Region
-from .svg import MINUS
+from ..ranges import RPM
+from .result import REGION_SIGNIFICANCE, Cause, Diagnosis, Region
 
-SIGNIFICANT = 0.05
-"""A place with a larger p-value may be chance."""
+MINUS = "\N{MINUS SIGN}"
 
 NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -79,10 +77,10 @@ def probability(value: float) -> str:
 
 
 def chance(value: float | None) -> str:
-    """Return a p-value."""
+    """Return a p-value; the simulated campaigns behind it tell none below a thousandth."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    return "below 0.001" if value < 0.001 else f"{value:.2g}"
+    return f"{value:.2g}" if value > 0.001 else "0.001 or less"
 
 
 def rpm(engine_speed: float) -> str:
@@ -145,7 +143,7 @@ def _of_hundred(p_value: float) -> str:
 
 def _lies(found: Diagnosis) -> str:
     region = found.where[0] if found.where else None
-    if region is None or region.p_value > SIGNIFICANT:
+    if region is None or region.p_value > REGION_SIGNIFICANCE:
         return (f"Bench and model differ by {points(found.shrinkage.before)} beyond the noise, "
                 "and no single place stands out")
     if region.channel != "efficiency":

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt import-csv`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from ..bench import write_bench
+from ..ranges import BENCH_COLUMNS
+from ..raw_bench import UNITS, RawColumn, read_raw_bench
+from .common import OutputFile, json_option, print_json, table
+
+_TEXTS = {
+    "displacement_ratio": "Pump stroke.",
+    "engine_speed": "",
+    "output_speed": "",
+    "engine_torque": "With output torque and speed it tells the efficiency.",
+    "output_torque": "At the output shaft.",
+    "load_torque": "Output power / engine speed.",
+    "efficiency": "",
+    "efficiency_std": "Standard deviation of the efficiency.",
+    "oil_temperature": "",
+    "stamp": "Time of the test.",
+}
+
+
+def _column_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    for quantity, text in reversed(_TEXTS.items()):
+        units = ", ".join(UNITS[quantity])
+        function = click.option(
+            f"--{quantity.replace('_', '-')}", quantity, default=None, metavar="COLUMN[:UNIT]",
+            help=f"{text} [{units}]".strip())(function)
+    return function
+
+
+@click.command("import-csv", epilog="""\b
+Examples:
+  hmcvt import-csv raw.csv --out bench.csv --displacement-ratio stroke:% \\
+      --engine-speed n_engine:rpm --engine-torque M_engine \\
+      --output-speed n_output:rpm --output-torque M_output
+  hmcvt import-csv raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
+      --load-torque M --efficiency eta:%""")
+@click.argument("raw", metavar="RAW.csv")
+@click.option("--out", type=OutputFile(), required=True, metavar="BENCH.csv",
+              help="Write the bench samples.")
+@_column_options
+@json_option
+def command(raw: str, out: str, as_json: bool, **given: str | None) -> None:
+    """Turn the table of your bench into bench samples.
+
+    Each option names a column of RAW.csv and its unit, the first in brackets when left out. Where
+    no column holds efficiency or load torque they are computed from torques and speeds of the
+    shafts. Other columns are kept.
+    """
+    columns = {quantity: RawColumn.parse(quantity, text)
+               for quantity, text in given.items() if text is not None}
+    samples = read_raw_bench(raw, columns)
+    write_bench(out, samples)
+    found = [(column, values) for column in BENCH_COLUMNS
+             if (values := getattr(samples, column.name)) is not None]
+    if as_json:
+        print_json({"samples": len(samples), "out": out, "columns": {
+            column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
+            for column, values in found}})
+        return
+    click.echo(table(("column", "unit", "lowest", "highest"),
+                     [(column.name, column.unit, f"{values.min():.4g}", f"{values.max():.4g}")
+                      for column, values in found]))
+    click.echo(f"{len(samples)} bench samples written to {out}")
