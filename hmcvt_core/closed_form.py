@@ -17,18 +17,10 @@ speed that it gives without leakage), and with the pressure as a torque of the m
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, NamedTuple
 
 from .parameters import HydraulicParameters
 from .stage import Stage
-
-Array = NDArray[np.float64]
-Value = TypeVar("Value", float, Array)
-CHUNK = 8192
-"""Values worked out at a time: their arrays stay in the cache of the processor."""
 
 
 class Side(NamedTuple):
@@ -40,26 +32,25 @@ class Side(NamedTuple):
         square, linear, constant: of the quadratic in x; `constant` per load torque / engine speed.
     """
 
-    load: float
-    grip: float
-    square: float
-    linear: float
-    constant: float
+    load: Any
+    grip: Any
+    square: Any
+    linear: Any
+    constant: Any
 
 
-class ClosedForm:
-    """The constants of one model without effects, and its lookups.
+class Constants:
+    """The constants of one model without effects.
 
     Attributes:
         idle: m, output speed per engine speed while the motor stands [-].
         hydraulic: h, change of output speed per motor speed [-].
         full_flow: s at displacement ratio 1 [-]; negative where that slows the output.
         stiffness: K = V_m^2 / leakage [N m s/rad].
-        forward, backward: while the motor drives, while it is driven.
-        turned: while it is driven so fast that its damping turns the pressure round.
         motor_damping: f_m [N m s/rad].
+        driving, driven: L while the motor drives, and while it is driven [-].
+        motor_friction, pump_friction: c_fm, c_fp [-].
         mechanical_load: G, engine torque per output torque, over the mechanical path [-].
-        pump_friction: c_fp [-].
         pump_drag: f_p, referred to the engine [N m s/rad].
         pump_gear_efficiency: of the pairs between engine and pump [-].
         collapse: load torque / engine speed [N m s/rad] above which a motor that comes to rest
@@ -67,11 +58,6 @@ class ClosedForm:
     """
 
     def __init__(self, stage: Stage, parameters: HydraulicParameters) -> None:
-        """Work out the constants.
-
-        Parameters whose attributes are arrays serve `efficiency_broadcast` alone: identification
-        asks for many candidates at once.
-        """
         units, ratio = stage.pump_motor, stage.motor_speed_ratio
         self.idle, self.hydraulic = stage.mechanical_speed_ratio, abs(ratio)
         pump_gear = 1.0 / stage.pump.ratio
@@ -79,25 +65,37 @@ class ClosedForm:
                           * units.pump_displacement / units.motor_displacement)
         self.stiffness = units.motor_displacement**2 / parameters.leakage
         self.motor_damping = parameters.motor_damping
-        driving = self.hydraulic / (stage.output.efficiency * stage.motor.efficiency)
-        driven = self.hydraulic / stage.output.efficiency * stage.motor.efficiency
-        self.forward = self._side(driving, units.motor_friction)
-        self.backward = self._side(driven, -units.motor_friction)
-        self.turned = self._side(driven, units.motor_friction)
+        self.driving = self.hydraulic / (stage.output.efficiency * stage.motor.efficiency)
+        self.driven = self.hydraulic / stage.output.efficiency * stage.motor.efficiency
+        self.motor_friction, self.pump_friction = units.motor_friction, units.pump_friction
         self.mechanical_load = self.idle / (stage.output.efficiency * stage.mechanical.efficiency)
-        self.pump_friction = units.pump_friction
         self.pump_drag = parameters.pump_damping * pump_gear**2
         self.pump_gear_efficiency = stage.pump.efficiency
-        self.collapse = ((self.stiffness / self.forward.grip + self.motor_damping)
-                         * self.idle**2 / (self.hydraulic * driving))
+        self.collapse = ((self.stiffness * (1.0 - units.motor_friction) + self.motor_damping)
+                         * self.idle**2 / (self.hydraulic * self.driving))
 
-    def _side(self, load: float, friction: float) -> Side:
+    def side(self, load: Any, friction: Any) -> Side:
+        """Return the constants of a side with so much motor torque and signed friction."""
         grip = 1.0 / (1.0 - friction)
         compliance = grip / self.stiffness
         stiff = 1.0 + compliance * self.motor_damping
         return Side(load, grip, self.hydraulic * stiff, self.idle * stiff, compliance * load)
 
-    # --- one point, in plain floats -----------------------------------------------------------
+
+class ClosedForm(Constants):
+    """Lookups at one point, in plain floats.
+
+    Attributes:
+        forward, backward: while the motor drives, while it is driven.
+        turned: while it is driven so fast that its damping turns the pressure round.
+    """
+
+    def __init__(self, stage: Stage, parameters: HydraulicParameters) -> None:
+        super().__init__(stage, parameters)
+        # Plain attributes: a lookup that costs a microsecond feels anything else.
+        self.forward = self.side(self.driving, self.motor_friction)
+        self.backward = self.side(self.driven, -self.motor_friction)
+        self.turned = self.side(self.driven, self.motor_friction)
 
     def efficiency(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
@@ -144,7 +142,7 @@ class ClosedForm:
                 return faster, turned
         return speed, pressure
 
-    def _pressure(self, side: Side, speed: Value, engine_speed: Value, load_torque: Value) -> Value:
+    def _pressure(self, side: Side, speed: float, engine_speed: float, load_torque: float) -> float:
         torque = side.load * load_torque / (self.idle + self.hydraulic * speed)
         return (torque + self.motor_damping * engine_speed * speed) * side.grip
 
@@ -171,65 +169,3 @@ class ClosedForm:
         gears = self.pump_gear_efficiency
         return self.mechanical_load * load_torque / output + (
             pump / gears if pump > 0.0 else pump * gears)
-
-    # --- many points, or many parameters ------------------------------------------------------
-
-    def efficiency_array(
-        self, displacement_ratio: Array, engine_speed: Array, load_torque: Array
-    ) -> Array:
-        """Efficiency [-] at points of one shape; NaN as for `efficiency`."""
-        given = [np.ravel(item) for item in (displacement_ratio, engine_speed, load_torque)]
-        found = np.empty(given[0].size)
-        for start in range(0, found.size, CHUNK):
-            part = slice(start, start + CHUNK)
-            found[part] = self.efficiency_broadcast(*(item[part] for item in given))
-        return found.reshape(np.shape(displacement_ratio))
-
-    def efficiency_broadcast(
-        self, displacement_ratio: Array, engine_speed: Array, load_torque: Array
-    ) -> Array:
-        """Efficiency [-] at points that broadcast with parameters given as arrays."""
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            flow = self.full_flow * displacement_ratio
-            motor, pressure = self._motors(flow, engine_speed, load_torque)
-            output = self.idle + self.hydraulic * motor
-            ideal = pressure * flow
-            pump = ideal + self.pump_friction * np.abs(ideal) + self.pump_drag * engine_speed
-            gears = self.pump_gear_efficiency
-            torque = self.mechanical_load * load_torque / output + (
-                np.maximum(pump, 0.0) / gears + np.minimum(pump, 0.0) * gears)
-            return np.where((output > 0.0) & (torque > 0.0), load_torque / torque, np.nan)
-
-    def _motors(self, flow: Array, engine_speed: Array, load_torque: Array) -> tuple[Array, Array]:
-        load = load_torque / engine_speed
-        speed = self._roots(self.forward, flow, load)
-        pressure = self._pressure(self.forward, speed, engine_speed, load_torque)
-        forward = speed > 0.0
-        if forward.all():
-            return speed, pressure
-        stalled = np.isnan(speed) & (load > self.collapse)
-        driven, driven_pressure = self._driven(flow, load, engine_speed, load_torque)
-        return (np.where(forward, speed, np.where(stalled, np.nan, driven)),
-                np.where(forward, pressure, driven_pressure))
-
-    def _driven(
-        self, flow: Array, load: Array, engine_speed: Array, load_torque: Array
-    ) -> tuple[Array, Array]:
-        speed = self._roots(self.backward, flow, load)
-        pressure = self._pressure(self.backward, speed, engine_speed, load_torque)
-        if not (pressure >= 0.0).all():
-            faster = self._roots(self.turned, flow, load)
-            turned = self._pressure(self.turned, faster, engine_speed, load_torque)
-            fast = ~(pressure >= 0.0) & (turned < 0.0)
-            speed, pressure = np.where(fast, faster, speed), np.where(fast, turned, pressure)
-        standing = speed >= 0.0
-        return (np.where(standing, 0.0, speed),
-                np.where(standing, flow * self.stiffness * engine_speed, pressure))
-
-    def _roots(self, side: Side, flow: Array, load: Array) -> Array:
-        b = side.linear - self.hydraulic * flow
-        c = side.constant * load - self.idle * flow
-        root = np.sqrt(b * b - 4.0 * side.square * c)
-        if b.min() > 0.0:
-            return np.asarray(-2.0 * c / (b + root))
-        return np.where(b > 0.0, -2.0 * c / (b + root), (root - b) / (2.0 * side.square))

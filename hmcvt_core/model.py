@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import power_balance, published
 from .breakdown import Breakdown, breakdown
 from .closed_form import ClosedForm
+from .closed_form_arrays import ArrayForm
 from .domain import Domain
 from .effects.base import Effect
 from .efficiency_map import EfficiencyMap, efficiency_map
@@ -229,7 +230,7 @@ class EfficiencyModel:
         if self.formulation == "published":
             return published.published_efficiency(self.stage, self.parameters, points)
         if self.closed_form is not None:
-            return self.closed_form.efficiency_array(*points[:3])
+            return ArrayForm(self.stage, self.parameters).efficiency_in_parts(*points[:3])
         flow = power_balance.power_flow(self.stage, self.parameters, points, self.effects)
         return power_balance.efficiency(flow, self.effects)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench import BenchSamples
-from ..closed_form import CHUNK, ClosedForm
+from ..closed_form_arrays import CHUNK, ArrayForm
 from ..model import EfficiencyModel
 from ..parameters import HydraulicParameters
 from ..power_balance import OperatingPoints
@@ -93,8 +93,8 @@ class Problem:
         # The physics only reads attributes and broadcasts; one call serves every candidate.
         points = self.points
         if self.model.closed_form is not None:
-            form = ClosedForm(self.model.stage, many)  # type: ignore[arg-type]
-            return form.efficiency_broadcast(*points[:3])
+            form = ArrayForm(self.model.stage, many)  # type: ignore[arg-type]
+            return form.efficiency(*points[:3])
         model = replace(self.model, parameters=many)  # type: ignore[arg-type]
         shape = np.broadcast_shapes(scaled[..., :1].shape, (len(self.samples),))
         return model.efficiency_at(points._replace(**{

@@ -16,7 +16,7 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 
-from hmcvt_core import EfficiencyModel, closed_form, ranges
+from hmcvt_core import EfficiencyModel, closed_form_arrays, ranges
 
 INPUTS = (ranges.DISPLACEMENT_RATIO, ranges.ENGINE_SPEED, ranges.LOAD_TORQUE)
 
@@ -72,11 +72,12 @@ def counted(model: EfficiencyModel, point: Sequence[NDArray[np.float64]]) -> lis
         arrays.append(array)
     # np.asarray would take the counter off.
     patient = SimpleNamespace(**{**vars(np), "asarray": np.asanyarray})
-    with mock.patch.object(closed_form, "np", patient), mock.patch.object(ranges, "np", patient):
+    with (mock.patch.object(closed_form_arrays, "np", patient),
+          mock.patch.object(ranges, "np", patient)):
         for limits, array in zip(INPUTS, arrays, strict=True):
             limits.check(array)
-        assert model.closed_form is not None
-        model.closed_form.efficiency_array(*arrays)
+        form = closed_form_arrays.ArrayForm(model.stage, model.parameters)
+        form.efficiency_in_parts(*arrays)
     return done
 
 
