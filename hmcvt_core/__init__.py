@@ -19,6 +19,7 @@ from .model import EfficiencyModel, Prediction
 from .optimum import Optimum
 from .parameter_file import load_model, load_stage, save_model
 from .parameters import HydraulicParameters
+from .raw_bench import read_raw_bench
 from .resources import data_path
 from .stage import GearPair, Path, PumpMotor, Stage
 from .version import __version__
@@ -28,5 +29,6 @@ __all__ = [
     "GearPair", "HmcvtError", "HydraulicParameters", "Identification", "IdentificationError",
     "InputError", "Isolability", "Optimum", "Path", "Prediction", "PumpMotor", "Stage",
     "__version__", "data_path", "diagnose", "identify", "identify_gear_efficiency",
-    "load_model", "load_stage", "read_bench", "save_model", "separable", "write_bench",
+    "load_model", "load_stage", "read_bench", "read_raw_bench", "save_model", "separable",
+    "write_bench",
 ]

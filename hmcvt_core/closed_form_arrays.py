@@ -25,8 +25,8 @@ class ArrayForm(Constants):
         friction = self.motor_friction
         # Forward, backward and turned along a first axis: a call on arrays costs more than their
         # numbers.
-        self._sides = self.side(np.reshape([self.driving, self.driven, self.driven], shape),
-                                np.reshape([friction, -friction, friction], shape))
+        self._sides = self.side(np.array([self.driving, self.driven, self.driven]).reshape(shape),
+                                np.array([friction, -friction, friction]).reshape(shape))
 
     def efficiency_in_parts(
         self, displacement_ratio: Array, engine_speed: Array, load_torque: Array

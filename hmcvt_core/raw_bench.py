@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,36 +39,15 @@ _SHAFTS = ("engine_torque", "output_torque")
 _KEPT = {column.name: column for column in BENCH_COLUMNS}
 
 
-@dataclass(frozen=True)
-class RawColumn:
-    """Where a quantity stands in the table.
-
-    Attributes:
-        name: of the column, as in the header.
-        factor: size of its unit in the one that hmcvt keeps.
-    """
+class _Column(NamedTuple):
+    """Name of a column and size of its unit in the one that hmcvt keeps."""
 
     name: str
-    factor: float = 1.0
-
-    @classmethod
-    def parse(cls, quantity: str, text: str) -> RawColumn:
-        """Read `COLUMN` or `COLUMN:UNIT`; a column may hold a colon itself.
-
-        Raises:
-            InputError: the column has no name.
-        """
-        name, colon, unit = text.rpartition(":")
-        factor = UNITS[quantity].get(unit.strip()) if colon else None
-        column = cls(text.strip()) if factor is None else cls(name.strip(), factor)
-        if not column.name:
-            raise InputError(f"{text!r} names no column: write COLUMN or COLUMN:UNIT, with one of "
-                             f"{', '.join(UNITS[quantity])}")
-        return column
+    factor: float
 
 
 def read_raw_bench(
-    path: str | os.PathLike[str], columns: Mapping[str, RawColumn]
+    path: str | os.PathLike[str], columns: Mapping[str, str]
 ) -> BenchSamples:
     """Read bench samples from a table with column names and units of its own.
 
@@ -77,7 +56,8 @@ def read_raw_bench(
 
     Args:
         path: CSV file, separated by commas, semicolons or tabs.
-        columns: where each quantity of `UNITS` stands.
+        columns: where each quantity of `UNITS` stands, as `COLUMN` or `COLUMN:UNIT`, such as
+            `{"engine_speed": "n_engine:rpm"}`.
 
     Raises:
         InputError: the file cannot be read, a column is missing or named twice, quantities are
@@ -85,15 +65,16 @@ def read_raw_bench(
             and field are named.
     """
     _require_enough(columns)
-    names = [column.name for column in columns.values()]
-    for quantity, column in columns.items():
+    chosen = {quantity: _column(quantity, text) for quantity, text in columns.items()}
+    names = [column.name for column in chosen.values()]
+    for quantity, column in chosen.items():
         if names.count(column.name) > 1:
             raise InputError(f"{quantity}: column {column.name!r} is named twice")
     cells = read_cells(path, names)
     cells.read_decimal_commas(names)
     values = {quantity: column.factor * numbers(cells.columns[column.name], cells.rows, column.name,
                                                 cells.source)
-              for quantity, column in columns.items()}
+              for quantity, column in chosen.items()}
     for quantity in set(values) & set(_KEPT):
         require_range(values[quantity], _KEPT[quantity], cells.rows, cells.source)
     _derive(values, cells)
@@ -103,7 +84,21 @@ def read_raw_bench(
                         source=cells.source, sha256=cells.sha256)
 
 
-def _require_enough(columns: Mapping[str, RawColumn]) -> None:
+def _column(quantity: str, text: str) -> _Column:
+    """Read `COLUMN` or `COLUMN:UNIT`; a column may hold a colon itself."""
+    name, colon, unit = text.rpartition(":")
+    factor = UNITS[quantity].get(unit.strip()) if colon else None
+    column = _Column(text.strip(), 1.0) if factor is None else _Column(name.strip(), factor)
+    if not column.name:
+        raise InputError(f"{quantity}: {text!r} names no column: write COLUMN or COLUMN:UNIT, with "
+                         f"one of {', '.join(UNITS[quantity])}")
+    return column
+
+
+def _require_enough(columns: Mapping[str, str]) -> None:
+    unknown = [name for name in columns if name not in UNITS]
+    if unknown:
+        raise InputError(f"{unknown[0]} is no quantity of a bench; there is {', '.join(UNITS)}")
     missing = [name for name in ("displacement_ratio", "engine_speed") if name not in columns]
     for name, needed in (("load_torque", ("output_torque", "output_speed")),
                          ("efficiency", (*_SHAFTS, "output_speed"))):

@@ -10,7 +10,7 @@ import click
 
 from ..bench import write_bench
 from ..ranges import BENCH_COLUMNS
-from ..raw_bench import UNITS, RawColumn, read_raw_bench
+from ..raw_bench import UNITS, read_raw_bench
 from .common import OutputFile, json_option, print_json, table
 
 _TEXTS = {
@@ -55,9 +55,8 @@ def command(raw: str, out: str, as_json: bool, **given: str | None) -> None:
     no column holds efficiency or load torque they are computed from torques and speeds of the
     shafts. Other columns are kept.
     """
-    columns = {quantity: RawColumn.parse(quantity, text)
-               for quantity, text in given.items() if text is not None}
-    samples = read_raw_bench(raw, columns)
+    samples = read_raw_bench(
+        raw, {quantity: text for quantity, text in given.items() if text is not None})
     write_bench(out, samples)
     found = [(column, values) for column in BENCH_COLUMNS
              if (values := getattr(samples, column.name)) is not None]

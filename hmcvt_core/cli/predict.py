@@ -76,7 +76,8 @@ def _predict_point(
 
 
 def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
-    records = sample_records(model, read_bench(bench))
+    samples = read_bench(bench)
+    records = sample_records(model, samples)
     if as_json:
         print_json(records)
         return
@@ -86,3 +87,6 @@ def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
         click.echo(f"mean |error|  {100 * mean:.2f} %")
     if none:
         click.echo(f"the model has no answer at {none} of {len(records)} samples")
+    if samples.sha256 == model.provenance.get("data_sha256"):
+        used = model.provenance.get("samples", "some")
+        click.echo(f"the model was identified from {used} of these samples: others say more of it")

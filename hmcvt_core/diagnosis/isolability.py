@@ -55,7 +55,7 @@ class Isolability:
         separation: row a, column b: L of a when b may mimic it, shape (k, k); the diagonal is
             `detectability`.
         samples: points in the plan.
-        noise: standard deviation of the efficiency [-].
+        noise: standard deviation of the efficiency [-]; `noise_source` says by whom.
         channels: what is read.
         remedies: measurement that settles each effect when no operating point does, by name.
         with_speed: `separation` if the output speed were read too; None where it is.
@@ -66,6 +66,7 @@ class Isolability:
     separation: Array
     samples: int
     noise: float
+    noise_source: str
     channels: tuple[str, ...]
     remedies: Mapping[str, str] = field(default_factory=dict)
     with_speed: Array | None = None
@@ -95,7 +96,8 @@ class Isolability:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
-            "samples": self.samples, "noise": self.noise, "channels": list(self.channels),
+            "samples": self.samples, "noise": self.noise,
+            "noise_source": self.noise_source, "channels": list(self.channels),
             "threshold": DECISIVE,
             "effects": [{
                 "effect": name, "detectability": float(self.detectability[i]),
@@ -178,5 +180,5 @@ def _isolability(names: list[str], left: Array, observed: Observations) -> Isola
             separation[i, j] = alone[np.ix_(index == i, index == j)].min()
         separation[i, i] = detectability[i]
     return Isolability(effects, detectability, separation, len(observed.samples),
-                       float(np.sqrt(np.mean(observed.scale[0] ** 2))),
+                       float(np.sqrt(np.mean(observed.scale[0] ** 2))), observed.noise_source,
                        tuple(channel.name for channel in observed.channels))

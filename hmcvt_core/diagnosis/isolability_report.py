@@ -21,16 +21,16 @@ def isolability_report(found: Isolability, matrix: bool) -> str:
     """Return what is told apart, what is not and what would tell it, and what is not seen."""
     mixed = {item.effect for item in found.confused()}
     seen = [name for i, name in enumerate(found.effects) if found.detectability[i] >= DECISIVE]
-    lines = [f"{found.samples} points, noise of the efficiency {100 * found.noise:.2g} points, "
-             f"read: {', '.join(found.channels)}", ""]
+    lines = [f"{found.samples} points; read: {', '.join(found.channels)}",
+             f"noise of the efficiency: {100 * found.noise:.2g} points, {found.noise_source}", ""]
     lines += _listed("told from all others: ",
                      [name for name in seen if name not in mixed] or ["none"])
     if mixed:
         lines += ["", "seen, but not told from:"]
     for item in found.confused():
         lines += [*_listed(f"  {item.effect}: ", item.twins), *_what_would(item)]
-    lines += ["", *_listed("not visible at their typical size: ",
-                           list(_hidden(found)) or ["none"])]
+    lines += ["", *_listed("not visible at their typical size (number: runs of the whole plan that "
+                           "would show it): ", list(_hidden(found)) or ["none"])]
     return "\n".join([*lines, *(_matrix(found) if matrix else ())])
 
 
@@ -53,7 +53,7 @@ def _hidden(found: Isolability) -> Iterable[str]:
     for name, level in zip(found.effects, found.detectability, strict=True):
         if level < DECISIVE:
             times = math.ceil(DECISIVE / level) if level > 0.0 else _MOST_REPEATS + 1
-            yield name + (f" (in {times} runs of the plan)" if times <= _MOST_REPEATS else "")
+            yield name + (f" ({times})" if times <= _MOST_REPEATS else "")
 
 
 def _matrix(found: Isolability) -> list[str]:

@@ -72,7 +72,7 @@ def report(found: Diagnosis) -> str:
     lines = [words.verdict(found), ""]
     gap, shrunk = found.gap, found.shrinkage
     lines.append(f"gap        {gap.samples} samples, {words.points(shrunk.before)} rms beyond the "
-                 f"noise, p = {words.chance(gap.p_value)} (counts as a gap up to "
+                 f"noise, p = {words.chance(gap.p_value)} (limit "
                  f"{GAP_SIGNIFICANCE:g})")
     lines.append(f"noise      {words.points(gap.noise)}; before the fit "
                  f"{words.points(gap.noise_stated)}: {gap.noise_source}")
@@ -137,7 +137,7 @@ def _causes(found: Diagnosis) -> list[str]:
                          f"(95 %: {low:.3g} to {high:.3g}){doubt}")
         for name, change in cause.drift.items():
             if abs(change["standard_errors"]) > _SETTLED:
-                lines.append(f"         a model without it takes it for {name}: "
+                lines.append(f"         without it {name} takes its place: "
                              f"{change['without_effect']:.3g} instead of "
                              f"{change['with_effect']:.3g} "
                              f"({change['standard_errors']:+.1f} standard errors)")

@@ -25,7 +25,7 @@ _TINY = 1e-300  # keeps variables without any influence from dividing by zero
 
 
 def least_squares(
-    residuals: Residuals, starts: Array, bounds: Array, *, most: int = 200, precision: float = 1e-12
+    residuals: Residuals, starts: Array, bounds: Array, *, most: int = 200, precision: float = 1e-8
 ) -> Array:
     """Go down to the minimum of the sum of squares that each start leads to.
 
@@ -50,9 +50,9 @@ def least_squares(
         step, fall = _step(found, slopes, damping, points, low, high)
         trial = np.clip(points + step, low, high)
         trial_found, trial_slopes = _with_slopes(residuals, trial, high)
-        trial_squares = np.sum(trial_found**2, axis=-1)
+        trial_squares = (trial_found**2).sum(axis=-1)
         better = active & (trial_squares < squares)
-        moved = np.max(np.abs(trial - points) / (high - low), axis=-1)
+        moved = (np.abs(trial - points) / (high - low)).max(axis=-1)
         done = (moved < precision) | (fall < precision * squares)
         points[better], squares[better] = trial[better], trial_squares[better]
         found[better], slopes[better] = trial_found[better], trial_slopes[better]
@@ -67,10 +67,9 @@ def _with_slopes(residuals: Residuals, points: Array, high: Array) -> tuple[Arra
     """Return residuals (m, n) and their slopes (m, d, n) at points (m, d)."""
     # Backward next to an upper bound.
     steps = np.where(points + _STEP <= high, _STEP, -_STEP)
-    around = np.repeat(points[:, None, :], points.shape[1] + 1, axis=1)
-    variable = np.arange(points.shape[1])
-    around[:, variable + 1, variable] += steps
-    found = residuals(around)
+    # The point itself, then one step along each variable.
+    moves = np.eye(points.shape[1] + 1, points.shape[1], -1)
+    found = residuals(points[:, None, :] + moves * steps[:, None, :])
     here = found[:, 0]
     return here, (found[:, 1:] - here[:, None]) / steps[:, :, None]
 
@@ -89,9 +88,7 @@ def _step(
     gradient[held] = 0.0
     free = ~held
     normal *= free[:, :, None] & free[:, None, :]
-    diagonal = np.arange(points.shape[1])
-    curvature = normal[:, diagonal, diagonal]
-    damped = damping[:, None] * curvature
-    normal[:, diagonal, diagonal] = curvature + damped + held + _TINY
+    damped = damping[:, None] * normal.diagonal(axis1=1, axis2=2)
+    normal += (damped + held + _TINY)[:, :, None] * np.eye(points.shape[1])
     step = -np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
-    return step, np.sum(step * (damped * step - gradient), axis=-1)
+    return step, (step * (damped * step - gradient)).sum(axis=-1)

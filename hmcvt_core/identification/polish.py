@@ -21,7 +21,9 @@ def least_squares_polish(problem: Problem, ends: Array) -> tuple[Array, float]:
     The value is infinite where no answer at every sample was found.
     """
     def residuals(linear: Array) -> Array:
-        return np.nan_to_num(problem.residuals(_from_linear(linear)), nan=_NO_ANSWER)
+        found = problem.residuals(_from_linear(linear))
+        found[np.isnan(found)] = _NO_ANSWER
+        return found
 
     linear = least_squares(residuals, _to_linear(ends), _to_linear(BOUNDS.T).T)
     points = np.clip(_from_linear(linear), *BOUNDS.T)

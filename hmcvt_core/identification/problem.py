@@ -107,7 +107,7 @@ class Problem:
 
     def weighted_squares(self, scaled: Array) -> Array:
         """Mean squared weighted residual, shape (...)."""
-        return np.asarray(np.mean(self.residuals(scaled) ** 2, axis=-1))
+        return np.asarray((self.residuals(scaled) ** 2).mean(axis=-1))
 
     def determination_loss(self, scaled: Array) -> Array:
         """1 - RSQ of eq. (21), shape (...).

@@ -184,8 +184,8 @@ def _diagnosis(record: Record) -> list[str]:
         "efficiency and output speed:", "",
         *table(("samples", f"time / that of {USUAL} samples", "time / that of `hmcvt.identify`",
                 "seconds"), rows), "",
-        f"{USUAL} samples, by the number of effects that are tried:", "",
-        *table(("effects", f"time / that of all {KINDS[-1]}"), kinds), "",
+        f"{USUAL} samples, by the number of candidates, effects in each of their forms:", "",
+        *table(("candidates", f"time / that of all {KINDS[-1]}"), kinds), "",
         "A diagnosis runs in one process. `hmcvt fleet` diagnoses many logs in as many processes "
         "as there are cores.",
     ]

@@ -7,9 +7,12 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
+from hmcvt_core import load_model, read_bench
 from hmcvt_core.cli import main
+from hmcvt_core.ranges import RPM
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE2 = str(ROOT / "data" / "table2.csv")
@@ -50,6 +53,22 @@ def assert_refused(done, *words):
     assert done.err.count("\n") == 1, done.err
     for word in words:
         assert word in done.err, (word, done.err)
+
+
+def write_raw_bench(path):
+    """Write Table 2 as a bench might have done: its own names and units, torques of the shafts."""
+    table2 = read_bench(TABLE2)
+    model = load_model(HM4)
+    speed = model.output_speed(table2.displacement_ratio, table2.engine_speed, table2.load_torque)
+    columns = {
+        "stroke": 100.0 * table2.displacement_ratio, "n_engine": table2.engine_speed / RPM,
+        "M_engine": table2.load_torque / table2.efficiency, "n_output": speed / RPM,
+        "M_output": table2.load_torque * table2.engine_speed / speed,
+        "eps": table2.displacement_ratio, "n": table2.engine_speed / RPM, "M": table2.load_torque,
+        "eta": 100.0 * table2.efficiency,
+    }
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", comments="",
+               header=",".join(columns))
 
 
 @pytest.fixture

@@ -73,12 +73,18 @@ def test_predict_file(hmcvt, model):
         assert entry["inside_domain"] == found.inside_domain[i]
         assert entry["error"] == pytest.approx(entry["predicted"] / entry["measured"] - 1.0)
     lines = hmcvt("predict", TABLE2).out.splitlines()
-    assert len(lines) == 10
+    assert len(lines) == 11
     for line, entry in zip(lines[1:], records, strict=False):
         assert f"{entry['predicted']:.4f}" in line and f"{100 * entry['error']:+.2f} %" in line
         assert line.endswith("inside" if entry["inside_domain"] else "outside")
     mean = np.mean([abs(entry["error"]) for entry in records])
-    assert lines[-1] == f"mean |error|  {100 * mean:.2f} %"
+    assert lines[-2] == f"mean |error|  {100 * mean:.2f} %"
+    assert lines[-1].startswith("the model was identified from 5 of these samples")
+
+
+def test_predict_says_nothing_of_samples_that_are_new_to_the_model(hmcvt, tmp_path):
+    (tmp_path / "new.csv").write_text((ROOT / "data" / "table2.csv").read_text() + "\n")
+    assert "identified from" not in hmcvt("predict", tmp_path / "new.csv").out
 
 
 def test_predict_file_with_samples_that_have_no_answer(hmcvt, tmp_path):
@@ -156,10 +162,42 @@ def test_map_as_csv(hmcvt, model):
         [float(row["efficiency"]) for row in rows], abs=1e-6)
 
 
+def test_map_tells_where_the_data_reach(hmcvt, model):
+    limits = ("map", "--steps", "2", "3", "3", "--engine-speed-limits", "100", "200",
+              "--load-torque-limits", "100", "300")
+    value = hmcvt(*limits, "--json").json
+    # From 78.54 to 146.61 rad/s and from 101.86 to 292.85 N m: 100 of 100, 150, 200 and 200 of
+    # 100, 200, 300.
+    inside = np.zeros((2, 3, 3), dtype=bool)
+    inside[:, 0, 1] = True
+    assert np.array(value["inside_domain"]).tolist() == inside.tolist()
+    column = [line.split(",")[4] for line in hmcvt(*limits).out.splitlines()]
+    assert column == ["inside_domain", *(str(each).lower() for each in inside.ravel())]
+    unknown = hmcvt("map", "--steps", "2", "2", "2", "--params", ROOT / "params" / "paper.yaml")
+    assert {line.split(",")[4] for line in unknown.out.splitlines()[1:]} == {""}
+
+
+@pytest.mark.parametrize("command", ["predict", "optimum", "breakdown"])
+def test_a_point_outside_the_data_is_told_with_its_axis(hmcvt, command):
+    inside, outside = POINT[2:], ("--engine-speed", "2000rpm", "--load-torque", "400")
+    if command != "optimum":
+        inside, outside = POINT, (*POINT[:2], *outside)
+    assert "range of the data" not in hmcvt(command, *inside).out
+    assert hmcvt(command, *inside, "--json").json["inside_domain"] is True
+    told = hmcvt(command, *outside).out.splitlines()[-1]
+    assert told == ("outside the range of the data that the model was identified from: "
+                    "engine_speed 209.4 is not in 78.54 to 146.6 rad/s; "
+                    "load_torque 400 is not in 101.9 to 292.9 N m")
+    assert hmcvt(command, *outside, "--json").json["inside_domain"] is False
+    unknown = (command, *inside, "--params", ROOT / "params" / "paper.yaml")
+    assert "does not say what range of data" in hmcvt(*unknown).out
+    assert hmcvt(*unknown, "--json").json["inside_domain"] is None
+
+
 def test_map_leaves_a_cell_without_answer_empty(hmcvt):
-    stalled = ("map", "--steps", "2", "1", "1", "--load-torque", "5000", "5000",
-               "--engine-speed", "80", "80")
-    assert [line.split(",")[-1] for line in hmcvt(*stalled).out.splitlines()] == [
+    stalled = ("map", "--steps", "2", "1", "1", "--load-torque-limits", "5000", "5000",
+               "--engine-speed-limits", "80", "80")
+    assert [line.split(",")[3] for line in hmcvt(*stalled).out.splitlines()] == [
         "efficiency", "", ""]
     assert hmcvt(*stalled, "--json").json["efficiency"] == [[[None]], [[None]]]
 

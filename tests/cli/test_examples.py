@@ -19,7 +19,7 @@ import yaml
 
 from hmcvt_core.cli import COMMANDS, cli
 
-from .running import ROOT
+from .running import ROOT, write_raw_bench
 
 PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
 PARSED_ONLY = {
@@ -34,7 +34,6 @@ PYTHON = {
     "add-an-effect.md": "tests/cli/test_tutorial.py",
     "live-view.md": "tests/ros/test_example_control_stack.py",
     "node.md": "tests/ros/test_node_docs.py",
-    "tutorial.md": "tests/cli/test_tutorial.py",
 }
 SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 
@@ -95,6 +94,7 @@ def workplace(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "data", tmp_path / "data")
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
+    write_raw_bench(tmp_path / "raw.csv")
     shutil.copy(ROOT / "data" / "simulated.csv", tmp_path / "bench.csv")
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):
         shutil.copy(ROOT / "data" / "table2.csv", tmp_path / name)

@@ -14,7 +14,7 @@ import pytest
 from hmcvt_core.blind.conditions import cases
 from hmcvt_core.cli import COMMANDS, cli
 
-from .running import POINT, ROOT, TABLE2, process
+from .running import POINT, ROOT, TABLE2, process, write_raw_bench
 
 ELSEWHERE = {"fleet": "fleet/test_results.py", "reproduce": "reproduce/test_command.py"}
 CASES = {
@@ -31,6 +31,8 @@ CASES = {
     "breakdown": (*POINT, "--picture", "losses.svg"),
     "diagnose": (TABLE2, "--report", "report.html", "--save-model", "d.yaml"),
     "separable": (TABLE2, "--output-speed"),
+    "import-csv": ("raw.csv", "--out", "bench.csv", "--displacement-ratio", "eps", "--engine-speed",
+                   "n:rpm", "--load-torque", "M", "--efficiency", "eta:%"),
     "import-bag": ("run1", "--out", "samples.csv"),
 }
 
@@ -38,6 +40,7 @@ CASES = {
 @pytest.fixture
 def workplace(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    write_raw_bench(tmp_path / "raw.csv")
     return tmp_path
 
 

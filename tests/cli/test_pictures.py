@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 import pytest
 from diagnosis.html_browser import browse, measured
 
-from .running import POINT, TABLE2, assert_refused
+from .running import POINT, ROOT, TABLE2, assert_refused
 
 WORDS = {
     "map": {"engine speed [r/min]", "output speed / engine speed [-]", "efficiency [%]",
@@ -49,6 +49,18 @@ def test_bench_tests_are_marked_with_their_residuals(hmcvt, tmp_path):
     samples = hmcvt("predict", TABLE2, "--json").json
     expected = {f"{100 * (one['measured'] - one['predicted']):+.1f}" for one in samples}
     assert len(expected) > 4 and expected <= texts(ET.parse(path).getroot())
+
+
+@pytest.mark.parametrize(("options", "label"), [
+    (("--power", "30kW"), "data of the identification"),
+    (("--power", "90kW"), "no data at this power"),
+    (("--params", ROOT / "params" / "paper.yaml"), None),
+])
+def test_map_outlines_the_data_of_the_identification(hmcvt, tmp_path, options, label):
+    path = tmp_path / "picture.svg"
+    assert hmcvt("map", "--picture", path, *options).code == 0
+    labels = {text for text in texts(ET.parse(path).getroot()) if "data" in text}
+    assert labels == ({label} if label else set())
 
 
 @pytest.mark.parametrize("name", WORDS)

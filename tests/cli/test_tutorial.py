@@ -8,12 +8,11 @@ import struct
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 import hmcvt_core
 
-from .running import ROOT
+from .running import ROOT, write_raw_bench
 
 DOCS = ROOT / "docs"
 PAGE = (DOCS / "tutorial.md").read_text(encoding="utf-8")
@@ -60,6 +59,7 @@ def follow(hmcvt, block, printed):
 def test_every_step(hmcvt, tmp_path, monkeypatch):
     for folder in ("data", "params"):
         shutil.copytree(ROOT / folder, tmp_path / folder)
+    write_raw_bench(tmp_path / "raw.csv")
     monkeypatch.chdir(tmp_path)
     printed, steps = [], blocks()
     assert len(steps) >= 12
@@ -70,24 +70,6 @@ def test_every_step(hmcvt, tmp_path, monkeypatch):
     assert pictures == {"fit.png", "map.png", "losses.png"}
     assert all((tmp_path / name).is_file() for name in pictures)
     assert (tmp_path / "report.html").is_file() and (tmp_path / "mine.yaml").is_file()
-
-
-def test_raw_bench_file(tmp_path):
-    code, = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    true = hmcvt_core.read_bench(ROOT / "data" / "simulated.csv")
-    power = true.load_torque * true.engine_speed
-    rpm = np.pi / 30.0
-    raw = np.column_stack([
-        100.0 * true.displacement_ratio, true.engine_speed / rpm,
-        power / true.efficiency / true.engine_speed, true.output_speed / rpm,
-        power / true.output_speed])
-    np.savetxt(tmp_path / "raw.csv", raw, delimiter=",", comments="",
-               header="displacement_percent,engine_rpm,engine_torque,output_rpm,output_torque")
-    run(code, tmp_path)
-    made = hmcvt_core.read_bench(tmp_path / "bench.csv")
-    for name in ("displacement_ratio", "engine_speed", "load_torque", "efficiency",
-                 "output_speed"):
-        assert getattr(made, name) == pytest.approx(getattr(true, name), rel=1e-9), name
 
 
 def test_effect_of_the_page_is_found():

@@ -377,10 +377,12 @@ def test_report_says_it_in_words(diagnoses, name):
     assert "nan" not in text.lower().split()
     if found.causes and found.verdict != "unexplained":
         assert found.causes[0].effect in text
+    chance = "0.001 or less" if found.gap.p_value <= 0.001 else f"{found.gap.p_value:.2g}"
+    assert f"p = {chance} (limit 0.02)" in text
     if name == "nothing":
         assert "No gap" in text
     if found.verdict == "unexplained":
-        assert "No listed effect" in text
+        assert "No effect in the library explains it" in text.replace("\n", " ")
 
 
 @every_case
@@ -398,8 +400,8 @@ def test_report_says_what_the_shrinkage_is_of(diagnoses):
     found = diagnoses["charge pump"]
     text = found.report().replace("\n", " ")
     removed = f"{100 * found.shrinkage.fraction:.0f} %"
-    assert f"picking the effect anew without them each time, {removed}" in text
-    assert f"held as the effect, {100 * found.causes[0].shrinkage:.0f} %" in text
+    assert f"with the effect picked anew without them each time, {removed}" in text
+    assert f"{100 * found.causes[0].shrinkage:.0f} % with charge pump held as the effect" in text
 
 
 @pytest.mark.parametrize("name", ["charge pump", "charge pump without speed", "two"])
