@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/tutorial.md from top to bottom, as its reader follows it; and the effect of another page."""
+"""docs/tutorial.md from top to bottom, as its reader follows it; and examples of other pages."""
 
 import re
 import shlex
@@ -19,9 +19,9 @@ PAGE = (DOCS / "tutorial.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
-def blocks():
-    """Indented blocks of the page, as lists of lines."""
-    text = re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)
+def blocks(page):
+    """Indented blocks of a page, as lists of lines."""
+    text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
     found = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
     return [[line[4:] for line in block.splitlines() if line.strip()] for block in found]
 
@@ -61,7 +61,7 @@ def test_every_step(hmcvt, tmp_path, monkeypatch):
         shutil.copytree(ROOT / folder, tmp_path / folder)
     write_raw_bench(tmp_path / "raw.csv")
     monkeypatch.chdir(tmp_path)
-    printed, steps = [], blocks()
+    printed, steps = [], blocks(PAGE)
     assert len(steps) >= 12
     for block in steps:
         printed = follow(hmcvt, block, printed)
@@ -70,6 +70,18 @@ def test_every_step(hmcvt, tmp_path, monkeypatch):
     assert pictures == {"fit.png", "map.png", "losses.png"}
     assert all((tmp_path / name).is_file() for name in pictures)
     assert (tmp_path / "report.html").is_file() and (tmp_path / "mine.yaml").is_file()
+
+
+def test_worked_example_of_the_diagnosis(hmcvt, tmp_path, monkeypatch):
+    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    example, = re.findall(r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE)
+    shutil.copytree(ROOT / "data", tmp_path / "data")
+    monkeypatch.chdir(tmp_path)
+    printed, steps = [], blocks(example)
+    assert len(steps) >= 6
+    for block in steps:
+        printed = follow(hmcvt, block, printed)
+    assert (tmp_path / "better.yaml").is_file()
 
 
 def test_effect_of_the_page_is_found():
