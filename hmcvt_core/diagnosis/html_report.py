@@ -58,7 +58,7 @@ def _cards(found: Diagnosis) -> str:
          "rms of measured minus predicted, base refitted"),
         ("Noise", words.points(gap.noise),
          f"before the fit {words.points(gap.noise_stated)}: {gap.noise_source}"),
-        ("Chance alone", f"p = {words.chance(gap.p_value)}",
+        ("Chance alone", words.p_is(gap.p_value),
          f"{'' if gap.significant else 'not '}significant: the limit is {GAP_SIGNIFICANCE:g}"),
     ]
     if found.verdict != "no_gap":

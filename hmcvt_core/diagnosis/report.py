@@ -72,7 +72,7 @@ def report(found: Diagnosis) -> str:
     lines = [words.verdict(found), ""]
     gap, shrunk = found.gap, found.shrinkage
     lines.append(f"gap        {gap.samples} samples, {words.points(shrunk.before)} rms beyond the "
-                 f"noise, p = {words.chance(gap.p_value)} (limit "
+                 f"noise, {words.p_is(gap.p_value)} (limit "
                  f"{GAP_SIGNIFICANCE:g})")
     lines.append(f"noise      {words.points(gap.noise)}; before the fit "
                  f"{words.points(gap.noise_stated)}: {gap.noise_source}")
@@ -85,7 +85,8 @@ def report(found: Diagnosis) -> str:
     lines += _causes(found)
     lines += _tests(found)
     lines += [f"note: {note}" for note in found.notes]
-    return "\n".join(_wrapped(line) for line in lines).replace(words.MINUS, "-")
+    plain = (line.replace(words.MINUS, "-").replace(words.AT_MOST, "<=") for line in lines)
+    return "\n".join(map(_wrapped, plain))
 
 
 def _wrapped(line: str) -> str:

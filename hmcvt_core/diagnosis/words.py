@@ -11,7 +11,7 @@ import numpy as np
 from ..ranges import RPM
 from .result import REGION_SIGNIFICANCE, Cause, Diagnosis, Region
 
-MINUS = "\N{MINUS SIGN}"
+MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
 
 NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -80,7 +80,13 @@ def chance(value: float | None) -> str:
     """Return a p-value; the simulated campaigns behind it tell none below a thousandth."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    return f"{value:.2g}" if value > 0.001 else "0.001 or less"
+    return f"{value:.2g}" if value > 0.001 else f"{AT_MOST} 0.001"
+
+
+def p_is(value: float) -> str:
+    """Return `p = ...`, or that it is no larger than can be told."""
+    told = chance(value)
+    return f"p {told}" if told.startswith(AT_MOST) else f"p = {told}"
 
 
 def rpm(engine_speed: float) -> str:

@@ -116,7 +116,7 @@ def test_pictures_are_small_and_used():
     pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.glob("*.md"))
     for path in (DOCS / "pictures").iterdir():
         data = path.read_bytes()
-        assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) < 150_000, path
+        assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) < 160_000, path
         width, _ = struct.unpack(">II", data[16:24])
         assert width >= 900, path
         assert f"(pictures/{path.name})" in pages, path

@@ -377,8 +377,8 @@ def test_report_says_it_in_words(diagnoses, name):
     assert "nan" not in text.lower().split()
     if found.causes and found.verdict != "unexplained":
         assert found.causes[0].effect in text
-    chance = "0.001 or less" if found.gap.p_value <= 0.001 else f"{found.gap.p_value:.2g}"
-    assert f"p = {chance} (limit 0.02)" in text
+    chance = "<= 0.001" if found.gap.p_value <= 0.001 else f"= {found.gap.p_value:.2g}"
+    assert f"p {chance} (limit 0.02)" in text
     if name == "nothing":
         assert "No gap" in text
     if found.verdict == "unexplained":

@@ -84,6 +84,7 @@ def test_signal_ends_it_with_code_0(start_node, paper_file, number, busy):
         node.player.send_inputs(GOOD)
     assert node.stop(number) == 0, node.log
     assert "Traceback" not in node.log
+    assert "stopping: asked to by a signal" in node.log
 
 
 def test_unknown_parameter_is_told(start_node, paper_file):
@@ -95,6 +96,12 @@ def test_shipped_model_is_the_default(start_node):
     node = start_node("''")
     shipped = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     assert shipped.fingerprint in node.player.model_text
+    assert node.says("the model that comes with hmcvt is served")
+
+
+def test_a_model_that_was_named_is_no_reason_to_warn(start_node, paper_file):
+    node = start_node(paper_file)
+    assert node.says("serving ") and "comes with hmcvt" not in node.log
 
 
 def test_damaged_state_does_not_stop_the_node(start_node, paper_file, tmp_path):
