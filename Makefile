@@ -30,8 +30,15 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 demo: $(VENV)/.ros
 	@$(BIN)/python -m hmcvt_ros.demo
 
+# What runs real nodes counts milliseconds and runs alone; the rest on all cores.
+ALONE := tests/ros tests/soak
 test: $(VENV)/.dev system
+ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
+else
+	$(BIN)/python -m pytest --numprocesses auto $(ALONE:%=--ignore=%)
+	$(BIN)/python -m pytest $(ALONE)
+endif
 
 # The pages are tested in a real browser, the SROS2 policy by a DDS that has security (the one in the
 # ROS wheels has none); these two come from apt.
