@@ -30,14 +30,16 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 demo: $(VENV)/.ros
 	@$(BIN)/python -m hmcvt_ros.demo
 
-# What runs real nodes counts milliseconds and runs alone; the rest on all cores.
+# What runs real nodes waits for most of its time, and counts milliseconds: not beside the rest.
 ALONE := tests/ros tests/soak
 test: $(VENV)/.dev system
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
 	$(BIN)/python -m pytest --numprocesses auto $(ALONE:%=--ignore=%)
-	$(BIN)/python -m pytest $(ALONE)
+ifneq ($(HMCVT_CORE_ONLY),1)
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ALONE)
+endif
 endif
 
 # The pages are tested in a real browser, the SROS2 policy by a DDS that has security (the one in the

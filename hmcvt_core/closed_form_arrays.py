@@ -19,9 +19,12 @@ class ArrayForm(Constants):
     """The answers of `ClosedForm` in arrays."""
 
     def __init__(self, stage: Stage, parameters: HydraulicParameters) -> None:
-        """Work out the constants; `parameters` may hold arrays that broadcast with the points."""
+        """Work out the constants.
+
+        Parameters may be arrays, of shapes (..., 1) that broadcast with points of shape (n,).
+        """
         super().__init__(stage, parameters)
-        shape = (3, *(1,) * max(1, np.ndim(self.stiffness)))
+        shape = (3, *(1,) * max(1, np.ndim(self.stiffness), np.ndim(self.motor_damping)))
         friction = self.motor_friction
         # Forward, backward and turned along a first axis: a call on arrays costs more than their
         # numbers.
@@ -42,7 +45,7 @@ class ArrayForm(Constants):
     def efficiency(
         self, displacement_ratio: Array, engine_speed: Array, load_torque: Array
     ) -> Array:
-        """Efficiency [-] at points of shape (n,) that broadcast with the parameters."""
+        """Efficiency [-] at points of shape (n,), for each of the parameters: shape (..., n)."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             flow = self.full_flow * displacement_ratio
             motor, pressure = self._motors(flow, engine_speed, load_torque)

@@ -41,22 +41,6 @@ class Cells(NamedTuple):
     source: str
     sha256: str
 
-    def read_decimal_commas(self, names: Collection[str]) -> None:
-        """Turn decimal commas into points where nothing but decimal commas can be meant.
-
-        That is where commas do not part the columns, no number has a point, and some comma cannot
-        set thousands apart: 0,643 or 78,54.
-
-        Args:
-            names: of the columns that hold numbers.
-        """
-        chosen = {name: column for name, column in self.columns.items() if name in names}
-        every = [cell for column in chosen.values() for cell in column]
-        if (self.separator != "," and not any("." in cell for cell in every)
-                and any(map(_DECIMAL_COMMA.fullmatch, every))):
-            for name, column in chosen.items():
-                self.columns[name] = [cell.replace(",", ".") for cell in column]
-
 
 class Columns(NamedTuple):
     """What a bench file holds.
@@ -82,14 +66,14 @@ def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Colum
         InputError: as `read_cells`; or a column stands there twice or a value is no number or
             outside its range.
     """
-    cells = read_cells(path, required, _column_name)
-    columns, rows, source = cells.columns, cells.rows, cells.source
-    cells.read_decimal_commas(_NAMES)
+    cells = decimal_points(read_cells(path, required, column_name), _NAMES)
+    columns, rows, source = dict(cells.columns), cells.rows, cells.source
     _refuse_units(columns, rows, source, required)
     known = {}
     for column in BENCH_COLUMNS:
         if column.name in columns:
-            values = numbers(columns.pop(column.name), rows, column.name, source)
+            values = numbers(columns.pop(column.name), rows, column.name, source,
+                             optional=column.name not in REQUIRED_COLUMNS)
             require_range(values, column, rows, source)
             known[column.name] = values
     extra = {name: tuple(column) for name, column in columns.items()}
@@ -98,7 +82,8 @@ def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Colum
 
 def read_cells(
     path: str | os.PathLike[str], required: Sequence[str],
-    name_of: Callable[[str], str] = str.strip,
+    name_of: Callable[[str], str] = str.strip, *, header_row: int | None = None,
+    encodings: Sequence[str] = ("utf-8-sig",),
 ) -> Cells:
     """Read a CSV file with a header, separated by commas, semicolons or tabs.
 
@@ -108,6 +93,8 @@ def read_cells(
         path: of the file.
         required: columns that must be there.
         name_of: gives the name of a column from its cell in the header.
+        header_row: line of the header, from 1; found when left out.
+        encodings: of the text, the first that fits.
 
     Raises:
         InputError: the file is missing, empty, too large or not CSV, a required column is
@@ -118,16 +105,13 @@ def read_cells(
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
         raw = path.read_bytes()
-        text = raw.decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text at byte {error.start}: "
-                         "save it as 'CSV UTF-8'") from None
+    text = _decoded(raw, encodings, str(path))
     if "\n" not in text:
         text = text.replace("\r", "\n")  # line ends of old programs
-    separator = _separator(text)
-    header, body = _lines(text, separator, str(path), required, name_of)
+    separator = _separator(text, header_row)
+    header, body = _lines(text, separator, str(path), required, name_of, header_row)
     columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
     return Cells(columns, [number for number, _ in body], separator, str(path),
                  hashlib.sha256(raw).hexdigest())
@@ -141,14 +125,47 @@ def require_range(values: Array, limits: Range, rows: Sequence[int], source: str
         raise InputError(f"{source}: row {rows[first]}: {limits.complaint(values[first])}")
 
 
-def _separator(text: str) -> str:
+def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
+    """Turn decimal commas into points where nothing but decimal commas can be meant.
+
+    That is where commas do not part the columns, no number has a point, and some comma cannot
+    set thousands apart: 0,643 or 78,54.
+
+    Args:
+        cells: of a file.
+        names: of the columns that hold numbers.
+    """
+    every = [cell for name, column in cells.columns.items() if name in names for cell in column]
+    if (cells.separator == "," or any("." in cell for cell in every)
+            or not any(map(_DECIMAL_COMMA.fullmatch, every))):
+        return cells
+    return cells._replace(columns={
+        name: [cell.replace(",", ".") for cell in column] if name in names else column
+        for name, column in cells.columns.items()})
+
+
+def _decoded(raw: bytes, encodings: Sequence[str], source: str) -> str:
+    for encoding in encodings:
+        try:
+            return raw.decode(encoding)
+        except UnicodeDecodeError as error:
+            if encoding == encodings[0]:
+                first = error.start
+    raise InputError(f"{source}: not UTF-8 text at byte {first}: save it as 'CSV UTF-8'")
+
+
+def _separator(text: str, header_row: int | None) -> str:
     """Tell from the header what separates the columns: what stands there most, first a comma."""
-    header = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
+    lines = list(io.StringIO(text))
+    if header_row is not None:
+        lines = lines[header_row - 1:]
+    header = next((line for line in lines if line.strip() and line[0] != "#"), "")
     return max(",;\t", key=header.count)
 
 
 def _lines(
-    text: str, separator: str, source: str, required: Sequence[str], name_of: Callable[[str], str]
+    text: str, separator: str, source: str, required: Sequence[str],
+    name_of: Callable[[str], str], header_row: int | None,
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Return the header and the numbered rows below it."""
     try:
@@ -156,12 +173,13 @@ def _lines(
     except csv.Error as error:
         raise InputError(f"{source}: not CSV: {error}") from None
     numbered = [(number, row) for number, row in enumerate(rows, 1)
-                if any(cell.strip() for cell in row)]
+                if any(cell.strip() for cell in row) and number >= (header_row or 1)]
     # Above the header only: below it a cell may well begin like that.
     while numbered and numbered[0][1][0].startswith("#"):
         numbered.pop(0)
     if not numbered:
-        raise InputError(f"{source}: is empty; needs columns {', '.join(required)}")
+        needs = f"; needs columns {', '.join(required)}" if required else ""
+        raise InputError(f"{source}: is empty{needs}")
     (top, first), body = numbered[0], numbered[1:]
     header = [name_of(cell) for cell in first]
     for name in header:
@@ -178,11 +196,12 @@ def _lines(
             row.pop()  # separators at the end of a line
         if len(row) != len(header):
             raise InputError(f"{source}: row {number}: {len(row)} fields, the header has "
-                             f"{len(header)} (decimal comma, other separator or a comment?)")
+                             f"{len(header)} (decimal comma, other separator, a comment, or lines "
+                             "above the header?)")
     return header, body
 
 
-def _column_name(cell: str) -> str:
+def column_name(cell: str) -> str:
     """Return the name of a column that hmcvt knows also where it is spelled another way."""
     plain = re.sub("[ -]+", "_", cell.strip().lower())
     return plain if plain in _NAMES else cell.strip()
@@ -199,17 +218,19 @@ def _refuse_units(
                          f"row of units ({required[1]} is in rad/s, {required[2]} in N m)")
 
 
-def numbers(cells: Sequence[str], rows: Sequence[int], name: str, source: str) -> Array:
+def numbers(
+    cells: Sequence[str], rows: Sequence[int], name: str, source: str, *, optional: bool = False
+) -> Array:
     """Return the numbers of a column; the row of what is none is named by an `InputError`."""
     values = np.empty(len(cells))
     for i, cell in enumerate(cells):
         try:
-            values[i] = float(cell)
+            values[i] = float("none" if "_" in cell else cell)  # Python reads 2_99 as 299
         except ValueError:
             what = f"{cell!r} is not a number" if cell else "is empty"
             if "," in cell:
                 what += ": write a decimal point, and nothing between thousands"
-            elif not cell and name not in REQUIRED_COLUMNS:
+            elif not cell and optional:
                 what += ": fill it in, or leave the column out"
             raise InputError(f"{source}: row {rows[i]}: {name} {what}") from None
     return values

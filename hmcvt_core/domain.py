@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .bench import BenchSamples
 from .errors import InputError
 from .power_balance import OperatingPoints
-from .ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, Range
+from .ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, RPM, Range
 
 _RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 AXES = tuple(axis.name for axis in _RANGES)
@@ -66,8 +66,12 @@ class Domain:
 
     def _departure(self, axis: Range, value: float) -> str:
         low, high = getattr(self, axis.name)
+        form = ".9g" if low <= float(f"{value:.4g}") <= high else ".4g"  # just beyond a limit
         unit = "" if axis.unit == "-" else f" {axis.unit}"
-        return f"{axis.name} {value:.4g} is not in {low:.4g} to {high:.4g}{unit}"
+        text = f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to {high:{form}}{unit}"
+        if axis == ENGINE_SPEED:
+            text += f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
+        return text
 
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .domain import AXES
 from .errors import InputError
+from .power_balance import OperatingPoints
 
 if TYPE_CHECKING:
     from .model import EfficiencyModel
@@ -55,6 +56,6 @@ def efficiency_map(
         if axis.ndim != 1 or axis.size == 0:
             raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
     grid = np.meshgrid(*axes, indexing="ij", sparse=True)
-    inside = None if model.domain is None else np.logical_and.reduce(np.broadcast_arrays(*(
-        model.domain.covers(name, axis) for name, axis in zip(AXES, grid, strict=True))))
+    inside = None if model.domain is None else model.domain.contains(
+        OperatingPoints(*np.broadcast_arrays(*grid)))
     return EfficiencyMap(axes[0], axes[1], axes[2], model.efficiency(*grid), inside)

@@ -109,9 +109,15 @@ class EfficiencyModel:
     @cached_property
     def closed_form(self) -> ClosedForm | None:
         """The balance solved on paper; None where effects or the formulation rule that out."""
-        if self.effects or self.formulation != "power_balance":
-            return None
-        return ClosedForm(self.stage, self.parameters)
+        return ClosedForm(self.stage, self.parameters) if self._is_solved else None
+
+    @cached_property
+    def _array_form(self) -> ArrayForm | None:
+        return ArrayForm(self.stage, self.parameters) if self._is_solved else None
+
+    @property
+    def _is_solved(self) -> bool:
+        return not self.effects and self.formulation == "power_balance"
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
@@ -229,8 +235,8 @@ class EfficiencyModel:
         """Efficiency at checked points of one shape [-]."""
         if self.formulation == "published":
             return published.published_efficiency(self.stage, self.parameters, points)
-        if self.closed_form is not None:
-            return ArrayForm(self.stage, self.parameters).efficiency_in_parts(*points[:3])
+        if self._array_form is not None:
+            return self._array_form.efficiency_in_parts(*points[:3])
         flow = power_balance.power_flow(self.stage, self.parameters, points, self.effects)
         return power_balance.efficiency(flow, self.effects)
 

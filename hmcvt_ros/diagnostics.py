@@ -10,9 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from hmcvt_core.model import EfficiencyModel
-
-from .inputs import INPUT_RANGES, REASONS, Inputs, OperatingPoint, State
+from .inputs import REASONS, Inputs, OperatingPoint, State
 from .model_store import InService
 
 _LEVELS = {
@@ -154,7 +152,9 @@ def model_status(
         point: the operating point now, None without one.
         refusal: why the model has no answer there; empty when it has.
     """
-    outside = [] if point is None else outside_domain(now.model, point)
+    domain = now.model.domain
+    outside = [] if point is None or domain is None else domain.departures(
+        point.displacement_ratio, point.engine_speed, point.load_torque)
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
     complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint]
     message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
@@ -172,24 +172,6 @@ def model_status(
         "running": activity.running or "-",
     }
     return _status(f"{name}: model", name, level, message, values)
-
-
-def outside_domain(model: EfficiencyModel, point: OperatingPoint) -> list[str]:
-    """Say which inputs lie outside the data that a model was identified from, and what those span.
-
-    Empty also for a model that does not know its data.
-    """
-    if model.domain is None:
-        return []
-    found = []
-    for limits in INPUT_RANGES:
-        value = getattr(point, limits.name)
-        if not model.domain.covers(limits.name, value):
-            low, high = getattr(model.domain, limits.name)
-            unit = "" if limits.unit == "-" else f" {limits.unit}"
-            found.append(f"{limits.name} = {value:.4g}{unit} is outside {low:.4g} to {high:.4g}"
-                         f"{unit} of the identification data")
-    return found
 
 
 def _model_values(now: InService) -> dict[str, Any]:

@@ -143,7 +143,7 @@ class Services:
                 found = error.found if isinstance(error, _NotAdoptedError) else {}
                 response.success, response.message = False, json_text({"error": text, **found})
             else:
-                self._node.get_logger().info(f"{name}: {_told(result)}")
+                self._node.get_logger().info(f"{name}: {self._told(result)}")
                 response.success, response.message = True, json_text(result)
             return response
 
@@ -174,20 +174,19 @@ class Services:
             raise InputError(f"samples_file = {name!r} lies outside the state folder {folder}")
         return path
 
+    def _told(self, result: Data) -> str:
+        """What the log says of an answer."""
+        if "file" in result:
+            return f"{result['file']} ({result['model']}) in service"
+        if "verdict" in result and self._activity.gap is not None:
+            report = result["report"] or f"not written: {result['report_error']}"
+            return (f"{result['verdict']}, leading cause {self._activity.gap.leading_cause}; "
+                    f"report {report}")
+        return "done"
+
     def _in_service(self) -> Data:
         now = self._store.in_service
         return {"model": now.model.fingerprint, "file": str(now.path)}
-
-
-def _told(result: Data) -> str:
-    """What the log says of an answer."""
-    if "file" in result:
-        return f"{result['file']} ({result['model']}) in service"
-    if "verdict" in result:
-        first = result["causes"][0]["effect"] if result["causes"] else "none"
-        report = result["report"] or f"not written: {result['report_error']}"
-        return f"{result['verdict']}, leading cause {first}; report {report}"
-    return "done"
 
 
 def _utc_now() -> str:

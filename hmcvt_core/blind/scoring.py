@@ -178,9 +178,9 @@ def _summary(records: Sequence[Record]) -> str:
     ]
     return (
         "## Reference conditions\n\nNoise 0.4 % of efficiency, 0.1 % of output speed, 96 "
-        "random operating points. Counted are the campaigns whose effect is detectable: a refit of "
-        f"the base parameters leaves at least {DETECTABLE:g} of it, in squared standard deviations "
-        "over all samples. The others stand in the last row.\n\n"
+        "random operating points. Of the campaigns with an effect those count where it is "
+        f"detectable: a refit of the base parameters leaves at least {DETECTABLE:g} of it, in "
+        "squared standard deviations over all samples. The others stand in the last row.\n\n"
         + _table(("", "measured", "goal"), rows)
         + _below_the_goal(known)
     )

@@ -59,6 +59,6 @@ def command(
     losses = sorted(found.losses.items(), key=lambda entry: -entry[1])
     rows = [("from the engine", found.input_power), *losses, ("to the load", found.output_power)]
     click.echo(table(("part", "W", "% of input"),
-                     [(name, f"{watts:.0f}", f"{100 * watts / found.input_power:.1f}")
+                     [(name, f"{round(float(watts))}", f"{100 * watts / found.input_power:.1f}")
                       for name, watts in rows]))
     print_domain(model, *point)

@@ -171,6 +171,14 @@ def point_options(function: Function) -> Function:
     return function
 
 
+def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:
+    """Raise a usage error where a command would write over a file that it reads."""
+    read = [Path(name).resolve() for name in inputs if name is not None]
+    for name in outputs:
+        if name is not None and Path(name).resolve() in read:
+            raise click.UsageError(f"{name}: is read by this command; write another file")
+
+
 def require(**values: Any) -> None:
     """Raise a usage error that names the options left out."""
     missing = [f"--{name.replace('_', '-')}" for name, value in values.items() if value is None]
@@ -205,16 +213,19 @@ def inside_domain(
 
 
 def print_domain(
-    model: EfficiencyModel, displacement_ratio: float, engine_speed: float, load_torque: float
+    model: EfficiencyModel, displacement_ratio: float, engine_speed: float, load_torque: float,
+    which: str = "",
 ) -> None:
     """Say where a point leaves the data that the model comes from."""
     if model.domain is None:
-        click.echo("the model does not say what range of data it comes from")
+        if not which:
+            click.echo("the model does not say what range of data it comes from")
         return
     left = model.domain.departures(displacement_ratio, engine_speed, load_torque)
     if left:
-        click.echo(f"outside the range of the data that the model was identified from: "
-                   f"{'; '.join(left)}")
+        click.echo(f"{which}outside the range of the data that the model was identified from:")
+    for departure in left:
+        click.echo(f"  {departure}")
 
 
 def print_json(value: Any) -> None:

@@ -6,11 +6,12 @@ from __future__ import annotations
 import click
 
 from ..bench import read_bench
-from ..diagnosis import diagnose
+from ..diagnosis import Diagnosis, diagnose
 from .common import (
     OutputFile,
     Progress,
     json_option,
+    keep_inputs,
     model_from,
     noise_option,
     params_option,
@@ -40,6 +41,8 @@ def command(
     report: str | None, save_model: str | None, seed: int, as_json: bool,
 ) -> None:
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
+    keep_inputs([bench, holdout], [report, save_model])
+    keep_inputs([params], [report])
     model, samples = model_from(params), read_bench(bench)
     held = None if holdout is None else read_bench(holdout)
     progress = Progress("diagnosis")
@@ -58,7 +61,15 @@ def command(
         return
     click.echo(found.report())
     if save_model is not None:
-        added = "" if found.model is found.base else f" with {found.causes[0].effect}"
-        click.echo(f"model{added} written to {save_model}")
+        click.echo(f"model{_added(found)} written to {save_model}")
     if report is not None:
         click.echo(f"report written to {report}")
+
+
+def _added(found: Diagnosis) -> str:
+    if found.model is found.base:
+        return ""
+    cause = found.causes[0]
+    if found.verdict == "cause_found":
+        return f" with {cause.effect}"
+    return f" with {cause.effect} ({100 * cause.probability:.0f} %, not certain)"

@@ -22,6 +22,7 @@ from .common import (
     Progress,
     SampleNumbers,
     json_option,
+    keep_inputs,
     picture_option,
     print_json,
     seed_option,
@@ -31,21 +32,25 @@ from .samples import sample_records, sample_table
 
 
 class _Split(NamedTuple):
-    """Samples to fit, and those held back with their numbers in the file."""
+    """Samples to fit and those held back, both with their numbers in the file."""
 
     fitted: BenchSamples
-    held: BenchSamples | None
-    numbers: tuple[int, ...]
+    fitted_numbers: tuple[int, ...]
+    held: BenchSamples | None = None
+    held_numbers: tuple[int, ...] = ()
 
 
 @click.command("identify", epilog="""\b
 Examples:
   hmcvt identify data/table2.csv
   hmcvt identify data/table2.csv --fit 1,2,4-6 --out params/mine.yaml --picture fit.png
+  hmcvt identify data/simulated.csv --hold-back 0.3
   hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""")
 @click.argument("bench", metavar="BENCH.csv")
 @click.option("--fit", type=SampleNumbers(), default=None, metavar="1,2,4-6",
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
+@click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True), default=None,
+              metavar="PART", help="Hold back such a part of the samples at random (--seed).")
 @click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
               show_default=True, help="Equations to use.")
 @click.option("--gear-efficiency", "gears", type=Fractions(), multiple=True,
@@ -60,15 +65,19 @@ Examples:
 @seed_option
 @json_option
 def command(
-    bench: str, fit: list[int] | None, formulation: str, gears: tuple[list[float], ...],
-    transmission: str | None, stage: str | None, out: str | None, picture: str | None, seed: int,
-    as_json: bool,
+    bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
+    gears: tuple[list[float], ...], transmission: str | None, stage: str | None, out: str | None,
+    picture: str | None, seed: int, as_json: bool,
 ) -> None:
     """Identify leakage and dampings from bench samples.
 
     Improved simulated annealing looks for the valley, a local search finishes it.
     """
-    split = _split(read_bench(bench), fit)
+    if fit is not None and hold_back is not None:
+        raise click.UsageError("--fit and --hold-back both choose the samples: give one")
+    keep_inputs([bench, transmission], [out, picture])
+    samples = read_bench(bench)
+    split = _split(samples, fit if hold_back is None else _drawn(len(samples), hold_back, seed))
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
     progress = Progress("annealing")
 
@@ -96,28 +105,35 @@ def command(
         return
     if len(found) > 1:
         click.echo(_comparison(found))
-    click.echo(best.report())
+    click.echo(best.report(split.fitted_numbers))
     if split.held is not None:
         click.echo("held back:")
-        click.echo(sample_table(sample_records(best.model, split.held, split.numbers)))
+        click.echo(sample_table(sample_records(best.model, split.held, split.held_numbers)))
     if out is not None:
         click.echo(f"written to {out}")
 
 
+def _drawn(count: int, part: float, seed: int) -> list[int]:
+    """Numbers of the samples that are left to fit, from 1."""
+    held = min(count - 1, max(1, round(part * count)))
+    order = np.random.default_rng(seed).permutation(count)
+    return sorted((order[held:] + 1).tolist())
+
+
 def _split(samples: BenchSamples, fit: list[int] | None) -> _Split:
     if fit is None:
-        return _Split(samples, None, ())
+        return _Split(samples, tuple(range(1, len(samples) + 1)))
     if max(fit) > len(samples):
         raise InputError(f"--fit names sample {max(fit)}; {samples.source} holds {len(samples)}")
     chosen = np.array(fit) - 1
     rest = np.setdiff1d(np.arange(len(samples)), chosen)
     held = samples.select(rest) if len(rest) else None
-    return _Split(samples.select(chosen), held, tuple((rest + 1).tolist()))
+    return _Split(samples.select(chosen), tuple(fit), held, tuple((rest + 1).tolist()))
 
 
 def _record(found: Identification, split: _Split) -> dict[str, Any]:
     held = ([] if split.held is None
-            else sample_records(found.model, split.held, split.numbers))
+            else sample_records(found.model, split.held, split.held_numbers))
     return {**found.to_dict(), "gear_efficiency": _gear_efficiency(found), "held_back": held}
 
 

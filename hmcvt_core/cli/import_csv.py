@@ -11,7 +11,7 @@ import click
 from ..bench import write_bench
 from ..ranges import BENCH_COLUMNS
 from ..raw_bench import UNITS, read_raw_bench
-from .common import OutputFile, json_option, print_json, table
+from .common import OutputFile, json_option, keep_inputs, print_json, table
 
 _TEXTS = {
     "displacement_ratio": "Pump stroke.",
@@ -47,16 +47,21 @@ Examples:
 @click.option("--out", type=OutputFile(), required=True, metavar="BENCH.csv",
               help="Write the bench samples.")
 @_column_options
+@click.option("--header-row", type=click.IntRange(1, 10_000), default=None, metavar="LINE",
+              help="Line of the header, from 1; lines above it are left out.")
 @json_option
-def command(raw: str, out: str, as_json: bool, **given: str | None) -> None:
+def command(
+    raw: str, out: str, header_row: int | None, as_json: bool, **given: str | None
+) -> None:
     """Turn the table of your bench into bench samples.
 
     Each option names a column of RAW.csv and its unit, the first in brackets when left out. Where
     no column holds efficiency or load torque they are computed from torques and speeds of the
-    shafts. Other columns are kept.
+    shafts. Other columns are kept. A row of units below the header is left out.
     """
-    samples = read_raw_bench(
-        raw, {quantity: text for quantity, text in given.items() if text is not None})
+    keep_inputs([raw], [out])
+    columns = {quantity: text for quantity, text in given.items() if text is not None}
+    samples = read_raw_bench(raw, columns, header_row=header_row)
     write_bench(out, samples)
     found = [(column, values) for column in BENCH_COLUMNS
              if (values := getattr(samples, column.name)) is not None]

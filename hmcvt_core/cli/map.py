@@ -15,12 +15,13 @@ from ..atomic import write_atomically
 from ..bench import read_bench
 from ..efficiency_map import EfficiencyMap
 from ..errors import InputError
-from ..ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE
+from ..ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from .common import (
     POWER,
     SPEED,
     OutputFile,
     json_option,
+    keep_inputs,
     model_from,
     note_oil_temperature,
     params_option,
@@ -29,6 +30,7 @@ from .common import (
 )
 
 _MOST_POINTS = 2_000_000
+_PICTURE_POWER = 40_000.0
 
 
 @click.command("map", epilog="""\b
@@ -45,23 +47,24 @@ Examples:
 @click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
 @picture_option
-@click.option("--power", type=POWER, default="40kW", show_default=True,
-              help="Output power of the picture, in W or like 40kW.")
+@click.option("--power", type=POWER, default=None,
+              help="Output power of the picture, in W or like 40kW.  [default: 40kW]")
 @click.option("--bench", default=None, metavar="BENCH.csv",
               help="Bench tests to mark in the picture.")
 @params_option
 @json_option
 def command(
     steps: tuple[int, int, int], engine_speed: tuple[float, float],
-    load_torque: tuple[float, float], out: str | None, picture: str | None, power: float,
+    load_torque: tuple[float, float], out: str | None, picture: str | None, power: float | None,
     bench: str | None, params: str | None, as_json: bool,
 ) -> None:
     """Write the efficiency over displacement ratio, engine speed and load torque.
 
     The picture shows it over engine speed and output speed / engine speed at one output power.
     """
-    if bench is not None and picture is None:
-        raise click.UsageError("--bench marks tests in a picture: --picture is needed")
+    if picture is None and (bench is not None or power is not None):
+        raise click.UsageError("--power and --bench are of a picture: --picture is needed")
+    keep_inputs([bench, params], [out, picture])
     points = math.prod(steps)
     if points > _MOST_POINTS:
         raise InputError(f"--steps gives {points} points; at most {_MOST_POINTS}")
@@ -74,7 +77,9 @@ def command(
         from ..pictures import draw_surface, save
 
         samples = None if bench is None else read_bench(bench)
-        save(lambda figure: draw_surface(figure, model, power, engine_speed, samples), picture)
+        shown = _PICTURE_POWER if power is None else power
+        _require_load(shown, engine_speed)
+        save(lambda figure: draw_surface(figure, model, shown, engine_speed, samples), picture)
         if out is None and not as_json:
             click.echo(f"written to {picture}")
             return
@@ -89,6 +94,14 @@ def command(
                     "efficiency": found.efficiency, "inside_domain": found.inside_domain})
     elif out is None:
         click.echo(_csv(found), nl=False)
+
+
+def _require_load(power: float, engine_speed: tuple[float, float]) -> None:
+    for speed in engine_speed:
+        load = power / speed
+        if not LOAD_TORQUE.contains(load):
+            raise InputError(f"--power {1e-3 * power:g}kW at {speed / RPM:.0f} r/min is a load "
+                             f"torque of {load:.4g} N m; allowed {LOAD_TORQUE}")
 
 
 def _csv(found: EfficiencyMap) -> str:

@@ -67,6 +67,8 @@ def command(
     else:
         _print(best, now)
         print_domain(model, *point)
+        if displacement_ratio is not None:
+            print_domain(model, displacement_ratio, engine_speed, load_torque, "now ")
 
 
 def _check(

@@ -67,6 +67,7 @@ def _predict_point(
                     "refusal": refusal})
     elif refusal is not None:
         click.echo(f"no efficiency: {refusal}")
+        print_domain(model, displacement_ratio, engine_speed, load_torque)
     else:
         spread = ("(standard error unknown)" if math.isnan(found.standard_error)
                   else f"+- {found.standard_error:.4f}")

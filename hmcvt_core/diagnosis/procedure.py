@@ -14,6 +14,7 @@ from ..bench import BenchSamples
 from ..domain import AXES, Domain
 from ..model import EfficiencyModel
 from ..parameters import PARAMETER_NAMES
+from ..plausibility import output_speed_remark
 from .candidates import Bench, Candidate
 from .holdout import errors_on, fresh
 from .hypothesis import BASE_SIZE, Hypothesis
@@ -155,7 +156,7 @@ class _Assembly:
     def diagnosis(self) -> Diagnosis:
         """Put everything together."""
         shrunk = self._shrinkage(self._rivals())
-        verdict = self._verdict(shrunk)
+        verdict, why = self._verdict(shrunk)
         causes = self._causes(verdict) if self.significant else ()
         noise = float(np.sqrt(np.mean(self.noise**2)))
         gap = Gap(len(self.observed.samples), float(np.sqrt(np.mean(self.before**2))), noise,
@@ -167,16 +168,17 @@ class _Assembly:
             gap, self._where(), causes[0].component if named else None, verdict, causes,
             ShrinkageSummary(shrunk.before, shrunk.after, shrunk.fraction, shrunk.interval,
                              shrunk.on),
-            tests, self.ranking.unlisted if self.significant else 0.0, self._notes(verdict),
+            tests, self.ranking.unlisted if self.significant else 0.0, self._notes(why),
             self._model(np.empty(0), (), self.bench.base.base), self.observed.samples,
             shrunk.errors_before, shrunk.errors_after,
         )
 
     # --- verdict --------------------------------------------------------------------------------
 
-    def _verdict(self, shrunk: Shrinkage) -> str:
+    def _verdict(self, shrunk: Shrinkage) -> tuple[str, str]:
+        """Return the verdict, and why no cause is named."""
         if not self.significant:
-            return "no_gap"
+            return "no_gap", ""
         ranking = self.ranking
         known = next(iter(ranking.probability.values()))
         removed = shrunk.fraction if shrunk.fraction is not None else 0.0
@@ -184,11 +186,13 @@ class _Assembly:
         speed = ranking.explained[1] if self.bench.channels > 1 else np.nan
         wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
         if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
-            return "unexplained"
+            return "unexplained", "no listed effect removes most of the gap: look at the regions"
         if speed < ADEQUATE_SPEED:
-            return "unexplained"
+            return "unexplained", (
+                f"the best of the listed effects explains {max(0.0, 100.0 * speed):.0f} % of what "
+                "the output speed shows: look at the regions")
         adequate = removed >= ADEQUATE or speed >= ADEQUATE_SPEED
-        return "cause_found" if known >= FOUND and adequate else "ambiguous"
+        return "cause_found" if known >= FOUND and adequate else "ambiguous", ""
 
     # --- shrinkage ------------------------------------------------------------------------------
 
@@ -335,13 +339,17 @@ class _Assembly:
             provenance={"source": "hmcvt diagnose", "data": samples.source.rsplit("/", 1)[-1],
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
-    def _notes(self, verdict: str) -> tuple[str, ...]:
+    def _notes(self, why: str) -> tuple[str, ...]:
         notes = list(self.notes)
         ratio = float(np.sqrt(np.mean(self.noise**2) / np.mean(self.observed.scale[0] ** 2)))
-        if not 0.75 < ratio < 1.33:
-            notes.append(f"the noise looks {ratio:.2f} times the one stated "
-                         f"({self.observed.noise_source}): check the statement")
-        notes += self._rests_on_assumption()
+        rests = self._rests_on_assumption()
+        if rests:
+            notes += rests
+        elif not 0.75 < ratio < 1.33:
+            notes.append(self._noise_remark(ratio))
+        remark = output_speed_remark(self.bench.model.stage, self.observed.samples)
+        if remark is not None:
+            notes.append(remark)
         samples = self.observed.samples
         if samples.output_speed is None:
             notes.append("without column output_speed, losses of flow and of torque look alike")
@@ -351,9 +359,16 @@ class _Assembly:
         for name in ("motor_damping", "pump_damping"):
             if getattr(refitted, name) <= 1e-9:
                 notes.append(f"the refit puts {name} at zero: something else takes its place")
-        if verdict == "unexplained":
-            notes.append("no listed effect removes most of the gap: look at the regions")
-        return tuple(notes)
+        return (*notes, why) if why else tuple(notes)
+
+    def _noise_remark(self, ratio: float) -> str:
+        """Say that the noise found is not the one stated, nor the one assumed."""
+        if not self.observed.assumed:
+            return (f"the noise looks {ratio:.2f} times the one stated "
+                    f"({self.observed.noise_source}): check the statement")
+        found = float(np.sqrt(np.mean(self.noise**2)))
+        return (f"nobody stated the noise; it looks like {100 * found:.2g} points, {ratio:.2f} "
+                f"times what is assumed: --noise {found:.2g} states that")
 
     def _rests_on_assumption(self) -> list[str]:
         """Say what a statement of the noise would change where nobody made one."""

@@ -123,6 +123,8 @@ def _causes(found: Diagnosis) -> list[str]:
     if not found.causes:
         return []
     lines = [f"causes     (an effect nobody listed: {100 * found.unlisted:.0f} %)"]
+    if sum(cause.probability for cause in found.causes) > 1.005:
+        lines.append("           two may act together: the figures may add up to more than 100 %")
     for cause in found.causes[:_DETAILED]:
         form = f", {cause.form}" if cause.form else ""
         lines.append(f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  "
@@ -138,7 +140,7 @@ def _causes(found: Diagnosis) -> list[str]:
                          f"(95 %: {low:.3g} to {high:.3g}){doubt}")
         for name, change in cause.drift.items():
             if abs(change["standard_errors"]) > _SETTLED:
-                lines.append(f"         without it {name} takes its place: "
+                lines.append(f"         without it {name} comes out as "
                              f"{change['without_effect']:.3g} instead of "
                              f"{change['with_effect']:.3g} "
                              f"({change['standard_errors']:+.1f} standard errors)")

@@ -239,4 +239,5 @@ def _best(found: Diagnosis) -> str:
     fraction = found.shrinkage.fraction
     if fraction is None or fraction <= 0.0:
         return ""
-    return f": picking the best of them removes {percent(fraction)} of the squared gap"
+    return (f": picking the best of them removes {percent(fraction)} of the squared gap in "
+            "efficiency")

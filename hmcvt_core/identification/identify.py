@@ -23,12 +23,13 @@ from ..errors import IdentificationError
 from ..model import EfficiencyModel
 from ..parameter_file import load_stage
 from ..parameters import PAPER_PARAMETERS, HydraulicParameters
+from ..plausibility import output_speed_remark
 from ..relative_error import RelativeError
 from ..resources import data_path
 from ..stage import Stage
 from ..version import __version__
 from .polish import least_squares_polish, simplex_polish
-from .precision import Precision, findings, precision, unanswered
+from .precision import Precision, extrapolated, findings, precision, unanswered
 from .problem import BOUNDS, Problem, relative_error, to_parameters
 from .two_part import HydraulicRoots, hydraulic_roots, starting_points
 
@@ -100,11 +101,15 @@ class Identification:
         """Write the parameter file, whole or not at all."""
         self.model.save(path)
 
-    def report(self) -> str:
-        """Return the outcome as text for a person."""
+    def report(self, numbers: Sequence[int] | None = None) -> str:
+        """Return the outcome as text for a person.
+
+        Args:
+            numbers: of the samples in their file; 1, 2, ... when left out.
+        """
         from .report import report
 
-        return report(self)
+        return report(self, numbers)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the outcome as plain data."""
@@ -172,8 +177,11 @@ def identify(
     fit_error = RelativeError.of(predicted, samples.efficiency).mean
     fitted = _fitted(problem, scaled, found, seed, value, fit_error, held)
     warnings = findings(problem, scaled, found)
+    remark = output_speed_remark(fitted.stage, samples)
+    if remark is not None:
+        warnings += (remark,)
     if held is not None:
-        warnings += unanswered(held, scaled)
+        warnings += (*unanswered(held, scaled), *extrapolated(held, samples))
     return Identification(
         fitted, samples, predicted - samples.efficiency, fit_error,
         fitted.provenance.get("prediction_error"),

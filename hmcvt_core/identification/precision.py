@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bench import BenchSamples
+from ..domain import Domain
 from ..model import INCONSISTENT, STALLED
 from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
 from ..ranges import BENCH_COLUMNS
@@ -111,6 +112,15 @@ def unanswered(held: Problem, scaled: Array) -> tuple[str, ...]:
     reason = STALLED if held.model.formulation == "power_balance" else INCONSISTENT
     return (f"the model has no answer at {none} of {len(held.samples)} samples held back, which "
             f"the error of the prediction leaves out: {reason}",)
+
+
+def extrapolated(held: Problem, fitted: BenchSamples) -> tuple[str, ...]:
+    """Say that most samples held back lie where none was fitted."""
+    outside = int((~Domain.of(fitted).contains(held.points)).sum())
+    if 2 * outside <= len(held.samples):
+        return ()
+    return (f"{outside} of {len(held.samples)} samples held back lie outside the range of those "
+            "fitted: the error of the prediction is mostly one of extrapolation",)
 
 
 def _looseness(name: str, i: int, scaled: Array, value: float, error: float) -> str:

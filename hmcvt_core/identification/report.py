@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
@@ -11,8 +12,8 @@ if TYPE_CHECKING:
     from .identify import Identification
 
 
-def report(found: Identification) -> str:
-    """Return an identification as text for a person."""
+def report(found: Identification, numbers: Sequence[int] | None = None) -> str:
+    """Return an identification as text for a person; see `Identification.report`."""
     model, samples = found.model, found.samples
     units = model.stage.pump_motor
     lines = [f"{model.formulation}, stage {model.stage.name}: fitted to {len(samples)} samples, "
@@ -30,13 +31,15 @@ def report(found: Identification) -> str:
     elif "validation_samples" in model.provenance:
         lines.append(f"  error of the prediction  unknown: no answer at any of the "
                      f"{model.provenance['validation_samples']} samples held back")
-    numbers = samples.extra.get("test", tuple(str(i + 1) for i in range(len(samples))))
-    lines.append("    test  displacement  engine      load    measured  predicted")
+    tests = samples.extra.get("test")
+    names = tests or tuple(map(str, numbers or range(1, len(samples) + 1)))
+    head = "test" if tests else "sample"
+    lines.append(f"  {head:>6}  displacement  engine      load    measured  predicted")
     lines.append("            ratio [-]  [rad/s]     [N m]         [-]        [-]")
     for i in range(len(samples)):
         measured = samples.efficiency[i]
         lines.append(
-            f"  {numbers[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
+            f"  {names[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
             f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
             f"{measured:10.4f} {measured + found.residuals[i]:10.4f}")
     doubled = sum(1 for entry in found.roots if entry.rejected)

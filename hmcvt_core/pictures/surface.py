@@ -51,7 +51,7 @@ def draw_surface(
     if model.formulation == "power_balance":  # the other has no optimum to draw
         _draw_best(axes, model, power, engine_speeds, at)
     if model.domain is not None:
-        _draw_domain(axes, model, model.domain, power, engine_speeds)
+        _draw_domain(axes, served, model.domain, power, engine_speeds)
     if samples is not None:
         _draw_samples(axes, model, samples)
     axes.set(xlabel="engine speed [r/min]", ylabel="output speed / engine speed [-]")

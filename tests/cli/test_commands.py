@@ -162,6 +162,40 @@ def test_map_as_csv(hmcvt, model):
         [float(row["efficiency"]) for row in rows], abs=1e-6)
 
 
+def test_a_point_just_outside_the_data_is_told_with_enough_digits(hmcvt):
+    told = hmcvt("optimum", "--engine-speed", "1400.2rpm", "--load-torque", "200").out
+    assert "  engine_speed 146.628601 rad/s is not in 78.54 to 146.61 rad/s" in told
+
+
+def test_optimum_says_that_the_point_now_lies_outside_the_data(hmcvt):
+    held = ("optimum", "--engine-speed", "1450rpm", "--load-torque", "200",
+            "--displacement-ratio", "-0.8", "--hold", "output_speed")
+    told = hmcvt(*held).out.splitlines()
+    assert told[-2].startswith("now outside the range of the data")
+    assert told[-1].startswith("  engine_speed 151.8 rad/s is not in ")
+
+
+def test_predict_tells_the_domain_where_the_load_cannot_be_carried(hmcvt):
+    told = hmcvt("predict", *POINT, "--load-torque", "5000").out
+    assert told.startswith("no efficiency: ") and "outside the range of the data" in told
+
+
+def test_diagnose_says_when_the_cause_it_writes_is_not_certain(hmcvt, tmp_path):
+    model = tmp_path / "better.yaml"
+    done = hmcvt("diagnose", ROOT / "data" / "simulated.csv", "--save-model", model)
+    assert done.out.splitlines()[-1] == (
+        f"model with charge_pump (54 %, not certain) written to {model}")
+
+
+@pytest.mark.parametrize("option", ["--report", "--save-model"])
+def test_diagnose_does_not_write_over_what_it_reads(hmcvt, tmp_path, option):
+    path = tmp_path / "bench.csv"
+    path.write_text((ROOT / "data" / "table2.csv").read_text())
+    done = hmcvt("diagnose", path, option, path)
+    assert done.code == 2 and "is read by this command" in done.err
+    assert path.read_text() == (ROOT / "data" / "table2.csv").read_text()
+
+
 def test_map_tells_where_the_data_reach(hmcvt, model):
     limits = ("map", "--steps", "2", "3", "3", "--engine-speed-limits", "100", "200",
               "--load-torque-limits", "100", "300")
@@ -184,10 +218,11 @@ def test_a_point_outside_the_data_is_told_with_its_axis(hmcvt, command):
         inside, outside = POINT, (*POINT[:2], *outside)
     assert "range of the data" not in hmcvt(command, *inside).out
     assert hmcvt(command, *inside, "--json").json["inside_domain"] is True
-    told = hmcvt(command, *outside).out.splitlines()[-1]
-    assert told == ("outside the range of the data that the model was identified from: "
-                    "engine_speed 209.4 is not in 78.54 to 146.6 rad/s; "
-                    "load_torque 400 is not in 101.9 to 292.9 N m")
+    told = hmcvt(command, *outside).out.splitlines()[-3:]
+    assert told == [
+        "outside the range of the data that the model was identified from:",
+        "  engine_speed 209.4 rad/s is not in 78.54 to 146.6 rad/s (750 to 1400 r/min)",
+        "  load_torque 400 N m is not in 101.9 to 292.9 N m"]
     assert hmcvt(command, *outside, "--json").json["inside_domain"] is False
     unknown = (command, *inside, "--params", ROOT / "params" / "paper.yaml")
     assert "does not say what range of data" in hmcvt(*unknown).out

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """`hmcvt identify`: the paper's split, what it prints and what it writes."""
 
+import pathlib
+import re
+
 import pytest
 
 import hmcvt_core as hmcvt_library
 
-from .running import HM4, TABLE2, process
+from .running import HM4, ROOT, TABLE2, assert_refused, process
 
+SIMULATED = str(ROOT / "data" / "simulated.csv")
 SPLIT = ("--fit", "1,2,4-6")
 
 
@@ -71,6 +75,49 @@ def test_report_shows_fitted_and_held_back_samples(hmcvt, fitted):
     assert [line.split()[0] for line in lines] == ["3", "7", "8"]
     for line, entry in zip(lines, value["held_back"], strict=True):
         assert f"{entry['predicted']:.4f}" in line
+
+
+def test_samples_are_numbered_as_in_the_file(hmcvt):
+    text = hmcvt("identify", SIMULATED, "--fit", "1,3,5-40").out
+    fitted, held = text.split("held back:\n")
+    rows = re.findall(r"^ +(\d+) +[-\d.]+ +\d.*$", fitted, re.MULTILINE)
+    assert rows == [str(number) for number in (1, 3, *range(5, 41))]
+    assert [line.split()[0] for line in held.splitlines()[1:4]] == ["2", "4", "41"]
+    assert "sample  displacement" in fitted
+
+
+def test_part_of_the_samples_is_held_back_at_random(hmcvt):
+    value = hmcvt("identify", SIMULATED, "--hold-back", "0.3", "--json").json
+    held = [entry["sample"] for entry in value["held_back"]]
+    assert (value["samples"], len(held)) == (67, 29)
+    assert held == sorted(set(held)) and held != list(range(held[0], held[0] + 29))
+    assert hmcvt("identify", SIMULATED, "--hold-back", "0.3", "--json").json == value
+    other = hmcvt("identify", SIMULATED, "--hold-back", "0.3", "--seed", "1", "--json").json
+    assert [entry["sample"] for entry in other["held_back"]] != held
+    few = hmcvt("identify", TABLE2, "--hold-back", "0.01", "--json").json
+    assert few["samples"] == 7
+
+
+def test_samples_are_chosen_in_one_way(hmcvt):
+    assert_refused(hmcvt("identify", TABLE2, "--fit", "1,2", "--hold-back", "0.3"),
+                   "--fit and --hold-back both choose the samples")
+
+
+def test_samples_held_back_where_none_was_fitted_are_told(hmcvt, tmp_path):
+    rows = pathlib.Path(SIMULATED).read_text().splitlines()
+    rows[1:] = sorted(rows[1:], key=lambda row: float(row.split(",")[2]))
+    (tmp_path / "sorted.csv").write_text("\n".join(rows) + "\n")
+    told = hmcvt("identify", tmp_path / "sorted.csv", "--fit", "1-64").out
+    assert "32 of 32 samples held back lie outside the range of those fitted" in told
+    assert "outside the range" not in hmcvt("identify", SIMULATED, "--fit", "1-64").out
+
+
+@pytest.mark.parametrize("option", ["--out", "--picture"])
+def test_the_bench_file_is_not_written_over(hmcvt, tmp_path, option):
+    path = tmp_path / ("bench.csv" if option == "--out" else "bench.svg")
+    path.write_bytes(pathlib.Path(TABLE2).read_bytes())
+    assert_refused(hmcvt("identify", path, option, path), "is read by this command")
+    assert path.read_bytes() == pathlib.Path(TABLE2).read_bytes()
 
 
 def test_all_samples_without_fit(hmcvt):

@@ -48,4 +48,13 @@ def test_a_forgotten_unit_is_refused_and_nothing_is_written(raw, tmp_path):
 def test_columns_that_are_missing_are_named(raw, tmp_path):
     assert_refused(process("import-csv", raw, "--out", tmp_path / "bench.csv", *OPTIONS[:4]),
                    "no column is named for load_torque (or output_torque and output_speed), "
-                   "efficiency (or engine_torque and output_torque and output_speed)")
+                   "efficiency (or engine_torque)")
+
+
+def test_the_table_of_the_bench_is_not_written_over(raw, tmp_path):
+    before = raw.read_bytes()
+    (tmp_path / "link.csv").symlink_to(raw)
+    for out in (raw, tmp_path / "link.csv"):
+        assert_refused(process("import-csv", raw, "--out", out, *OPTIONS),
+                       f"{out}: is read by this command; write another file")
+    assert raw.read_bytes() == before

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least squares within bounds, against SciPy's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import optimize
 
+import hmcvt_core as hmcvt
+from hmcvt_core.identification import polish, problem
 from hmcvt_core.identification.least_squares import least_squares
 
 BOUNDS = np.array([[-2.0, 2.0], [-1.0, 3.0]])
@@ -83,3 +87,27 @@ def test_starts_do_not_disturb_each_other():
     together = least_squares(decay(0.05), STARTS, BOUNDS)
     alone = np.vstack([least_squares(decay(0.05), start[None], BOUNDS) for start in STARTS])
     np.testing.assert_allclose(together, alone, rtol=1e-12)
+
+
+def test_leakage_as_such_and_its_logarithm_are_one_point():
+    scaled = problem.BOUNDS[:, 0] + np.diff(problem.BOUNDS)[:, 0] * np.random.default_rng(0).random(
+        (50, 3))
+    scaled = np.concatenate([scaled, problem.BOUNDS.T])
+    linear = polish._to_linear(scaled)
+    np.testing.assert_allclose(1e-10 * linear[:, 0], 10.0 ** scaled[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(polish._from_linear(linear), scaled, rtol=1e-12)
+    assert (linear[:, 1:] == scaled[:, 1:]).all()
+
+
+@pytest.mark.parametrize("leakage", [1e-13, 1e-10])
+def test_a_leakage_at_its_bound_is_found_there(leakage):
+    """And nowhere beyond, where rounding of the logarithm might put it."""
+    base = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    parameters = hmcvt.HydraulicParameters(leakage, 0.1, 0.1)
+    rng = np.random.default_rng(0)
+    point = rng.uniform(-1, 1, 30), rng.uniform(90, 200, 30), rng.uniform(80, 250, 30)
+    told = replace(base, parameters=parameters).efficiency(*point)
+    # Beyond the bound: a bench that loses less, or more, than any leakage allowed.
+    samples = hmcvt.BenchSamples(*point, told * (1.005 if leakage < 1e-12 else 0.97))
+    found = hmcvt.identify(samples).parameters
+    assert found.leakage == leakage

@@ -16,6 +16,7 @@ SHAFTS = {
     "output_speed": "n_o:r/min",
     "output_torque": "M_o:kNm",
 }
+PLAIN = {"displacement_ratio": "eps", "engine_speed": "n", "load_torque": "M", "efficiency": "eta"}
 HEADER = "no,stroke,n_e,M_e,n_o,M_o,remark\n"
 TABLE = HEADER + "1,50,1400,250,1890,0.14,warm\n2,-80,1000,200,600,0.25,\n"
 
@@ -46,13 +47,52 @@ def test_other_columns_are_kept(tmp_path):
     assert again.efficiency.tolist() == found.efficiency.tolist()
 
 
-def test_a_column_with_the_name_of_a_quantity_that_is_not_asked_for_is_left_out(tmp_path):
+@pytest.mark.parametrize("name", ["oil_temperature", "Oil Temperature", "oil-temperature",
+                                  "Output Speed", "Efficiency", "engine_speed"])
+def test_a_column_with_the_name_of_a_quantity_that_is_not_asked_for_is_renamed(tmp_path, name):
     """It would be read as that quantity, in whatever unit, from the file written."""
-    path = raw(tmp_path, "eps,n,M,eta,oil_temperature\n0.5,1400,200,0.8,353\n")
+    path = raw(tmp_path, f"eps,n,M,eta,{name}\n0.5,146,200,0.8,353\n")
+    found = read_raw_bench(path, PLAIN)
+    assert found.extra == {f"raw {name}": ("353",)}
+    hmcvt.write_bench(tmp_path / "bench.csv", found)
+    again = hmcvt.read_bench(tmp_path / "bench.csv")
+    assert again.oil_temperature is None and again.output_speed is None
+    assert again.efficiency.tolist() == [0.8] and again.engine_speed.tolist() == [146.0]
+
+
+def test_columns_that_are_not_asked_for_may_share_a_name(tmp_path):
+    path = raw(tmp_path, "eps,n,M,eta,,,note,note\n0.5,146,200,0.8,1,2,a,b\n")
+    assert read_raw_bench(path, PLAIN).extra == {
+        "unnamed": ("1",), "unnamed (2)": ("2",), "note": ("a",), "note (2)": ("b",)}
+
+
+def test_a_row_of_units_and_lines_above_the_header(tmp_path):
+    path = raw(tmp_path, "bench 3, run of 2026-11-21\nsep=,\neps,n,M,eta\n[-],[rad/s],[Nm],[-]\n"
+                         "0.5,146,200,0.8\n")
+    found = read_raw_bench(path, PLAIN, header_row=3)
+    assert found.engine_speed.tolist() == [146.0]
+    with pytest.raises(hmcvt.InputError, match=r"row 3: 4 fields, .* or lines above the header"):
+        read_raw_bench(path, PLAIN)
+    path = raw(tmp_path, "eps,n,M,eta\n[-],[rad/s],[Nm],[-]\n0.5,9,200,0.8\n")
+    with pytest.raises(hmcvt.InputError, match="row 3: engine_speed = 9 is outside"):
+        read_raw_bench(path, PLAIN)
+
+
+@pytest.mark.parametrize("row", ["nan,nan,nan,nan", ",,,0", "-,-,-,1e999"])
+def test_a_row_without_values_is_no_row_of_units(tmp_path, row):
+    with pytest.raises(hmcvt.InputError, match="row 2: "):
+        read_raw_bench(raw(tmp_path, f"eps,n,M,eta\n{row}\n0.5,146,200,0.8\n"), PLAIN)
+
+
+def test_text_of_a_german_table_calculation(tmp_path):
+    path = tmp_path / "raw.csv"
+    path.write_bytes("Hub;n;M;\u03b7;\u00d6ltemperatur [\u00b0C]\n50;1400,5;200,25;80,5;60,5\n"
+                     .replace("\u03b7", "eta").encode("cp1252"))
     found = read_raw_bench(path, {
-        "displacement_ratio": "eps", "engine_speed": "n:rpm",
-        "load_torque": "M", "efficiency": "eta"})
-    assert found.extra == {} and found.oil_temperature is None
+        "displacement_ratio": "Hub:%", "engine_speed": "n:U/min", "load_torque": "M:nm",
+        "efficiency": "eta:%", "oil_temperature": "\u00d6ltemperatur [\u00b0C]:\u00b0c"})
+    assert found.oil_temperature.tolist() == [60.5]
+    assert found.engine_speed.tolist() == pytest.approx([1400.5 * RPM])
 
 
 def test_measured_efficiency_and_load(tmp_path):
@@ -86,8 +126,18 @@ def test_column_and_unit(tmp_path, header, text, expected):
 
 @pytest.mark.parametrize("text", ["", " ", ":rpm"])
 def test_a_column_needs_a_name(tmp_path, text):
-    with pytest.raises(hmcvt.InputError, match=r"engine_speed: .* names no column: write COLUMN"):
+    with pytest.raises(hmcvt.InputError, match="engine_speed: column '' is missing"):
         read_raw_bench(raw(tmp_path), SHAFTS | {"engine_speed": text})
+
+
+@pytest.mark.parametrize(("quantity", "text", "units"), [
+    ("engine_speed", "n_e:Hz", "rad/s, rpm, r/min"), ("engine_torque", "M_e:lbft", "N m, Nm, kNm"),
+    ("displacement_ratio", "stroke:deg", "-, %")])
+def test_an_unknown_unit_is_told(tmp_path, quantity, text, units):
+    unit = text.partition(":")[2]
+    with pytest.raises(hmcvt.InputError, match=f"^{quantity}: '{unit}' is no unit of it; there is "
+                                               f"{units}"):
+        read_raw_bench(raw(tmp_path), SHAFTS | {quantity: text})
 
 
 def test_a_quantity_that_is_none_is_refused(tmp_path):
@@ -97,7 +147,8 @@ def test_a_quantity_that_is_none_is_refused(tmp_path):
 
 @pytest.mark.parametrize(("left", "message"), [
     ({"engine_torque"}, "efficiency (or engine_torque)"),
-    ({"output_speed"}, "load_torque (or output_speed), efficiency (or output_speed)"),
+    ({"output_speed"}, "load_torque (or output_speed)"),
+    ({"output_speed", "output_torque"}, "load_torque (or output_torque and output_speed)"),
     ({"displacement_ratio", "engine_speed"}, "displacement_ratio, engine_speed"),
 ])
 def test_what_is_missing_is_named(tmp_path, left, message):
@@ -121,15 +172,18 @@ def test_one_column_for_two_quantities_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("row", "message"), [
-    ("3,50,1400,250,1890,140,", "row 2: load_torque = 189000 is outside 1 to 5000 N m"),
-    ("3,50,1400,0,1890,0.14,", "row 2: efficiency[ =]+inf is not finite"),
+    ("3,50,1400,250,1890,140,", "row 2: output_torque = 140000 is outside 0.1 to 20000 N m"),
+    ("3,50,1400,0,1890,0.14,", "row 2: engine_torque = 0 is outside 0.1 to 20000 N m"),
+    ("3,50,1400,nan,1890,0.14,", "row 2: engine_torque = nan is not finite"),
+    ("3,50,1400,2_50,1890,0.14,", "row 2: M_e '2_50' is not a number"),
+    ("3,50,1400,,1890,0.14,", "row 2: M_e is empty$"),
     ("3,50,1400,250,0,0.14,", "row 2: output_speed = 0 is outside 0.1 to 1000 rad/s"),
     ("3,50,14000,250,1890,0.14,", "row 2: engine_speed = 1466.08 is outside 10 to 320 rad/s"),
     ("3,0.5,1400,250,x,0.14,", "row 2: n_o 'x' is not a number"),
     ("3,500,1400,250,1890,0.14,", "row 2: displacement_ratio = 5 is outside -1 to 1"),
     ("3,50,1400,250,nan,0.14,", "row 2: output_speed = nan is not finite"),
-    ("3,50,1400,250,1890,-0.14,", "row 2: load_torque = -189 is outside 1 to 5000 N m"),
-    ("3,50,1400,-250,1890,0.14,", "row 2: efficiency = -0.756 is outside"),
+    ("3,50,1400,250,1890,-0.14,", "row 2: output_torque = -140 is outside"),
+    ("3,50,1400,-250,1890,0.14,", "row 2: engine_torque = -250 is outside"),
 ])
 def test_a_bad_row_is_named(tmp_path, row, message):
     with pytest.raises(hmcvt.InputError, match=message):
@@ -138,10 +192,25 @@ def test_a_bad_row_is_named(tmp_path, row, message):
 
 def test_a_value_computed_from_the_shafts_says_so(tmp_path):
     with pytest.raises(hmcvt.InputError, match="computed from torques and speeds of the shafts"):
-        read_raw_bench(raw(tmp_path, f"{HEADER}3,50,1400,250,1890,140,\n"), SHAFTS)
+        read_raw_bench(raw(tmp_path, f"{HEADER}3,50,1400,250,1890,1.4,\n"), SHAFTS)
+
+
+def test_a_value_out_of_range_says_how_to_name_its_unit(tmp_path):
+    columns = SHAFTS | {"engine_speed": "n_e"}
+    with pytest.raises(hmcvt.InputError, match=(
+            r"row 2: engine_speed = 1400 .*; column 'n_e' is taken as rad/s: another unit is "
+            "written n_e:UNIT, one of rad/s, rpm")):
+        read_raw_bench(raw(tmp_path), columns)
+
+
+def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
+    path = raw(tmp_path, "eps,n,M,M_e\n0.5,146,200,250\n")
+    found = read_raw_bench(path, {"displacement_ratio": "eps", "engine_speed": "n",
+                                  "load_torque": "M", "engine_torque": "M_e"})
+    assert found.efficiency.tolist() == [0.8]
 
 
 def test_a_column_that_is_not_there_is_named(tmp_path):
     columns = SHAFTS | {"engine_torque": "torque"}
-    with pytest.raises(hmcvt.InputError, match=r"column torque is missing; there is no, stroke"):
+    with pytest.raises(hmcvt.InputError, match="engine_torque: column 'torque' is missing"):
         read_raw_bench(raw(tmp_path), columns)

@@ -423,6 +423,26 @@ def test_the_shrinkage_hardly_moves_with_the_seed():
     assert np.ptp(fractions) < 0.04
 
 
+def test_an_effect_that_leaves_the_output_speed_unexplained_is_refused_with_the_reason():
+    samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
+    model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    wave = 1.0 + 0.01 * np.sin(3.0 * samples.displacement_ratio)
+    found = hmcvt.diagnose(model, replace(samples, output_speed=wave * samples.output_speed))
+    assert found.verdict == "unexplained"
+    assert re.search(r"explains \d\d % of what the output speed shows", found.notes[-1])
+
+
+def test_noise_that_nobody_stated_is_told_as_what_it_looks_like():
+    samples = replace(hmcvt.read_bench(hmcvt.data_path("data/simulated.csv")), efficiency_std=None)
+    model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    found = hmcvt.diagnose(model, samples)
+    note, = (note for note in found.notes if "noise" in note)
+    stated = re.fullmatch(r"nobody stated the noise; it looks like ([\d.]+) points, 0\.\d\d times "
+                          r"what is assumed: --noise ([\d.]+) states that", note)
+    assert 0.35 < float(stated[1]) < 0.5
+    assert float(stated[2]) == pytest.approx(float(stated[1]) / 100.0)
+
+
 def test_a_place_that_may_be_chance_is_called_so():
     table = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))

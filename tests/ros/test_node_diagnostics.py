@@ -75,9 +75,9 @@ def test_sample_that_cannot_be_written_is_an_error(start_node, paper_file, table
 @pytest.mark.parametrize(("changes", "complaints"), [
     ({}, []),
     ({"engine_speed": 200.0},
-     ["engine_speed = 200 rad/s is outside 78.54 to 146.6 rad/s of the identification data"]),
+     ["engine_speed 200 rad/s is not in 78.54 to 146.6 rad/s (750 to 1400 r/min)"]),
     ({"load_torque": 350.0},
-     ["load_torque = 350 N m is outside 101.9 to 292.9 N m of the identification data"]),
+     ["load_torque 350 N m is not in 101.9 to 292.9 N m"]),
     ({"engine_speed": 160.0, "load_torque": 90.0}, ["engine_speed = 160", "load_torque = 90"]),
 ])
 def test_extrapolation_names_the_input_and_its_range(start_node, node, changes, complaints):
