@@ -188,7 +188,7 @@ def _lines(
     missing = [name for name in required if name not in header]
     if missing:
         raise InputError(f"{source}: row {top}: column {', '.join(missing)} is missing; "
-                         f"there is {', '.join(header)}")
+                         f"there is {', '.join(header)} (`hmcvt import-csv` takes other names)")
     if not body:
         raise InputError(f"{source}: holds a header but no samples")
     for number, row in body:
