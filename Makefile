@@ -30,7 +30,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 demo: $(VENV)/.ros
 	@$(BIN)/python -m hmcvt_ros.demo
 
-# What runs real nodes waits for most of its time, and counts milliseconds: not beside the rest.
+# What runs real nodes counts milliseconds and runs alone; the rest on all cores.
 ALONE := tests/ros tests/soak
 test: $(VENV)/.dev system
 ifdef ARGS
@@ -38,7 +38,7 @@ ifdef ARGS
 else
 	$(BIN)/python -m pytest --numprocesses auto $(ALONE:%=--ignore=%)
 ifneq ($(HMCVT_CORE_ONLY),1)
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ALONE)
+	$(BIN)/python -m pytest $(ALONE)
 endif
 endif
 

@@ -58,7 +58,7 @@ def test_commands_the_best_pair_and_ends_by_itself(start_node, paper_file, run, 
     output, errors = process.communicate()
     assert process.returncode == 0 and "Traceback" not in errors, errors
     wanted = best(served(node, tmp_path))
-    assert len(commands) > 5
+    assert len(commands) >= 3
     command = commands[-1]
     assert list(command.name) == ["engine", "displacement"]
     assert command.velocity[0] == pytest.approx(wanted.engine_speed, rel=2e-3)
