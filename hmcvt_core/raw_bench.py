@@ -79,7 +79,7 @@ def read_raw_bench(
     for quantity, column in chosen.items():
         if names.count(column.name) > 1:
             raise InputError(f"{quantity}: column {column.name!r} is named twice")
-    cells = _without_units(decimal_points(cells, names), names)
+    cells = decimal_points(_without_units(cells, names), names)
     values = {}
     for quantity, column in chosen.items():
         values[quantity] = column.factor * numbers(
@@ -141,13 +141,20 @@ def _column(quantity: str, text: str, cells: Cells) -> _Column:
 
 
 def _without_units(cells: Cells, names: Sequence[str]) -> Cells:
-    """Leave out a first row that holds no digit in any of the columns: it names their units."""
-    if not cells.rows or any(map(str.isdigit, "".join(cells.columns[name][0] for name in names))):
+    """Leave out a first row that holds words but no number in the columns: it names their units."""
+    first = [cells.columns[name][0] for name in names]
+    if not any(first) or any(map(_is_number, first)):
         return cells
-    if any(cells.columns[name][0].lower().strip("+-") in ("", "nan", "inf") for name in names):
-        return cells  # values that are missing: their row is to be told
     return cells._replace(columns={name: column[1:] for name, column in cells.columns.items()},
                           rows=cells.rows[1:])
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _derive(values: dict[str, Array], cells: Cells) -> None:
