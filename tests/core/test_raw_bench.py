@@ -86,8 +86,9 @@ def test_a_row_without_values_is_no_row_of_units(tmp_path, row):
 
 def test_text_of_a_german_table_calculation(tmp_path):
     path = tmp_path / "raw.csv"
-    path.write_bytes("Hub;n;M;\u03b7;\u00d6ltemperatur [\u00b0C]\n%;1/min.;Nm;%;\n50;1400,5;200,25;80,5;60,5\n"
-                     .replace("\u03b7", "eta").encode("cp1252"))
+    text = ("Hub;n;M;eta;\u00d6ltemperatur [\u00b0C]\n%;1/min.;Nm;%;\n"
+            "50;1400,5;200,25;80,5;60,5\n")
+    path.write_bytes(text.encode("cp1252"))
     found = read_raw_bench(path, {
         "displacement_ratio": "Hub:%", "engine_speed": "n:U/min", "load_torque": "M:nm",
         "efficiency": "eta:%", "oil_temperature": "\u00d6ltemperatur [\u00b0C]:\u00b0c"})
