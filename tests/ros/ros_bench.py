@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 import hmcvt_core as hmcvt
+from hmcvt_core.published import speed_ratio
 from hmcvt_ros.inputs import OperatingPoint
 from hmcvt_ros.messages import bench_sample_to_message
 
@@ -26,10 +27,12 @@ def points(samples: hmcvt.BenchSamples) -> list[OperatingPoint]:
         samples.displacement_ratio, samples.engine_speed, samples.load_torque, strict=True)]
 
 
-def message(samples: hmcvt.BenchSamples, i: int, output_speed: float = 80.0) -> Any:
-    """A bench message whose shaft powers are those of sample i."""
+def message(samples: hmcvt.BenchSamples, i: int) -> Any:
+    """A bench message whose shaft powers are those of sample i; its output does not slip."""
     point = points(samples)[i]
     power = point.load_torque * point.engine_speed
+    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
+    output_speed = point.engine_speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
     return bench_sample_to_message(
         point.displacement_ratio, point.engine_speed,
         power / float(samples.efficiency[i]) / point.engine_speed, output_speed,

@@ -78,7 +78,7 @@ def test_sample_that_cannot_be_written_is_an_error(start_node, paper_file, table
      ["engine_speed 200 rad/s is not in 78.54 to 146.6 rad/s (750 to 1400 r/min)"]),
     ({"load_torque": 350.0},
      ["load_torque 350 N m is not in 101.9 to 292.9 N m"]),
-    ({"engine_speed": 160.0, "load_torque": 90.0}, ["engine_speed = 160", "load_torque = 90"]),
+    ({"engine_speed": 160.0, "load_torque": 90.0}, ["engine_speed 160", "load_torque 90"]),
 ])
 def test_extrapolation_names_the_input_and_its_range(start_node, node, changes, complaints):
     point = INSIDE._replace(**changes)
