@@ -81,9 +81,8 @@ def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Colum
 
 
 def read_cells(
-    path: str | os.PathLike[str], required: Sequence[str],
-    name_of: Callable[[str], str] = str.strip, *, header_row: int | None = None,
-    encodings: Sequence[str] = ("utf-8-sig",),
+    path: str | os.PathLike[str], required: Sequence[str], name_of: Callable[[str], str], *,
+    header_row: int | None = None, encodings: Sequence[str] = ("utf-8-sig",),
 ) -> Cells:
     """Read a CSV file with a header, separated by commas, semicolons or tabs.
 
@@ -110,19 +109,25 @@ def read_cells(
     text = _decoded(raw, encodings, str(path))
     if "\n" not in text:
         text = text.replace("\r", "\n")  # line ends of old programs
-    separator = _separator(text, header_row)
-    header, body = _lines(text, separator, str(path), required, name_of, header_row)
+    if header_row is not None:
+        # Left empty, so that the rows below keep their numbers.
+        text = "\n" * (header_row - 1) + "".join(list(io.StringIO(text))[header_row - 1:])
+    separator = _separator(text)
+    header, body = _lines(text, separator, str(path), required, name_of)
     columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
     return Cells(columns, [number for number, _ in body], separator, str(path),
                  hashlib.sha256(raw).hexdigest())
 
 
-def require_range(values: Array, limits: Range, rows: Sequence[int], source: str) -> None:
+def require_range(
+    values: Array, limits: Range, rows: Sequence[int], source: str, remark: str = ""
+) -> None:
     """Raise an `InputError` that names the row of the first value outside its range."""
     inside = limits.contains(values)
     if not inside.all():
         first = int(np.flatnonzero(~inside)[0])
-        raise InputError(f"{source}: row {rows[first]}: {limits.complaint(values[first])}")
+        raise InputError(
+            f"{source}: row {rows[first]}: {limits.complaint(values[first])}{remark}")
 
 
 def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
@@ -154,18 +159,14 @@ def _decoded(raw: bytes, encodings: Sequence[str], source: str) -> str:
     raise InputError(f"{source}: not UTF-8 text at byte {first}: save it as 'CSV UTF-8'")
 
 
-def _separator(text: str, header_row: int | None) -> str:
+def _separator(text: str) -> str:
     """Tell from the header what separates the columns: what stands there most, first a comma."""
-    lines = list(io.StringIO(text))
-    if header_row is not None:
-        lines = lines[header_row - 1:]
-    header = next((line for line in lines if line.strip() and line[0] != "#"), "")
+    header = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
     return max(",;\t", key=header.count)
 
 
 def _lines(
-    text: str, separator: str, source: str, required: Sequence[str],
-    name_of: Callable[[str], str], header_row: int | None,
+    text: str, separator: str, source: str, required: Sequence[str], name_of: Callable[[str], str]
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Return the header and the numbered rows below it."""
     try:
@@ -173,7 +174,7 @@ def _lines(
     except csv.Error as error:
         raise InputError(f"{source}: not CSV: {error}") from None
     numbered = [(number, row) for number, row in enumerate(rows, 1)
-                if any(cell.strip() for cell in row) and number >= (header_row or 1)]
+                if any(cell.strip() for cell in row)]
     # Above the header only: below it a cell may well begin like that.
     while numbered and numbered[0][1][0].startswith("#"):
         numbered.pop(0)
@@ -225,7 +226,9 @@ def numbers(
     values = np.empty(len(cells))
     for i, cell in enumerate(cells):
         try:
-            values[i] = float("none" if "_" in cell else cell)  # Python reads 2_99 as 299
+            if "_" in cell:  # Python reads 2_99 as 299
+                raise ValueError
+            values[i] = float(cell)
         except ValueError:
             what = f"{cell!r} is not a number" if cell else "is empty"
             if "," in cell:

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from .bench import BenchSamples
 from .errors import InputError
 from .power_balance import OperatingPoints
-from .ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, RPM, Range
+from .ranges import ENGINE_SPEED, POINT_RANGES, RPM, Range
 
-_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
-AXES = tuple(axis.name for axis in _RANGES)
+AXES = tuple(axis.name for axis in POINT_RANGES)
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,8 @@ class Domain:
     ) -> list[str]:
         """Say for each axis along which one point lies outside how far the data reach."""
         point = (displacement_ratio, engine_speed, load_torque)
-        return [self._departure(axis, value) for axis, value in zip(_RANGES, point, strict=True)
+        values = zip(POINT_RANGES, point, strict=True)
+        return [self._departure(axis, value) for axis, value in values
                 if not self.covers(axis.name, value)]
 
     def _departure(self, axis: Range, value: float) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .domain import AXES
+from .domain import AXES, Domain
 from .errors import InputError
 from .power_balance import OperatingPoints
 
@@ -28,15 +28,22 @@ class EfficiencyMap:
         engine_speed: axis of shape (b,) [rad/s].
         load_torque: axis of shape (c,) [N m].
         efficiency: shape (a, b, c) [-]; NaN where the model has no answer.
-        inside_domain: where the data of the identification reach, shape (a, b, c); None for a model
-            that does not know them.
+        domain: of the model; None for one that does not know its data.
     """
 
     displacement_ratio: Array
     engine_speed: Array
     load_torque: Array
     efficiency: Array
-    inside_domain: NDArray[np.bool_] | None = None
+    domain: Domain | None = None
+
+    @property
+    def inside_domain(self) -> NDArray[np.bool_] | None:
+        """Where the data of the identification reach, shape (a, b, c); None if unknown."""
+        if self.domain is None:
+            return None
+        return self.domain.contains(OperatingPoints(*np.meshgrid(
+            self.displacement_ratio, self.engine_speed, self.load_torque, indexing="ij")))
 
 
 def efficiency_map(
@@ -55,7 +62,5 @@ def efficiency_map(
     for name, axis in zip(AXES, axes, strict=True):
         if axis.ndim != 1 or axis.size == 0:
             raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
-    grid = np.meshgrid(*axes, indexing="ij", sparse=True)
-    inside = None if model.domain is None else model.domain.contains(
-        OperatingPoints(*np.broadcast_arrays(*grid)))
-    return EfficiencyMap(axes[0], axes[1], axes[2], model.efficiency(*grid), inside)
+    efficiency = model.efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    return EfficiencyMap(axes[0], axes[1], axes[2], efficiency, model.domain)

@@ -104,6 +104,9 @@ BENCH_COLUMNS: Sequence[Range] = (
 )
 """The columns of a bench file; the first four are required."""
 
+POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
+"""What makes an operating point, in the order in which it is given everywhere."""
+
 REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])
 
 ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .bench import BenchSamples
 from .columns import Cells, column_name, decimal_points, numbers, read_cells, require_range
 from .errors import InputError
-from .ranges import BENCH_COLUMNS, RPM, Range
+from .ranges import BENCH_COLUMNS, EFFICIENCY, LOAD_TORQUE, RPM, Range
 
 Array = NDArray[np.float64]
 
@@ -84,9 +84,9 @@ def read_raw_bench(
     for quantity, column in chosen.items():
         values[quantity] = column.factor * numbers(
             cells.columns[column.name], cells.rows, column.name, cells.source)
-        _require(values[quantity], quantity, cells,
-                 f"column {column.name!r} is taken as {column.unit}: another unit is written "
-                 f"{column.name}:UNIT, one of {', '.join(UNITS[quantity])}")
+        require_range(values[quantity], _RANGES[quantity], cells.rows, cells.source,
+                      f"; column {column.name!r} is taken as {column.unit}: another unit is "
+                      f"written {column.name}:UNIT, one of {', '.join(UNITS[quantity])}")
     _derive(values, cells)
     extra = {name if column_name(name) not in _KEPT else f"raw {name}": tuple(column)
              for name, column in cells.columns.items() if name not in names}
@@ -159,18 +159,11 @@ def _is_number(cell: str) -> bool:
 
 def _derive(values: dict[str, Array], cells: Cells) -> None:
     """Add load torque and efficiency where the shafts tell them."""
-    told = "computed from torques and speeds of the shafts: check their columns and units"
+    told = "; computed from torques and speeds of the shafts: check their columns and units"
     if "load_torque" not in values:
         values["load_torque"] = (
             values["output_torque"] * values["output_speed"] / values["engine_speed"])
-        _require(values["load_torque"], "load_torque", cells, told)
+        require_range(values["load_torque"], LOAD_TORQUE, cells.rows, cells.source, told)
     if "efficiency" not in values:
         values["efficiency"] = values["load_torque"] / values["engine_torque"]
-        _require(values["efficiency"], "efficiency", cells, told)
-
-
-def _require(values: Array, quantity: str, cells: Cells, remark: str) -> None:
-    try:
-        require_range(values, _RANGES[quantity], cells.rows, cells.source)
-    except InputError as error:
-        raise InputError(f"{error}; {remark}") from None
+        require_range(values["efficiency"], EFFICIENCY, cells.rows, cells.source, told)

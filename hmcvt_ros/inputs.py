@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from hmcvt_core.ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, Range
+from hmcvt_core.ranges import POINT_RANGES, Range
 
-INPUT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
+INPUT_RANGES = POINT_RANGES
 NANOSECONDS = 1e-9
 REASONS = ("not finite", "out of range")
 """Why a message may be refused."""

@@ -218,8 +218,7 @@ def print_domain(
 ) -> None:
     """Say where a point leaves the data that the model comes from."""
     if model.domain is None:
-        if not which:
-            click.echo("the model does not say what range of data it comes from")
+        click.echo("the model does not say what range of data it comes from")
         return
     left = model.domain.departures(displacement_ratio, engine_speed, load_torque)
     if left:

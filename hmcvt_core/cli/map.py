@@ -40,10 +40,10 @@ Examples:
   hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
-@click.option("--engine-speed-limits", "engine_speed", type=SPEED, nargs=2,
-              default=ENGINE_SPEED_LIMITS, help="Lowest and highest.  [default: 750rpm 2200rpm]")
-@click.option("--load-torque-limits", "load_torque", type=float, nargs=2,
-              default=(50.0, 400.0), show_default=True, help="Lowest and highest in N m.")
+@click.option("--engine-speed-limits", type=SPEED, nargs=2, default=ENGINE_SPEED_LIMITS,
+              help="Lowest and highest.  [default: 750rpm 2200rpm]")
+@click.option("--load-torque-limits", type=float, nargs=2, default=(50.0, 400.0),
+              show_default=True, help="Lowest and highest in N m.")
 @click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
 @picture_option
@@ -54,9 +54,9 @@ Examples:
 @params_option
 @json_option
 def command(
-    steps: tuple[int, int, int], engine_speed: tuple[float, float],
-    load_torque: tuple[float, float], out: str | None, picture: str | None, power: float | None,
-    bench: str | None, params: str | None, as_json: bool,
+    steps: tuple[int, int, int], engine_speed_limits: tuple[float, float],
+    load_torque_limits: tuple[float, float], out: str | None, picture: str | None,
+    power: float | None, bench: str | None, params: str | None, as_json: bool,
 ) -> None:
     """Write the efficiency over displacement ratio, engine speed and load torque.
 
@@ -69,8 +69,8 @@ def command(
     if points > _MOST_POINTS:
         raise InputError(f"--steps gives {points} points; at most {_MOST_POINTS}")
     # Before the grid is made: NumPy would warn of infinity rather than refuse it.
-    ENGINE_SPEED.check(engine_speed, "--engine-speed-limits")
-    LOAD_TORQUE.check(load_torque, "--load-torque-limits")
+    ENGINE_SPEED.check(engine_speed_limits, "--engine-speed-limits")
+    LOAD_TORQUE.check(load_torque_limits, "--load-torque-limits")
     model = model_from(params)
     note_oil_temperature(model, None)
     if picture is not None:
@@ -78,14 +78,15 @@ def command(
 
         samples = None if bench is None else read_bench(bench)
         shown = _PICTURE_POWER if power is None else power
-        _require_load(shown, engine_speed)
-        save(lambda figure: draw_surface(figure, model, shown, engine_speed, samples), picture)
+        _require_load(shown, engine_speed_limits)
+        save(lambda figure: draw_surface(figure, model, shown, engine_speed_limits, samples),
+             picture)
         if out is None and not as_json:
             click.echo(f"written to {picture}")
             return
     found = model.efficiency_map(
-        np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed, steps[1]),
-        np.linspace(*load_torque, steps[2]))
+        np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed_limits, steps[1]),
+        np.linspace(*load_torque_limits, steps[2]))
     if out is not None:
         write_atomically(Path(out), _csv(found))
     if as_json:
@@ -96,8 +97,8 @@ def command(
         click.echo(_csv(found), nl=False)
 
 
-def _require_load(power: float, engine_speed: tuple[float, float]) -> None:
-    for speed in engine_speed:
+def _require_load(power: float, engine_speeds: tuple[float, float]) -> None:
+    for speed in engine_speeds:
         load = power / speed
         if not LOAD_TORQUE.contains(load):
             raise InputError(f"--power {1e-3 * power:g}kW at {speed / RPM:.0f} r/min is a load "

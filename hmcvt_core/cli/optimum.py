@@ -67,7 +67,7 @@ def command(
     else:
         _print(best, now)
         print_domain(model, *point)
-        if displacement_ratio is not None:
+        if displacement_ratio is not None and model.domain is not None:
             print_domain(model, displacement_ratio, engine_speed, load_torque, "now ")
 
 

@@ -65,15 +65,15 @@ def _predict_point(
         inside = inside_domain(model, displacement_ratio, engine_speed, load_torque)
         print_json({**found._asdict(), "inside_domain": inside, "output_speed": speed,
                     "refusal": refusal})
-    elif refusal is not None:
+        return
+    if refusal is not None:
         click.echo(f"no efficiency: {refusal}")
-        print_domain(model, displacement_ratio, engine_speed, load_torque)
     else:
         spread = ("(standard error unknown)" if math.isnan(found.standard_error)
                   else f"+- {found.standard_error:.4f}")
         click.echo(f"efficiency     {found.efficiency:.4f} {spread}")
         click.echo(f"output speed   {speed:.2f} rad/s")
-        print_domain(model, displacement_ratio, engine_speed, load_torque)
+    print_domain(model, displacement_ratio, engine_speed, load_torque)
 
 
 def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:

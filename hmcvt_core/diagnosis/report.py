@@ -72,8 +72,7 @@ def report(found: Diagnosis) -> str:
     lines = [words.verdict(found), ""]
     gap, shrunk = found.gap, found.shrinkage
     lines.append(f"gap        {gap.samples} samples, {words.points(shrunk.before)} rms beyond the "
-                 f"noise, {words.p_is(gap.p_value)} (limit "
-                 f"{GAP_SIGNIFICANCE:g})")
+                 f"noise, {words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})")
     lines.append(f"noise      {words.points(gap.noise)}; before the fit "
                  f"{words.points(gap.noise_stated)}: {gap.noise_source}")
     lines.append(f"error      {words.points(gap.rmse)} rms of the refitted model at samples left "

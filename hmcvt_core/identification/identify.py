@@ -173,15 +173,16 @@ def identify(
             "sample: check stage, units and load torque")
     found = precision(problem, scaled)
     held = None if validation is None else Problem.of(model, validation)
+    held_error = None if held is None else relative_error(held, scaled)
     predicted = problem.predict(scaled)
     fit_error = RelativeError.of(predicted, samples.efficiency).mean
-    fitted = _fitted(problem, scaled, found, seed, value, fit_error, held)
+    fitted = _fitted(problem, scaled, found, seed, value, fit_error, held, held_error)
     warnings = findings(problem, scaled, found)
     remark = output_speed_remark(fitted.stage, samples)
     if remark is not None:
         warnings += (remark,)
-    if held is not None:
-        warnings += (*unanswered(held, scaled), *extrapolated(held, samples))
+    if held is not None and held_error is not None:
+        warnings += (*unanswered(held, held_error), *extrapolated(held, samples))
     return Identification(
         fitted, samples, predicted - samples.efficiency, fit_error,
         fitted.provenance.get("prediction_error"),
@@ -224,6 +225,7 @@ def _fitted(
     value: float,
     fit_error: float,
     held: Problem | None,
+    held_error: RelativeError | None,
 ) -> EfficiencyModel:
     samples, formulation = problem.samples, problem.model.formulation
     provenance: dict[str, Any] = {
@@ -237,13 +239,12 @@ def _fitted(
         "objective_value": float(f"{value:.9g}"),
         "fit_error": float(f"{fit_error:.6g}"),
     }
-    if held is not None:
-        error = relative_error(held, scaled)
-        if np.isfinite(error.mean):
-            provenance["prediction_error"] = float(f"{error.mean:.6g}")
+    if held is not None and held_error is not None:
+        if np.isfinite(held_error.mean):
+            provenance["prediction_error"] = float(f"{held_error.mean:.6g}")
         provenance["validation_samples"] = len(held.samples)
-        if error.without_answer:
-            provenance["validation_without_answer"] = error.without_answer
+        if held_error.without_answer:
+            provenance["validation_without_answer"] = held_error.without_answer
     return replace(
         problem.model, parameters=to_parameters(scaled), standard_errors=found.standard_errors,
         correlation=found.correlation, domain=Domain.of(samples), provenance=provenance)

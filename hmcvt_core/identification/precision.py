@@ -13,7 +13,8 @@ from ..domain import Domain
 from ..model import INCONSISTENT, STALLED
 from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
 from ..ranges import BENCH_COLUMNS
-from .problem import BOUND_TEXT, BOUNDS, Problem, relative_error
+from ..relative_error import RelativeError
+from .problem import BOUND_TEXT, BOUNDS, Problem
 
 Array = NDArray[np.float64]
 _LOOSE = 0.5  # a standard error above this part of the value leaves the parameter undetermined
@@ -104,9 +105,9 @@ def _distinct(samples: BenchSamples) -> tuple[int, int]:
             len(set(zip(*columns, *samples.extra.values(), strict=True))))
 
 
-def unanswered(held: Problem, scaled: Array) -> tuple[str, ...]:
+def unanswered(held: Problem, error: RelativeError) -> tuple[str, ...]:
     """Say at how many samples held back the identified model has no answer."""
-    none = relative_error(held, scaled).without_answer
+    none = error.without_answer
     if not none:
         return ()
     reason = STALLED if held.model.formulation == "power_balance" else INCONSISTENT

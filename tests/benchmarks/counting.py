@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from hmcvt_core import EfficiencyModel, closed_form_arrays, ranges
 
-INPUTS = (ranges.DISPLACEMENT_RATIO, ranges.ENGINE_SPEED, ranges.LOAD_TORQUE)
-
 
 class Operation(NamedTuple):
     """A NumPy function, the way it is called, the types of its operands, and their length.
@@ -74,7 +72,7 @@ def counted(model: EfficiencyModel, point: Sequence[NDArray[np.float64]]) -> lis
     patient = SimpleNamespace(**{**vars(np), "asarray": np.asanyarray})
     with (mock.patch.object(closed_form_arrays, "np", patient),
           mock.patch.object(ranges, "np", patient)):
-        for limits, array in zip(INPUTS, arrays, strict=True):
+        for limits, array in zip(ranges.POINT_RANGES, arrays, strict=True):
             limits.check(array)
         form = closed_form_arrays.ArrayForm(model.stage, model.parameters)
         form.efficiency_in_parts(*arrays)
