@@ -7,6 +7,7 @@
 #   make colcon  build and test the package as a ROS workspace does; in build/
 #   make soak    the endurance trial of the node; writes docs/soak.md (a quarter of an hour;
 #                the machine should do nothing else meanwhile)
+#   make reproduce  every number and figure of the paper beside ours; in reproduction/
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (an hour on two cores)
 #   make docs    the pages of docs/ as a web site, in site/
 #   make bench   time everything against what one would use instead; writes docs/benchmarks.md (ten
@@ -24,7 +25,7 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 
-.PHONY: demo test lint types colcon soak bench blind docs system clean
+.PHONY: demo test lint types colcon soak bench blind reproduce docs system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -63,13 +64,16 @@ system:
 
 # Goes on where it was interrupted; remove blind-results.jsonl to start anew.
 blind: $(VENV)/.dev
-	$(BIN)/hmcvt blind --seeds 20 --side-seeds 3 --out docs/blind.md
+	$(BIN)/python -m studies.blind --seeds 20 --side-seeds 3 --out docs/blind.md
+
+reproduce: $(VENV)/.dev
+	$(BIN)/python -m studies.reproduce --out reproduction
 
 soak: $(VENV)/.dev
-	$(BIN)/python -m tests.soak --out docs/soak.md
+	$(BIN)/python -m studies.soak --out docs/soak.md
 
 bench: $(VENV)/.bench
-	$(BIN)/python -m tests.benchmarks --out docs/benchmarks.md
+	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md
 
 docs: $(BIN)/python
 	@$(INSTALL) --editable '.[docs]'

@@ -45,5 +45,9 @@ setup(
             # The name that `ros2 run hmcvt_ros efficiency_node` looks for.
             "efficiency_node = hmcvt_ros.efficiency_node:main",
         ],
+        "hmcvt.commands": [
+            "import-bag = hmcvt_ros.commands.import_bag:command",
+            "node = hmcvt_ros.commands.node:command",
+        ],
     },
 )

@@ -20,8 +20,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import hmcvt_core as hmcvt
-from hmcvt_core.bag import ImportSettings, import_bag
-from hmcvt_core.diagnosis.html_report import write_html
+from hmcvt_core.report.html_report import write_html
+from hmcvt_ros.bag import ImportSettings, import_bag
 
 RATE, HOLD = 10.0, 7.0  # messages a second, seconds at each test
 SCATTER = 0.001  # of every reading, a fraction

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hmcvt_core.blind.campaign import Campaign, CampaignOptions, Label, fresh
-from hmcvt_core.blind.catalogue import draw_effect, size_effect
-from hmcvt_core.blind.seal import seal
-from hmcvt_core.blind.twin import BaseTruth
+from studies.blind.campaign import Campaign, CampaignOptions, Label, fresh
+from studies.blind.catalogue import draw_effect, size_effect
+from studies.blind.seal import seal
+from studies.blind.twin import BaseTruth
 
 DESIGN = BaseTruth(leakage=1.8e-11, motor_damping=0.185, pump_damping=0.101)
 SCATTER = 0.05

@@ -8,20 +8,20 @@
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
 """
 
-from .bench import BenchSamples, read_bench, write_bench
-from .breakdown import Breakdown
 from .diagnosis import Diagnosis, Isolability, diagnose, separable
-from .domain import Domain
-from .efficiency_map import EfficiencyMap
 from .errors import HmcvtError, IdentificationError, InputError
+from .files.bench import BenchSamples, read_bench, write_bench
+from .files.raw_bench import read_raw_bench
+from .files.resources import data_path
 from .identification import Identification, identify, identify_gear_efficiency
-from .model import EfficiencyModel, Prediction
-from .optimum import Optimum
-from .parameter_file import load_model, load_stage, save_model
-from .parameters import HydraulicParameters
-from .raw_bench import read_raw_bench
-from .resources import data_path
-from .stage import GearPair, Path, PumpMotor, Stage
+from .model.domain import Domain
+from .model.efficiency_map import EfficiencyMap
+from .model.model import EfficiencyModel, Prediction
+from .model.optimum import Optimum
+from .model.parameter_file import load_model, load_stage, save_model
+from .physics.breakdown import Breakdown
+from .transmission.parameters import HydraulicParameters
+from .transmission.stage import GearPair, Path, PumpMotor, Stage
 from .version import __version__
 
 __all__ = [

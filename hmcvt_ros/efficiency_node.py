@@ -31,10 +31,10 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
-from hmcvt_core.bench import BenchSamples
 from hmcvt_core.errors import HmcvtError, InputError
-from hmcvt_core.ranges import DISPLACEMENT_RATIO
-from hmcvt_core.resources import data_path
+from hmcvt_core.files.bench import BenchSamples
+from hmcvt_core.files.resources import data_path
+from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog

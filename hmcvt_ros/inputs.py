@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from hmcvt_core.ranges import POINT_RANGES, Range
+from hmcvt_core.transmission.ranges import POINT_RANGES, Range
 
 INPUT_RANGES = POINT_RANGES
 NANOSECONDS = 1e-9

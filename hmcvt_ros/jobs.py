@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import hmcvt_core as hmcvt
-from hmcvt_core.atomic import write_atomically
+from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.identification.held_back import FEWEST, HeldBack, held_back
-from hmcvt_core.relative_error import RelativeError
+from hmcvt_core.model.relative_error import RelativeError
 from hmcvt_ros.json_text import json_text
 from hmcvt_ros.numbered_files import keep_newest, next_name
 
@@ -80,7 +80,7 @@ def diagnose(request: Mapping[str, Any]) -> dict[str, Any]:
         The object of `hmcvt diagnose --json`, and `report`: the page of it in the folder `reports`,
         None with a reason in `report_error` when that cannot be written.
     """
-    from hmcvt_core.diagnosis.html_report import write_html
+    from hmcvt_core.report.html_report import write_html
 
     samples = hmcvt.read_bench(request["samples"])
     found = hmcvt.diagnose(hmcvt.load_model(request["model"]), samples, seed=request["seed"])

@@ -17,10 +17,10 @@ import yaml
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
 
-from hmcvt_core.bench import BenchSamples
-from hmcvt_core.efficiency_map import EfficiencyMap
 from hmcvt_core.errors import InputError
-from hmcvt_core.model import EfficiencyModel
+from hmcvt_core.files.bench import BenchSamples
+from hmcvt_core.model.efficiency_map import EfficiencyMap
+from hmcvt_core.model.model import EfficiencyModel
 
 JOINTS = ("engine", "output", "displacement")
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
-from hmcvt_core.atomic import write_atomically
 from hmcvt_core.errors import HmcvtError, InputError
-from hmcvt_core.model import EfficiencyModel
-from hmcvt_core.parameter_file import load_model
+from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.parameter_file import load_model
 
 from .numbered_files import next_name
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from hmcvt_core.atomic import make_folder
+from hmcvt_core.files.atomic import make_folder
 
 
 def next_name(folder: Path) -> Path:

@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.optimum import HOLDS
-from hmcvt_core.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, Range
+from hmcvt_core.model.optimum import HOLDS
+from hmcvt_core.transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, Range
 
 from .inputs import INPUT_RANGES
 

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hmcvt_core.errors import HmcvtError
-from hmcvt_core.threads import ONE_BLAS_THREAD
+from hmcvt_core.fleet.threads import ONE_BLAS_THREAD
 
 _COMMAND = (sys.executable, "-m", "hmcvt_ros.worker")
 _PIECE = 1 << 16  # bytes that a pipe holds

@@ -7,8 +7,8 @@ import fcntl
 import os
 from pathlib import Path
 
-from hmcvt_core.atomic import make_folder, remove_leftovers
 from hmcvt_core.errors import InputError
+from hmcvt_core.files.atomic import make_folder, remove_leftovers
 
 
 class StateFolder:

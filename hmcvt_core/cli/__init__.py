@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: thin commands over the core, one module each.
 
-A command is a module here with a `command` in it and a line in `COMMANDS`.
+A command is a module here with a `command` in it and a line in `COMMANDS`. Other packages add
+theirs through the entry-point group `hmcvt.commands`: name = module:click_command.
 
 Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted;
 3 when a fleet is done but some of its logs are broken.
@@ -12,6 +13,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from importlib.metadata import EntryPoint, entry_points
 from typing import NoReturn
 
 import click
@@ -28,30 +30,37 @@ COMMANDS = {
     "diagnose": "diagnose the gap between model and bench",
     "fleet": "identify and diagnose every bench log of a folder",
     "separable": "tell which effects a test plan can tell apart",
-    "blind": "run the blind trial of the diagnosis",
-    "reproduce": "put every number and figure of the paper beside ours",
     "import-csv": "turn the table of your bench into bench samples",
-    "import-bag": "turn a recorded bag (rosbag2) into bench samples",
-    "node": "start the ROS 2 node",
 }
+
+
+GROUP = "hmcvt.commands"
+
+
+def _installed() -> dict[str, EntryPoint]:
+    """Commands of other packages by name; a name of ours cannot be taken."""
+    return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in COMMANDS}
 
 
 class _Commands(click.Group):
     """Loads a command's module only when it is asked for, so that --help stays fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
+        return [*COMMANDS, *sorted(_installed())]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
-        command: click.Command = module.command
-        return command
+        if cmd_name in COMMANDS:
+            module = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
+            command: click.Command = module.command
+            return command
+        entry = _installed().get(cmd_name)
+        return None if entry is None else entry.load()
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        others = [(name, f"from {entry.value.partition('.')[0]}")
+                  for name, entry in sorted(_installed().items())]
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl([*COMMANDS.items(), *others])
 
 
 @click.group(cls=_Commands, invoke_without_command=True, epilog="""\b
@@ -74,8 +83,13 @@ def cli(ctx: click.Context) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
+    run_command(cli, "hmcvt", arguments)
+
+
+def run_command(command: click.Command, name: str, arguments: list[str] | None = None) -> NoReturn:
+    """Run one command, with errors as one line and the exit codes above."""
     try:
-        code = cli.main(arguments, prog_name="hmcvt", standalone_mode=False)
+        code = command.main(arguments, prog_name=name, standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
         _fail("interrupted", 130)
     except click.UsageError as error:

@@ -14,12 +14,12 @@ from typing import Any, TypeVar
 
 import click
 
-from ..effects import Effect
-from ..model import EfficiencyModel
-from ..parameter_file import load_model
-from ..ranges import RPM
-from ..resources import data_path
-from ..strict_json import plain
+from ..files.resources import data_path
+from ..files.strict_json import plain
+from ..model.model import EfficiencyModel
+from ..model.parameter_file import load_model
+from ..physics.effects import Effect
+from ..transmission.ranges import RPM
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
@@ -136,7 +136,7 @@ class PictureFile(OutputFile):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
         """Return the path."""
-        from ..pictures.canvas import writes
+        from ..report.pictures.canvas import writes
 
         writes(str(value))
         return super().convert(value, param, ctx)

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import click
 
-from ..bench import read_bench
 from ..diagnosis import Diagnosis, diagnose
+from ..files.bench import read_bench
 from .common import (
     OutputFile,
     Progress,
@@ -53,7 +53,7 @@ def command(
     if save_model is not None:
         found.model.save(save_model)
     if report is not None:
-        from ..diagnosis.html_report import write_html
+        from ..report.html_report import write_html
 
         write_html(found, report)
     if as_json:

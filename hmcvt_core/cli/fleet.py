@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 
+from ..files.resources import data_path
 from ..fleet.cluster import on_cluster
 from ..fleet.outliers import LEAST_LOGS, THRESHOLD
 from ..fleet.plan import find_logs, plan
@@ -21,9 +22,8 @@ from ..fleet.run import Entry, run
 from ..fleet.settings import Settings
 from ..fleet.study import Execute
 from ..fleet.summary import GAP, QUANTITIES, BrokenLog, Row, Summary
-from ..model import FORMULATIONS
-from ..parameter_file import load_model, load_stage
-from ..resources import data_path
+from ..model.model import FORMULATIONS
+from ..model.parameter_file import load_model, load_stage
 from .common import (
     Fractions,
     Progress,

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-from ..annealing import AnnealingState
-from ..bench import BenchSamples, read_bench
 from ..errors import InputError
+from ..files.bench import BenchSamples, read_bench
+from ..files.resources import data_path
 from ..identification import Identification, identify
-from ..model import FORMULATIONS
-from ..parameter_file import load_stage
-from ..resources import data_path
+from ..identification.annealing import AnnealingState
+from ..model.model import FORMULATIONS
+from ..model.parameter_file import load_stage
 from .common import (
     Fractions,
     OutputFile,
@@ -95,7 +95,7 @@ def command(
     if out is not None:
         best.save(out)
     if picture is not None:
-        from ..pictures import draw_fit, save
+        from ..report.pictures import draw_fit, save
 
         save(lambda figure: draw_fit(figure, best, split.held), picture)
     if as_json:

@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from ..bench import write_bench
-from ..ranges import BENCH_COLUMNS
-from ..raw_bench import UNITS, read_raw_bench
+from ..files.bench import write_bench
+from ..files.raw_bench import UNITS, read_raw_bench
+from ..transmission.ranges import BENCH_COLUMNS
 from .common import OutputFile, json_option, keep_inputs, print_json, table
 
 _TEXTS = {

@@ -11,11 +11,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from ..atomic import write_atomically
-from ..bench import read_bench
-from ..efficiency_map import EfficiencyMap
 from ..errors import InputError
-from ..ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
+from ..files.atomic import write_atomically
+from ..files.bench import read_bench
+from ..model.efficiency_map import EfficiencyMap
+from ..transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from .common import (
     POWER,
     SPEED,
@@ -74,7 +74,7 @@ def command(
     model = model_from(params)
     note_oil_temperature(model, None)
     if picture is not None:
-        from ..pictures import draw_surface, save
+        from ..report.pictures import draw_surface, save
 
         samples = None if bench is None else read_bench(bench)
         shown = _PICTURE_POWER if power is None else power

@@ -9,8 +9,8 @@ from dataclasses import asdict
 import click
 
 from ..errors import HmcvtError
-from ..optimum import HOLDS, Optimum
-from ..ranges import ENGINE_SPEED_LIMITS, RPM
+from ..model.optimum import HOLDS, Optimum
+from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from .common import (
     SPEED,
     inside_domain,

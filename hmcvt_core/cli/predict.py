@@ -7,8 +7,8 @@ import math
 
 import click
 
-from ..bench import read_bench
-from ..model import EfficiencyModel
+from ..files.bench import read_bench
+from ..model.model import EfficiencyModel
 from .common import (
     inside_domain,
     json_option,

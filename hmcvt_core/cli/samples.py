@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..bench import BenchSamples
-from ..model import EfficiencyModel
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
 from .common import number, table
 
 _HEAD = ("sample", "ratio [-]", "engine [rad/s]", "load [N m]", "measured", "predicted",

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import click
 
+from ..benches.plan import read_plan
 from ..diagnosis import separable
-from ..plan import read_plan
 from .common import json_option, model_from, noise_option, params_option, print_json
 
 

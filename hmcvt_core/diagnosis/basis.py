@@ -9,8 +9,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..domain import AXES
+from ..files.bench import BenchSamples
+from ..model.domain import AXES
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effects import library
-from ..effects.base import Effect
-from ..model import EfficiencyModel
+from ..model.model import EfficiencyModel
+from ..physics.effects import library
+from ..physics.effects.base import Effect
 from .basis import smooth_functions
 from .evidence import Evidence, evidence, gram, log_mean, one_sided
 from .hypothesis import (

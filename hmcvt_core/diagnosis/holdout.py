@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
 from ..errors import InputError
-from ..model import EfficiencyModel
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
 from .intake import listed_samples
 from .observations import stated_noise
 

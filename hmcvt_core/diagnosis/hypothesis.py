@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effects.base import Effect
-from ..effects.gears import GearEfficiency
-from ..effects.sensor import EngineTorqueGain
-from ..model import EfficiencyModel
-from ..parameters import HydraulicParameters
-from ..power_balance import OperatingPoints, efficiency, power_flow
+from ..model.model import EfficiencyModel
+from ..physics.effects.base import Effect
+from ..physics.effects.gears import GearEfficiency
+from ..physics.effects.sensor import EngineTorqueGain
+from ..physics.power_balance import OperatingPoints, efficiency, power_flow
+from ..transmission.parameters import HydraulicParameters
 from .observations import Observations
 
 Array = NDArray[np.float64]

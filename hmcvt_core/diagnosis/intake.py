@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
 from ..errors import InputError
-from ..model import EfficiencyModel
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
 from .candidates import Bench
 from .hypothesis import BASE_SIZE, REFUSED
 from .observations import Observations, distinct_rows

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..model import EfficiencyModel
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
 from .candidates import Bench
 from .next_tests import DECISIVE
 from .observations import Observations

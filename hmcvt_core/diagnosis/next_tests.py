@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..ranges import EFFICIENCY, ENGINE_SPEED_LIMITS, LOAD_TORQUE
+from ..files.bench import BenchSamples
+from ..transmission.ranges import EFFICIENCY, ENGINE_SPEED_LIMITS, LOAD_TORQUE
 from .candidates import Bench, Candidate
 from .hypothesis import Hypothesis, linearise
 from .observations import OUTPUT_SPEED_UNCERTAINTY, Channel, Observations

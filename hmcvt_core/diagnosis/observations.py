@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
 from ..errors import InputError
-from ..power_balance import OperatingPoints
-from ..ranges import BENCH_COLUMNS, EFFICIENCY_STD
-from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from ..files.bench import BenchSamples
+from ..physics.power_balance import OperatingPoints
+from ..transmission.ranges import BENCH_COLUMNS, EFFICIENCY_STD
+from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 from .replicates import replicate_groups
 
 Array = NDArray[np.float64]

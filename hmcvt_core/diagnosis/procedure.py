@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..domain import AXES, Domain
-from ..model import EfficiencyModel
-from ..parameters import PARAMETER_NAMES
-from ..plausibility import output_speed_remark
+from ..files.bench import BenchSamples
+from ..model.domain import AXES, Domain
+from ..model.model import EfficiencyModel
+from ..model.plausibility import output_speed_remark
+from ..transmission.parameters import PARAMETER_NAMES
 from .candidates import Bench, Candidate
 from .holdout import errors_on, fresh
 from .hypothesis import BASE_SIZE, Hypothesis

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effects.base import Effect
+from ..physics.effects.base import Effect
 from .candidates import Bench, Candidate, Linear
 from .evidence import log_mean
 from .hypothesis import forms_of

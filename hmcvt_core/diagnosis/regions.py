@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..domain import AXES
+from ..files.bench import BenchSamples
+from ..model.domain import AXES
 
 Array = NDArray[np.float64]
 

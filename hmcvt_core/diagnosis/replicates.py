@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
+from ..files.bench import BenchSamples
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..ranges import RPM
+from ..transmission.ranges import RPM
 from . import words
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 

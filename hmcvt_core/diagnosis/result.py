@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..model import EfficiencyModel
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
 
 Array = NDArray[np.float64]
 

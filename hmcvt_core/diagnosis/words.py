@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..ranges import RPM
+from ..transmission.ranges import RPM
 from .result import REGION_SIGNIFICANCE, Cause, Diagnosis, Region
 
 MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"

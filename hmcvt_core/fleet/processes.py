@@ -15,9 +15,9 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from multiprocessing.connection import Pipe, wait
 
-from ..threads import ONE_BLAS_THREAD
 from .settings import Settings
 from .study import Broken, Outcome, Outcomes, Task
+from .threads import ONE_BLAS_THREAD
 
 MOST_DEATHS = 2
 """A log that has killed as many workers is broken."""

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..atomic import write_atomically
 from ..errors import InputError
-from ..model import EfficiencyModel
-from ..strict_json import plain
+from ..files.atomic import write_atomically
+from ..files.strict_json import plain
+from ..model.model import EfficiencyModel
 from .settings import Settings
 from .study import Study
 

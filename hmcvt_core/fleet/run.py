@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 
-from ..bench import read_bench
 from ..errors import HmcvtError, InputError
+from ..files.bench import read_bench
 from .results import Log, save
 from .settings import Settings
 from .study import Broken, Execute, Outcome, Task

@@ -8,13 +8,13 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..effects import effect_to_mapping
-from ..effects.base import Effect
 from ..errors import InputError
-from ..model import EfficiencyModel
-from ..parameters import PAPER_PARAMETERS
-from ..ranges import EFFICIENCY_STD
-from ..stage import Stage
+from ..model.model import EfficiencyModel
+from ..physics.effects import effect_to_mapping
+from ..physics.effects.base import Effect
+from ..transmission.parameters import PAPER_PARAMETERS
+from ..transmission.ranges import EFFICIENCY_STD
+from ..transmission.stage import Stage
 from ..version import __version__
 
 

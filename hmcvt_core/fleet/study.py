@@ -8,11 +8,11 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ..bench import BenchSamples
 from ..diagnosis import diagnose
 from ..errors import HmcvtError
+from ..files.bench import BenchSamples
 from ..identification import identify
-from ..model import EfficiencyModel
+from ..model.model import EfficiencyModel
 from .settings import Settings
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
+from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS
 from .outliers import LEAST_LOGS, THRESHOLD, Scores, robust_scores
 
 GAP = "gap"

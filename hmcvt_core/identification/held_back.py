@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..model import EfficiencyModel
-from ..parameters import PARAMETER_NAMES
-from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
+from ..transmission.parameters import PARAMETER_NAMES
+from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
 FOLDS = 5

@@ -14,20 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import annealing
-from ..annealing import AnnealingState, Schedule
-from ..bench import BenchSamples
-from ..domain import Domain
-from ..effects.base import Effect
 from ..errors import IdentificationError
-from ..model import EfficiencyModel
-from ..parameter_file import load_stage
-from ..parameters import PAPER_PARAMETERS, HydraulicParameters
-from ..plausibility import output_speed_remark
-from ..relative_error import RelativeError
-from ..resources import data_path
-from ..stage import Stage
+from ..files.bench import BenchSamples
+from ..files.resources import data_path
+from ..model.domain import Domain
+from ..model.model import EfficiencyModel
+from ..model.parameter_file import load_stage
+from ..model.plausibility import output_speed_remark
+from ..model.relative_error import RelativeError
+from ..physics.effects.base import Effect
+from ..transmission.parameters import PAPER_PARAMETERS, HydraulicParameters
+from ..transmission.stage import Stage
 from ..version import __version__
+from . import annealing
+from .annealing import AnnealingState, Schedule
 from .polish import least_squares_polish, simplex_polish
 from .precision import Precision, extrapolated, findings, precision, unanswered
 from .problem import BOUNDS, Problem, relative_error, to_parameters

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..annealing import Objective
+from .annealing import Objective
 from .least_squares import least_squares
 from .problem import BOUNDS, Problem
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..domain import Domain
-from ..model import INCONSISTENT, STALLED
-from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
-from ..ranges import BENCH_COLUMNS
-from ..relative_error import RelativeError
+from ..files.bench import BenchSamples
+from ..model.domain import Domain
+from ..model.model import INCONSISTENT, STALLED
+from ..model.relative_error import RelativeError
+from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS
+from ..transmission.ranges import BENCH_COLUMNS
 from .problem import BOUND_TEXT, BOUNDS, Problem
 
 Array = NDArray[np.float64]

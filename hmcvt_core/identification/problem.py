@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bench import BenchSamples
-from ..closed_form_arrays import CHUNK, ArrayForm
-from ..model import EfficiencyModel
-from ..parameters import HydraulicParameters
-from ..power_balance import OperatingPoints
-from ..relative_error import RelativeError
-from ..uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
+from ..model.relative_error import RelativeError
+from ..physics.closed_form_arrays import CHUNK, ArrayForm
+from ..physics.power_balance import OperatingPoints
+from ..transmission.parameters import HydraulicParameters
+from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..parameters import PARAMETER_NAMES, PARAMETER_UNITS
+from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS
 
 if TYPE_CHECKING:
     from .identify import Identification

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import published
-from ..bench import BenchSamples
-from ..parameters import PARAMETER_NAMES
-from ..stage import Stage
+from ..files.bench import BenchSamples
+from ..physics import published
+from ..transmission.parameters import PARAMETER_NAMES
+from ..transmission.stage import Stage
 from .problem import BOUNDS, Problem, to_parameters
 
 Array = NDArray[np.float64]

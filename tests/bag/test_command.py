@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hmcvt_core import read_bench
-from hmcvt_core.bag import ImportSettings, Steadiness
-from hmcvt_core.cli.import_bag import command
+from hmcvt_ros.bag import ImportSettings, Steadiness
+from hmcvt_ros.commands.import_bag import command
 
 from .simulated import START, TEMPERATURE, bench_records, temperature, write_bag
 

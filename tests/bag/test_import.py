@@ -8,8 +8,8 @@ from itertools import chain
 import numpy as np
 import pytest
 
-from hmcvt_core.bag import ImportSettings, Steadiness, import_bag
 from hmcvt_core.errors import InputError
+from hmcvt_ros.bag import ImportSettings, Steadiness, import_bag
 
 from .simulated import (
     NUMBER,

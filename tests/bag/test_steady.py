@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from hmcvt_core.bag.samples import Readings, steady_channels, window_sample
-from hmcvt_core.bag.scatter import effective_size, ratio_of_means
-from hmcvt_core.bag.settings import Steadiness
-from hmcvt_core.bag.steady import Channel, find_windows
 from hmcvt_core.errors import InputError
+from hmcvt_ros.bag.samples import Readings, steady_channels, window_sample
+from hmcvt_ros.bag.scatter import effective_size, ratio_of_means
+from hmcvt_ros.bag.settings import Steadiness
+from hmcvt_ros.bag.steady import Channel, find_windows
 
 from .simulated import RATE, correlated, run_bench
 

@@ -7,8 +7,8 @@ import sys
 import pytest
 from rosbags.rosbag2 import Writer
 
-from hmcvt_core.bag import ImportSettings, import_bag
 from hmcvt_core.errors import InputError
+from hmcvt_ros.bag import ImportSettings, import_bag
 
 from .simulated import (
     NUMBER,

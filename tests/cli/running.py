@@ -12,7 +12,7 @@ import pytest
 
 from hmcvt_core import load_model, read_bench
 from hmcvt_core.cli import main
-from hmcvt_core.ranges import RPM
+from hmcvt_core.transmission.ranges import RPM
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE2 = str(ROOT / "data" / "table2.csv")

@@ -11,8 +11,8 @@ import shutil
 import click
 import pytest
 
-from hmcvt_core.blind.conditions import cases
 from hmcvt_core.cli import COMMANDS, cli
+from studies.blind.conditions import cases
 
 from .running import POINT, ROOT, TABLE2, process, write_raw_bench
 

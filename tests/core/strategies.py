@@ -6,7 +6,7 @@ import itertools
 from hypothesis import strategies as st
 
 from hmcvt_core import GearPair, HydraulicParameters, Path, PumpMotor, Stage
-from hmcvt_core.stage import MEMBERS, member_speed_coefficients
+from hmcvt_core.transmission.stage import MEMBERS, member_speed_coefficients
 
 signs = st.sampled_from((-1, 1))
 displacements = st.floats(-6.0, -4.5).map(lambda exponent: 10.0**exponent)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hmcvt_core import InputError
-from hmcvt_core.annealing import (
+from hmcvt_core.identification.annealing import (
     IMPROVED,
     STANDARD,
     AdaptiveCooling,

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import hmcvt_core as hmcvt
-from hmcvt_core.ranges import BENCH_COLUMNS
+from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
 HEADER = "displacement_ratio,engine_speed,load_torque,efficiency"
 GOOD = "0.5,150,200,0.8"

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 
 from hmcvt_core import EfficiencyModel
-from hmcvt_core.optimum_search import search_pair, search_stroke
-from hmcvt_core.power_balance import OperatingPoints, efficiency, power_flow
+from hmcvt_core.model.optimum_search import search_pair, search_stroke
+from hmcvt_core.physics.power_balance import OperatingPoints, efficiency, power_flow
 
 from .strategies import engine_speeds, load_torques, parameters, stages, strokes
 

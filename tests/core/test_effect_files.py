@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.effects import Effect, effect_from_mapping, effect_to_mapping, library
-from hmcvt_core.effects.drag import ChargePump
-from hmcvt_core.effects.hydraulic import PortPressureDrop
-from hmcvt_core.effects.sensor import EngineTorqueGain, OutputTorqueZero
+from hmcvt_core.physics.effects import Effect, effect_from_mapping, effect_to_mapping, library
+from hmcvt_core.physics.effects.drag import ChargePump
+from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
+from hmcvt_core.physics.effects.sensor import EngineTorqueGain, OutputTorqueZero
 
 
 def torque(value, unit="N m"):

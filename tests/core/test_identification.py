@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import least_squares
 
 import hmcvt_core as hmcvt
-from hmcvt_core.annealing import Schedule
 from hmcvt_core.identification import identify_gear_efficiency
-from hmcvt_core.parameters import PARAMETER_NAMES
+from hmcvt_core.identification.annealing import Schedule
+from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 
 from .conftest import FIT, HELD_BACK
 

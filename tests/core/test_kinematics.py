@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import hmcvt_core as hmcvt
-from hmcvt_core import published
+from hmcvt_core.physics import published
 
 # Table 1, typed here a second time so that a typing error in either place shows.
 TABLE_1 = {

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.parameters import PARAMETER_NAMES
-from hmcvt_core.ranges import RPM
+from hmcvt_core.transmission.parameters import PARAMETER_NAMES
+from hmcvt_core.transmission.ranges import RPM
 
 POINT = (0.5, 150.0, 200.0)
 

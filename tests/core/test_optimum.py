@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.published import hydraulic_split_ratio
-from hmcvt_core.ranges import ENGINE_SPEED_LIMITS
+from hmcvt_core.physics.published import hydraulic_split_ratio
+from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 
 POINTS = [(78.54, 101.86), (78.54, 292.85), (150.0, 60.0), (230.0, 400.0), (120.0, 900.0)]
 

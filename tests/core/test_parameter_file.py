@@ -13,8 +13,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 
 import hmcvt_core as hmcvt
-from hmcvt_core.effects import library
-from hmcvt_core.parameter_file import TRANSMISSION_SCHEMA
+from hmcvt_core.model.parameter_file import TRANSMISSION_SCHEMA
+from hmcvt_core.physics.effects import library
 
 from .strategies import parameters, stages
 
@@ -373,7 +373,7 @@ def places(data, path=()):
 
 def test_damage_of_any_field_is_an_input_error_or_harmless(model):
     """Every field of a model file replaced by every kind of junk."""
-    from hmcvt_core.parameter_file import _from_mapping
+    from hmcvt_core.model.parameter_file import _from_mapping
 
     whole = model.to_mapping() | {"effects": [
         {"effect": "charge_pump", "parameters": {"torque": {"value": 1.0}}}]}

@@ -9,10 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hmcvt_core import EfficiencyModel, HydraulicParameters, PumpMotor
-from hmcvt_core.effects import Effect
-from hmcvt_core.model import STALLED
-from hmcvt_core.parameters import PAPER_PARAMETERS
-from hmcvt_core.power_balance import OperatingPoints, power_flow
+from hmcvt_core.model.model import STALLED
+from hmcvt_core.physics.effects import Effect
+from hmcvt_core.physics.power_balance import OperatingPoints, power_flow
+from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
 
 from .reference import steady_states
 from .strategies import engine_speeds, load_torques, parameters, stages, strokes

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 
 import hmcvt_core as hmcvt
-from hmcvt_core import published
-from hmcvt_core.effects import Effect
-from hmcvt_core.model import INCONSISTENT
-from hmcvt_core.parameters import PAPER_PARAMETERS
-from hmcvt_core.power_balance import OperatingPoints
+from hmcvt_core.model.model import INCONSISTENT
+from hmcvt_core.physics import published
+from hmcvt_core.physics.effects import Effect
+from hmcvt_core.physics.power_balance import OperatingPoints
+from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
 
 from .strategies import engine_speeds, load_torques, parameters, stages
 

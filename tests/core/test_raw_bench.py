@@ -6,8 +6,8 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core import read_raw_bench
-from hmcvt_core.ranges import RPM
-from hmcvt_core.raw_bench import UNITS
+from hmcvt_core.files.raw_bench import UNITS
+from hmcvt_core.transmission.ranges import RPM
 
 SHAFTS = {
     "displacement_ratio": "stroke:%",

@@ -13,7 +13,7 @@ from scipy.optimize import brentq, differential_evolution, minimize_scalar
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.problem import BOUNDS, Problem
-from hmcvt_core.ranges import ENGINE_SPEED_LIMITS
+from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 
 AXES = (np.linspace(-1.0, 1.0, 41), np.linspace(*ENGINE_SPEED_LIMITS, 31),
         np.linspace(50.0, 400.0, 31))

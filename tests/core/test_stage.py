@@ -11,8 +11,8 @@ import yaml
 from hypothesis import given
 
 import hmcvt_core as hmcvt
-from hmcvt_core import published
-from hmcvt_core.power_balance import OperatingPoints, power_flow
+from hmcvt_core.physics import published
+from hmcvt_core.physics.power_balance import OperatingPoints, power_flow
 
 from .strategies import stages
 

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from hmcvt_core import InputError
-from hmcvt_core.uncertainty import (
+from hmcvt_core.transmission.uncertainty import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     random_uncertainty,
     random_uncertainty_of,

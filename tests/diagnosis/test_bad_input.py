@@ -8,7 +8,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.observations import Observations, distinct_rows
-from hmcvt_core.effects.drag import ChargePump
+from hmcvt_core.physics.effects.drag import ChargePump
 
 from .campaigns import BASE, NOISE, campaign, with_column
 

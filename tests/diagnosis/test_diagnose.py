@@ -10,12 +10,12 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.result import VERDICTS
-from hmcvt_core.effects.actuator import DisplacementDeadBand
-from hmcvt_core.effects.drag import ChargePump, Churning
-from hmcvt_core.effects.gears import PlanetaryMesh
-from hmcvt_core.effects.hydraulic import OrificeLeakage, PressureLeakage
-from hmcvt_core.effects.oil import OilTemperature
-from hmcvt_core.effects.sensor import EngineTorqueZero
+from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
+from hmcvt_core.physics.effects.drag import ChargePump, Churning
+from hmcvt_core.physics.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.hydraulic import OrificeLeakage, PressureLeakage
+from hmcvt_core.physics.effects.oil import OilTemperature
+from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 
 from .campaigns import BASE, NOISE, campaign, random_points, with_column
 

@@ -11,11 +11,11 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.hypothesis import forms_of
 from hmcvt_core.diagnosis.ranking import CONTRACT_EFFECTS
-from hmcvt_core.effects import effect_from_mapping, effect_to_mapping, library
-from hmcvt_core.effects.base import Effect, size
-from hmcvt_core.effects.drag import ChargePump, Churning
-from hmcvt_core.effects.oil import walther_log_viscosity
-from hmcvt_core.power_balance import OperatingPoints, power_flow
+from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
+from hmcvt_core.physics.effects.base import Effect, size
+from hmcvt_core.physics.effects.drag import ChargePump, Churning
+from hmcvt_core.physics.effects.oil import walther_log_viscosity
+from hmcvt_core.physics.power_balance import OperatingPoints, power_flow
 
 from .campaigns import BASE, NOISE, campaign, random_points
 

@@ -11,8 +11,8 @@ from hmcvt_core.diagnosis.intake import admitted
 from hmcvt_core.diagnosis.procedure import _Assembly, _significance
 from hmcvt_core.diagnosis.ranking import rank, single_candidates
 from hmcvt_core.diagnosis.regions import regions
-from hmcvt_core.effects.drag import ChargePump
-from hmcvt_core.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.drag import ChargePump
+from hmcvt_core.physics.effects.gears import PlanetaryMesh
 
 from .campaigns import BASE, NOISE, campaign, joined, with_column
 

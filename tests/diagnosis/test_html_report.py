@@ -14,11 +14,11 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary, diagnose
-from hmcvt_core.diagnosis.html_report import html, write_html
-from hmcvt_core.effects.drag import ChargePump
-from hmcvt_core.effects.gears import PlanetaryMesh
-from hmcvt_core.effects.hydraulic import PressureLeakage
-from hmcvt_core.resources import data_path
+from hmcvt_core.files.resources import data_path
+from hmcvt_core.physics.effects.drag import ChargePump
+from hmcvt_core.physics.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.hydraulic import PressureLeakage
+from hmcvt_core.report.html_report import html, write_html
 
 from .campaigns import BASE, NOISE, campaign
 from .html_browser import browse, measured

@@ -16,11 +16,11 @@ from hmcvt_core.diagnosis.hypothesis import (
     to_base,
 )
 from hmcvt_core.diagnosis.observations import Observations
-from hmcvt_core.effects import library
-from hmcvt_core.effects.drag import ChargePump, Churning
-from hmcvt_core.effects.hydraulic import PressureLeakage
-from hmcvt_core.effects.sensor import EngineTorqueZero
-from hmcvt_core.parameters import HydraulicParameters
+from hmcvt_core.physics.effects import library
+from hmcvt_core.physics.effects.drag import ChargePump, Churning
+from hmcvt_core.physics.effects.hydraulic import PressureLeakage
+from hmcvt_core.physics.effects.sensor import EngineTorqueZero
+from hmcvt_core.transmission.parameters import HydraulicParameters
 
 from .campaigns import BASE, campaign
 

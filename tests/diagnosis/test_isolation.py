@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import hmcvt_core
-from hmcvt_core.effects.drag import ChargePump
-from hmcvt_core.threads import ONE_BLAS_THREAD
+from hmcvt_core.fleet.threads import ONE_BLAS_THREAD
+from hmcvt_core.physics.effects.drag import ChargePump
 
 from .campaigns import BASE, campaign
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hmcvt_core.diagnosis.regions import regions
-from hmcvt_core.domain import AXES
+from hmcvt_core.model.domain import AXES
 
 from .campaigns import campaign, factorial_points, measure
 

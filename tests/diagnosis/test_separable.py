@@ -11,9 +11,9 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.evidence import log_mean
 from hmcvt_core.diagnosis.hypothesis import forms_of
-from hmcvt_core.effects import library
-from hmcvt_core.effects.drag import ChargePump, Churning
-from hmcvt_core.power_balance import OperatingPoints
+from hmcvt_core.physics.effects import library
+from hmcvt_core.physics.effects.drag import ChargePump, Churning
+from hmcvt_core.physics.power_balance import OperatingPoints
 
 from .campaigns import (
     BASE,

@@ -12,12 +12,12 @@ from cli.running import assert_refused, process
 
 from hmcvt_core.cli import main
 from hmcvt_core.errors import InputError
+from hmcvt_core.files.resources import data_path
 from hmcvt_core.fleet import study as study_module
 from hmcvt_core.fleet.results import locked
 from hmcvt_core.fleet.settings import Settings
 from hmcvt_core.fleet.study import Broken, study
-from hmcvt_core.parameter_file import load_model, load_stage
-from hmcvt_core.resources import data_path
+from hmcvt_core.model.parameter_file import load_model, load_stage
 
 from .fleets import finish, fleet, make_fleet, start
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from hmcvt_core import read_bench
+from hmcvt_core.files.resources import data_path
 from hmcvt_core.fleet.processes import on_processes
 from hmcvt_core.fleet.settings import Settings
 from hmcvt_core.fleet.study import Broken, Study, Task
-from hmcvt_core.parameter_file import load_stage
-from hmcvt_core.resources import data_path
+from hmcvt_core.model.parameter_file import load_stage
 
 from .fleets import finish, fleet, results, start, wait_for, workers
 

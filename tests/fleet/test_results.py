@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hmcvt_core import load_model, read_bench
-from hmcvt_core.effects.sensor import EngineTorqueGain
+from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 
 from .fleets import ROOT, finish, fleet, results, start
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nothing is lost by kill -9: a small edition of `python -m tests.soak.kill_trials`.
+"""Nothing is lost by kill -9: a small edition of `python -m studies.soak.kill_trials`.
 
 In a process of its own, because it forks, which the threads of DDS in this one would not bear.
 """
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 def table(environment, *arguments):
     """Run the trials; return the cells of each kind by the title of their column."""
     done = subprocess.run(
-        [sys.executable, "-m", "tests.soak.kill_trials", *arguments], env=dict(environment),
+        [sys.executable, "-m", "studies.soak.kill_trials", *arguments], env=dict(environment),
         cwd=ROOT, capture_output=True, text=True, timeout=110)
     assert done.returncode == 0, done.stdout + done.stderr
     lines = [[cell.strip() for cell in line.strip("|").split("|")]

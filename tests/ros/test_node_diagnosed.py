@@ -7,7 +7,7 @@ import numpy as np
 from ros_bench import GOOD
 
 import hmcvt_core as hmcvt
-from hmcvt_core.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.gears import PlanetaryMesh
 
 
 def test_the_node_serves_a_diagnosed_model(start_node, tmp_path):

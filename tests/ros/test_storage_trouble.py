@@ -18,7 +18,7 @@ from full_disk import file_limit, fill, read_only
 from ros_bench import GOOD, command, message, send_table
 
 import hmcvt_core as hmcvt
-from hmcvt_core.atomic import write_atomically
+from hmcvt_core.files.atomic import write_atomically
 from hmcvt_ros.bench_log import BenchLog
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder

@@ -6,9 +6,8 @@ from __future__ import annotations
 import pytest
 
 import hmcvt_core as hmcvt
-
-from . import processes, trial
-from .fuzz_inputs import InputFuzzer, overrides
+from studies.soak import processes, trial
+from studies.soak.fuzz_inputs import InputFuzzer, overrides
 
 
 @pytest.mark.slow

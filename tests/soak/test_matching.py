@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from .matching import match
-from .points import Answer, Cycle, Inputs
+from studies.soak.matching import match
+from studies.soak.points import Answer, Cycle, Inputs
 
 
 def answer(topic: int, inputs: Inputs) -> Answer:

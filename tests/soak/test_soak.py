@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from . import figures, report, trial
+from studies.soak import figures, report, trial
 
 PLAN = trial.Plan(rate=100.0, seconds=1.0, turns=3, refit_turns=1, samples=20, rates=(100.0,),
                   rising_seconds=1.0, cycle=300)

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bench samples: steady working points with measured efficiency, as values and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS
+from .atomic import write_atomically
+from .columns import read_columns
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BenchSamples:
+    """Bench samples; every array has shape (n,).
+
+    Attributes:
+        displacement_ratio: pump stroke commanded [-].
+        engine_speed: [rad/s].
+        load_torque: output power / engine speed [N m].
+        efficiency: output power / engine power [-].
+        output_speed: [rad/s], or None.
+        oil_temperature: [deg C], or None.
+        efficiency_std: standard deviation of `efficiency` [-], or None.
+        stamp: time of the sample [s], or None.
+        extra: columns that hmcvt does not know, as text.
+        source: where they come from, for messages and provenance.
+        sha256: of the file they were read from; empty when not from a file.
+
+    Raises:
+        InputError: a value is outside its range or lengths differ; the place is named.
+    """
+
+    displacement_ratio: Array
+    engine_speed: Array
+    load_torque: Array
+    efficiency: Array
+    output_speed: Array | None = None
+    oil_temperature: Array | None = None
+    efficiency_std: Array | None = None
+    stamp: Array | None = None
+    extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    source: str = "samples"
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        for column in BENCH_COLUMNS:
+            value = getattr(self, column.name)
+            if value is None:
+                if column.name in REQUIRED_COLUMNS:
+                    raise InputError(f"{self.source}: {column.name} is missing")
+                continue
+            array = np.atleast_1d(column.check(value, self.source))
+            if array.shape != (len(np.atleast_1d(self.displacement_ratio)),):
+                raise InputError(f"{self.source}: {column.name} has shape {array.shape}, "
+                                 f"displacement_ratio has {len(self.displacement_ratio)} values")
+            array = array.copy()
+            array.flags.writeable = False
+            object.__setattr__(self, column.name, array)
+        if len(self) == 0:
+            raise InputError(f"{self.source}: holds no samples")
+
+    def __len__(self) -> int:
+        return len(self.displacement_ratio)
+
+    def select(self, index: ArrayLike) -> BenchSamples:
+        """Return the samples at an index array or mask, in that order."""
+        chosen = np.asarray(index)
+        if chosen.dtype == bool:
+            chosen = np.flatnonzero(chosen)
+        values: dict[str, Any] = {
+            column.name: None if (value := getattr(self, column.name)) is None
+            else value[chosen] for column in BENCH_COLUMNS}
+        extra = {name: tuple(column[i] for i in chosen) for name, column in self.extra.items()}
+        return BenchSamples(**values, extra=extra, source=self.source, sha256=self.sha256)
+
+
+def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
+    """Read bench samples from CSV (columns: see `BenchSamples`; the first four are required).
+
+    Raises:
+        InputError: the file is missing, empty, too large or not CSV, a column is missing or
+            doubled, or a value is not a number or outside its range; file, row and field are named.
+    """
+    found = read_columns(path, REQUIRED_COLUMNS)
+    values: dict[str, Any] = found.known
+    return BenchSamples(**values, extra=found.extra, source=found.source, sha256=found.sha256)
+
+
+def write_bench(path: str | os.PathLike[str], samples: BenchSamples) -> None:
+    """Write bench samples as CSV, whole or not at all; `read_bench` gives the same values."""
+    names = [column.name for column in BENCH_COLUMNS if getattr(samples, column.name) is not None]
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow([*names, *samples.extra])
+    for i in range(len(samples)):
+        values = [repr(float(getattr(samples, name)[i])) for name in names]
+        writer.writerow([*values, *(column[i] for column in samples.extra.values())])
+    write_atomically(Path(path), buffer.getvalue())
+
+

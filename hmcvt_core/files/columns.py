@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of numbers from CSV, checked against their ranges; every complaint names its place."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import os
+import re
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Range
+
+Array = NDArray[np.float64]
+_MAX_BYTES = 256 * 1024 * 1024
+_NAMES = frozenset(column.name for column in BENCH_COLUMNS)
+_SPECIAL = ("nan", "inf", "infinity")
+_DECIMAL_COMMA = re.compile(r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")
+
+
+class Cells(NamedTuple):
+    """What a file holds, as text.
+
+    Attributes:
+        columns: one cell per sample, by column name.
+        rows: line of each sample in the file, from 1.
+        separator: of the columns.
+        source, sha256: of the file.
+    """
+
+    columns: dict[str, list[str]]
+    rows: list[int]
+    separator: str
+    source: str
+    sha256: str
+
+
+class Columns(NamedTuple):
+    """What a bench file holds.
+
+    Attributes:
+        known: columns that hmcvt knows, by name, shape (n,) each.
+        extra: the others, as text.
+        rows: line of each sample in the file, from 1.
+        source, sha256: of the file.
+    """
+
+    known: dict[str, Array]
+    extra: dict[str, tuple[str, ...]]
+    rows: list[int]
+    source: str
+    sha256: str
+
+
+def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Columns:
+    """Read the columns of a bench file; the names of known ones may have capitals and spaces.
+
+    Raises:
+        InputError: as `read_cells`; or a column stands there twice or a value is no number or
+            outside its range.
+    """
+    cells = decimal_points(read_cells(path, required, column_name), _NAMES)
+    columns, rows, source = dict(cells.columns), cells.rows, cells.source
+    _refuse_units(columns, rows, source, required)
+    known = {}
+    for column in BENCH_COLUMNS:
+        if column.name in columns:
+            values = numbers(columns.pop(column.name), rows, column.name, source,
+                             optional=column.name not in REQUIRED_COLUMNS)
+            require_range(values, column, rows, source)
+            known[column.name] = values
+    extra = {name: tuple(column) for name, column in columns.items()}
+    return Columns(known, extra, rows, source, cells.sha256)
+
+
+def read_cells(
+    path: str | os.PathLike[str], required: Sequence[str], name_of: Callable[[str], str], *,
+    header_row: int | None = None, encodings: Sequence[str] = ("utf-8-sig",),
+) -> Cells:
+    """Read a CSV file with a header, separated by commas, semicolons or tabs.
+
+    Lines above the header that begin with # are left out.
+
+    Args:
+        path: of the file.
+        required: columns that must be there.
+        name_of: gives the name of a column from its cell in the header.
+        header_row: line of the header, from 1; found when left out.
+        encodings: of the text, the first that fits.
+
+    Raises:
+        InputError: the file is missing, empty, too large or not CSV, a required column is
+            missing or a column doubled.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    text = _decoded(raw, encodings, str(path))
+    if "\n" not in text:
+        text = text.replace("\r", "\n")  # line ends of old programs
+    if header_row is not None:
+        # Left empty, so that the rows below keep their numbers.
+        text = "\n" * (header_row - 1) + "".join(list(io.StringIO(text))[header_row - 1:])
+    separator = _separator(text)
+    header, body = _lines(text, separator, str(path), required, name_of)
+    columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
+    return Cells(columns, [number for number, _ in body], separator, str(path),
+                 hashlib.sha256(raw).hexdigest())
+
+
+def require_range(
+    values: Array, limits: Range, rows: Sequence[int], source: str, remark: str = ""
+) -> None:
+    """Raise an `InputError` that names the row of the first value outside its range."""
+    inside = limits.contains(values)
+    if not inside.all():
+        first = int(np.flatnonzero(~inside)[0])
+        raise InputError(
+            f"{source}: row {rows[first]}: {limits.complaint(values[first])}{remark}")
+
+
+def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
+    """Turn decimal commas into points where nothing but decimal commas can be meant.
+
+    That is where commas do not part the columns, no number has a point, and some comma cannot
+    set thousands apart: 0,643 or 78,54.
+
+    Args:
+        cells: of a file.
+        names: of the columns that hold numbers.
+    """
+    every = [cell for name, column in cells.columns.items() if name in names for cell in column]
+    if (cells.separator == "," or any("." in cell for cell in every)
+            or not any(map(_DECIMAL_COMMA.fullmatch, every))):
+        return cells
+    return cells._replace(columns={
+        name: [cell.replace(",", ".") for cell in column] if name in names else column
+        for name, column in cells.columns.items()})
+
+
+def _decoded(raw: bytes, encodings: Sequence[str], source: str) -> str:
+    for encoding in encodings:
+        try:
+            return raw.decode(encoding)
+        except UnicodeDecodeError as error:
+            if encoding == encodings[0]:
+                first = error.start
+    raise InputError(f"{source}: not UTF-8 text at byte {first}: save it as 'CSV UTF-8'")
+
+
+def _separator(text: str) -> str:
+    """Tell from the header what separates the columns: what stands there most, first a comma."""
+    header = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
+    return max(",;\t", key=header.count)
+
+
+def _lines(
+    text: str, separator: str, source: str, required: Sequence[str], name_of: Callable[[str], str]
+) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Return the header and the numbered rows below it."""
+    try:
+        rows = list(csv.reader(io.StringIO(text), delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise InputError(f"{source}: not CSV: {error}") from None
+    numbered = [(number, row) for number, row in enumerate(rows, 1)
+                if any(cell.strip() for cell in row)]
+    # Above the header only: below it a cell may well begin like that.
+    while numbered and numbered[0][1][0].startswith("#"):
+        numbered.pop(0)
+    if not numbered:
+        needs = f"; needs columns {', '.join(required)}" if required else ""
+        raise InputError(f"{source}: is empty{needs}")
+    (top, first), body = numbered[0], numbered[1:]
+    header = [name_of(cell) for cell in first]
+    for name in header:
+        if header.count(name) > 1:
+            raise InputError(f"{source}: row {top}: column {name!r} stands there twice")
+    missing = [name for name in required if name not in header]
+    if missing:
+        raise InputError(f"{source}: row {top}: column {', '.join(missing)} is missing; "
+                         f"there is {', '.join(header)} (`hmcvt import-csv` takes other names)")
+    if not body:
+        raise InputError(f"{source}: holds a header but no samples")
+    for number, row in body:
+        while len(row) > len(header) and not row[-1].strip():
+            row.pop()  # separators at the end of a line
+        if len(row) != len(header):
+            raise InputError(f"{source}: row {number}: {len(row)} fields, the header has "
+                             f"{len(header)} (decimal comma, other separator, a comment, or lines "
+                             "above the header?)")
+    return header, body
+
+
+def column_name(cell: str) -> str:
+    """Return the name of a column that hmcvt knows also where it is spelled another way."""
+    plain = re.sub("[ -]+", "_", cell.strip().lower())
+    return plain if plain in _NAMES else cell.strip()
+
+
+def _refuse_units(
+    cells: dict[str, list[str]], rows: list[int], source: str, required: Sequence[str]
+) -> None:
+    """Name a row below the header that holds no number at all where numbers belong."""
+    first = [cells[name][0] for name in required]
+    if all(cell and not any(map(str.isdigit, cell)) and cell.lower().strip("+-") not in _SPECIAL
+           for cell in first):
+        raise InputError(f"{source}: row {rows[0]}: {', '.join(first)} are no numbers; remove a "
+                         f"row of units ({required[1]} is in rad/s, {required[2]} in N m)")
+
+
+def numbers(
+    cells: Sequence[str], rows: Sequence[int], name: str, source: str, *, optional: bool = False
+) -> Array:
+    """Return the numbers of a column; the row of what is none is named by an `InputError`."""
+    values = np.empty(len(cells))
+    for i, cell in enumerate(cells):
+        try:
+            if "_" in cell:  # Python reads 2_99 as 299
+                raise ValueError
+            values[i] = float(cell)
+        except ValueError:
+            what = f"{cell!r} is not a number" if cell else "is empty"
+            if "," in cell:
+                what += ": write a decimal point, and nothing between thousands"
+            elif not cell and optional:
+                what += ": fill it in, or leave the column out"
+            raise InputError(f"{source}: row {rows[i]}: {name} {what}") from None
+    return values

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The region of working points that a model was identified from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..files.bench import BenchSamples
+from ..physics.power_balance import OperatingPoints
+from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Range
+
+AXES = tuple(axis.name for axis in POINT_RANGES)
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A box around the identification data; each entry is (lowest, highest), SI units.
+
+    Raises:
+        InputError: an interval is reversed or not finite.
+    """
+
+    displacement_ratio: tuple[float, float]
+    engine_speed: tuple[float, float]
+    load_torque: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        for axis in AXES:
+            low, high = getattr(self, axis)
+            if not (np.isfinite([low, high]).all() and low <= high):
+                raise InputError(f"domain.{axis} = [{low}, {high}]: needs two rising numbers")
+
+    @classmethod
+    def of(cls, samples: BenchSamples) -> Domain:
+        """Return the smallest box that holds the samples."""
+        return cls(*((float(getattr(samples, axis).min()), float(getattr(samples, axis).max()))
+                     for axis in AXES))
+
+    def contains(self, points: OperatingPoints) -> NDArray[np.bool_]:
+        """Tell which points lie inside; a rounding error outside counts as inside."""
+        inside = np.ones(np.shape(points.engine_speed), dtype=bool)
+        for axis in AXES:
+            inside &= self.covers(axis, getattr(points, axis))
+        return inside
+
+    def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
+        """Tell which values of one of `AXES` lie inside, as `contains` does."""
+        low, high = getattr(self, axis)
+        slack = 1e-9 * max(abs(low), abs(high), 1.0)
+        array = np.asarray(values)
+        return (array >= low - slack) & (array <= high + slack)
+
+    def departures(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> list[str]:
+        """Say for each axis along which one point lies outside how far the data reach."""
+        point = (displacement_ratio, engine_speed, load_torque)
+        values = zip(POINT_RANGES, point, strict=True)
+        return [self._departure(axis, value) for axis, value in values
+                if not self.covers(axis.name, value)]
+
+    def _departure(self, axis: Range, value: float) -> str:
+        low, high = getattr(self, axis.name)
+        form = ".9g" if low <= float(f"{value:.4g}") <= high else ".4g"  # just beyond a limit
+        unit = "" if axis.unit == "-" else f" {axis.unit}"
+        text = f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to {high:{form}}{unit}"
+        if axis == ENGINE_SPEED:
+            text += f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
+        return text
+
+    def to_mapping(self) -> dict[str, list[float]]:
+        """Return axis -> [low, high]."""
+        return {axis: list(getattr(self, axis)) for axis in AXES}
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, object]) -> Domain:
+        """Read what `to_mapping` gives.
+
+        Raises:
+            InputError: an axis is missing or is not a pair of numbers.
+        """
+        pairs = []
+        for axis in AXES:
+            value = data.get(axis)
+            if not (isinstance(value, list) and len(value) == 2
+                    and all(isinstance(end, (int, float)) and abs(end) < 1e300 for end in value)):
+                raise InputError(f"domain.{axis} = {value!r} is not [low, high]")
+            pairs.append((float(value[0]), float(value[1])))
+        return cls(*pairs)

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files: a model as YAML that a person can read, with units and provenance."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.atomic import free_name, write_atomically
+from ..physics.effects import effect_from_mapping, effect_to_mapping
+from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
+from ..transmission.stage import Stage
+from .domain import Domain
+from .model import EfficiencyModel
+
+SCHEMA = "hmcvt-model/1"
+TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
+_MAX_BYTES = 4 * 1024 * 1024
+_HUGE = 1e300  # an integer in a file may be too large for a float
+_ROUNDED = 1e-5  # a matrix in a file has six digits
+
+
+def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
+    """Read a parameter file.
+
+    Raises:
+        InputError: the file is missing, damaged, of another schema or version, or a field is
+            missing or out of range; file and field are named.
+    """
+    data = _read(path, SCHEMA)
+    stated = data.pop("checksum", None)
+    if stated is not None and stated != (_checksum(data) or None):
+        raise InputError(f"{path}: checksum does not match: the file is damaged or was edited; "
+                         "if edited on purpose, remove the line 'checksum'")
+    try:
+        return _from_mapping(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
+    """Write a parameter file, whole or not at all.
+
+    A file that is there already and holds anything else is kept beside it, as
+    `name.previous-1.yaml` and so on.
+
+    Raises:
+        OSError: the folder cannot be written; an existing file is untouched.
+    """
+    import yaml
+
+    path, data = Path(path), to_mapping(model)
+    # Above all that can be cut off: a file that has lost its end has not lost its checksum.
+    sealed = {"schema": data["schema"], "checksum": _checksum(data), **data}
+    text = yaml.safe_dump(sealed, sort_keys=False, default_flow_style=None, width=96)
+    if path.is_file() and not _holds(path, data):
+        write_atomically(free_name(path, "previous"), path.read_bytes())
+    write_atomically(path, text)
+
+
+def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
+    """Read one stage of a transmission file (see `params/transmission.yaml`).
+
+    Raises:
+        InputError: the file or a field is wrong; both are named.
+    """
+    data = _read(path, TRANSMISSION_SCHEMA)
+    try:
+        return Stage.from_mapping(data, name)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def to_mapping(model: EfficiencyModel) -> dict[str, Any]:
+    """Return a model as plain data: strings, numbers, lists, mappings."""
+    parameters = {}
+    for name in PARAMETER_NAMES:
+        entry: dict[str, Any] = {"value": getattr(model.parameters, name),
+                                 "unit": PARAMETER_UNITS[name]}
+        if name in model.standard_errors:
+            entry["standard_error"] = float(model.standard_errors[name])
+        parameters[name] = entry
+    data: dict[str, Any] = {"schema": SCHEMA, "formulation": model.formulation,
+                            "parameters": parameters}
+    if model.correlation is not None:
+        data["correlation"] = np.asarray(model.correlation).round(6).tolist()
+    if model.effects:
+        data["effects"] = [effect_to_mapping(effect) for effect in model.effects]
+    if model.domain is not None:
+        data["domain"] = model.domain.to_mapping()
+    data["provenance"] = dict(model.provenance)
+    data["transmission"] = model.stage.to_mapping()
+    return data
+
+
+def _holds(path: Path, data: Mapping[str, Any]) -> bool:
+    """Whether a file holds the same, but for its date."""
+    try:
+        there = to_mapping(load_model(path))
+    except InputError:
+        return False
+
+    def undated(data: Mapping[str, Any]) -> dict[str, Any]:
+        return {**data, "provenance": {**data["provenance"], "date": ""}}
+
+    return undated(there) == undated(data)
+
+
+def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
+    parameters = _section(data, "parameters")
+    values, errors = [], {}
+    for name in PARAMETER_NAMES:
+        entry = _section(parameters, name, "parameters.")
+        values.append(_number(entry, "value", f"parameters.{name}."))
+        unit = entry.get("unit", PARAMETER_UNITS[name])
+        if unit != PARAMETER_UNITS[name]:
+            raise InputError(f"parameters.{name}.unit = {unit!r}; needs {PARAMETER_UNITS[name]!r}")
+        if "standard_error" in entry:
+            errors[name] = _number(entry, "standard_error", f"parameters.{name}.", low=0.0)
+    effects = data.get("effects", [])
+    if not isinstance(effects, list):
+        raise InputError(f"effects = {effects!r} is not a list")
+    return EfficiencyModel(
+        stage=Stage.from_mapping(_section(data, "transmission")),
+        parameters=HydraulicParameters(*values),
+        formulation=str(_get(data, "formulation")),
+        effects=tuple(effect_from_mapping(item, f"effects[{i}]")
+                      for i, item in enumerate(effects)),
+        standard_errors=errors if len(errors) == len(PARAMETER_NAMES) else {},
+        correlation=_correlation(data["correlation"]) if "correlation" in data else None,
+        domain=Domain.from_mapping(_section(data, "domain")) if "domain" in data else None,
+        provenance=_section(data, "provenance") if "provenance" in data else {},
+    )
+
+
+def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
+    import yaml
+
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
+        # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text at byte {error.start}") from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        # PyYAML lets a ValueError through for an impossible date or an endless number.
+        mark = getattr(error, "problem_mark", None)
+        place = f" at line {mark.line + 1}" if mark else ""
+        raise InputError(f"{path}: not YAML{place}: {getattr(error, 'problem', error)}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: holds no mapping; is it empty or cut off?")
+    if data.get("schema") != schema:
+        raise InputError(f"{path}: schema = {data.get('schema')!r}; this version reads {schema!r}")
+    return data
+
+
+def _checksum(data: Mapping[str, Any]) -> str:
+    try:
+        text = json.dumps(_with_text_keys(data), sort_keys=True, default=str)
+    except (ValueError, RecursionError):
+        return ""  # a list within itself: not what `save_model` wrote
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _with_text_keys(value: Any) -> Any:
+    """YAML reads the key 2 as a number and 2026-01-01 as a date, which do not sort beside text."""
+    if isinstance(value, Mapping):
+        return {str(key): _with_text_keys(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_with_text_keys(entry) for entry in value]
+    return value
+
+
+def _get(data: Mapping[str, Any], key: str, where: str = "") -> Any:
+    if key not in data:
+        raise InputError(f"{where}{key} is missing")
+    return data[key]
+
+
+def _section(data: Mapping[str, Any], key: str, where: str = "") -> Mapping[str, Any]:
+    value = _get(data, key, where)
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where}{key} = {value!r} is not a mapping")
+    return value
+
+
+def _number(data: Mapping[str, Any], key: str, where: str, low: float = -math.inf) -> float:
+    value = _get(data, key, where)
+    # YAML 1.1 reads 3e-11 without a dot as text; a person may well write it so.
+    if isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            value = float(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) \
+            or not abs(value) < _HUGE or value < low:
+        raise InputError(f"{where}{key} = {value!r} is not a finite number"
+                         + (f" of at least {low:g}" if math.isfinite(low) else ""))
+    return float(value)
+
+
+def _correlation(value: Any) -> Any:
+    try:
+        matrix = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        matrix = np.empty(0)
+    n = len(PARAMETER_NAMES)
+    if matrix.shape != (n, n) or not (np.abs(matrix) <= 1.0 + 1e-9).all():
+        raise InputError(f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1")
+    if not (np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED)
+            and np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED)
+            and np.linalg.eigvalsh(matrix).min() >= -_ROUNDED):
+        raise InputError(f"correlation = {value!r} is no correlation: it needs to be symmetric, "
+                         "1 on the diagonal, without a negative eigenvalue")
+    return matrix

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the watts go: every loss of the power balance by the part that takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..transmission.parameters import HydraulicParameters
+from ..transmission.stage import Path, Stage
+from .effects.base import Effect
+from .power_balance import PowerFlow, through_gears
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Breakdown:
+    """Power in, power out and every loss between them [W]; arrays of one shape.
+
+    Attributes:
+        input_power: from the engine.
+        output_power: to the load.
+        losses: by part: `gear_pair_<name>`, `leakage`, `pump_damping`, `pump_friction`,
+            `motor_damping`, `motor_friction`, `planetary_row`, and the name of each effect that
+            drags a shaft. Their sum is input_power - output_power.
+    """
+
+    input_power: Array
+    output_power: Array
+    losses: Mapping[str, Array]
+
+
+def breakdown(
+    stage: Stage, parameters: HydraulicParameters, flow: PowerFlow, effects: Sequence[Effect] = ()
+) -> Breakdown:
+    """Share the lost power of a steady state among the parts.
+
+    Args:
+        stage, parameters, effects: those that `flow` was solved with.
+        flow: the steady state; NaN in it stays NaN.
+    """
+    losses: dict[str, Array] = {}
+    _hydraulic_losses(losses, stage, parameters, flow)
+    _gear_and_row_losses(losses, stage, flow, effects)
+    _drag_losses(losses, flow, effects)
+    return Breakdown(flow.engine_power, flow.output_power, losses)
+
+
+def _hydraulic_losses(
+    losses: dict[str, Array], stage: Stage, parameters: HydraulicParameters, flow: PowerFlow
+) -> None:
+    state, units = flow.state, stage.pump_motor
+    delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
+    taken = units.motor_displacement * state.motor_speed
+    # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all flow
+    # passes.
+    losses["leakage"] = state.pressure * (delivered - taken)
+    losses["pump_damping"] = parameters.pump_damping * state.viscosity_ratio * state.pump_speed**2
+    losses["pump_friction"] = units.pump_friction * np.abs(flow.pump_pressure * delivered)
+    losses["motor_damping"] = (parameters.motor_damping * state.viscosity_ratio
+                               * state.motor_speed**2)
+    losses["motor_friction"] = units.motor_friction * np.abs(state.pressure * taken)
+    drop = (flow.pump_pressure - state.pressure) * delivered
+    if np.any(drop):
+        losses["pressure_drop"] = drop
+
+
+def _gear_and_row_losses(
+    losses: dict[str, Array], stage: Stage, flow: PowerFlow, effects: Sequence[Effect]
+) -> None:
+    state = flow.state
+    sides = {}
+    for path, name, torque, speed, direction in (
+        (stage.output, "output", flow.output_torque, state.output_speed, 1.0),
+        (stage.motor, "motor", flow.row_motor_torque, state.motor_speed, flow.direction),
+        (stage.mechanical, "mechanical", flow.row_mechanical_torque, state.engine_speed, 1.0),
+        (stage.pump, "pump", flow.pump_torque / stage.pump.ratio, state.engine_speed,
+         np.sign(flow.pump_torque)),
+    ):
+        torques = through_gears(path, torque, speed, direction, effects)
+        _pair_losses(losses, path, torques, speed)
+        sides[name] = torques[-1]
+    losses["planetary_row"] = (flow.row_motor_torque * state.motor_speed
+                               + flow.row_mechanical_torque * state.engine_speed
+                               - sides["output"] * state.output_speed)
+
+
+def _pair_losses(
+    losses: dict[str, Array], path: Path, torques: list[Array], speed: Array
+) -> None:
+    for pair, after, before in zip(reversed(path.gear_pairs), torques, torques[1:], strict=False):
+        name = f"gear_pair_{pair.name}"
+        # A pair that serves two paths loses on both.
+        losses[name] = losses.get(name, 0.0) + (before - after) * speed
+
+
+def _drag_losses(losses: dict[str, Array], flow: PowerFlow, effects: Sequence[Effect]) -> None:
+    state = flow.state
+    for effect in effects:
+        watts = (
+            effect.engine_drag(state) * state.engine_speed
+            + effect.pump_drag(state) * state.pump_speed
+            + effect.motor_drag(state) * np.abs(state.motor_speed)
+            + effect.output_drag(state) * state.output_speed
+        )
+        if np.any(watts):
+            losses[effect.name] = losses.get(effect.name, 0.0) + np.asarray(watts)

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""The published formulation: eqs (4)-(18) as the paper prints them, guarded.
+
+Readings (the paper is silent or misprints; `docs/theory.md` argues each):
+
+* i_HM inside (8) and (12) is n_e / n_out, the reciprocal of (5).
+* Load torque is referred to the engine shaft, so T_out = T_load n_e / n_out.
+* Viscous torques in (6), (14), (15) follow sign(eps), and |eta_H| of (16) is taken.
+* At eps = 0, eta_H is "any nonzero positive < 1e-4" (section 4.2).
+
+The formulas have a pole inside the working range: the denominator of (11) vanishes for one or two
+eps of small size. They are therefore never served unguarded: where their own quantities contradict
+each other (a share a_1 against the sign of e_H, an efficiency outside (0, 1)) the answer is NaN.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..transmission.parameters import HydraulicParameters
+from ..transmission.stage import Stage, member_speed_coefficients
+from .power_balance import OperatingPoints
+
+Array = NDArray[np.float64]
+STANDING_EFFICIENCY = 5e-5
+"""eta_H taken at eps = 0, inside the paper's (0, 1e-4)."""
+
+
+class PublishedEfficiency(NamedTuple):
+    """Efficiencies of eqs (7)-(18); arrays of one shape, unguarded.
+
+    Attributes:
+        hydraulic: eta_H, pump-motor pair (16).
+        split_ratio: e_H, hydraulic share of the ring power (8).
+        engine_share: a_1, hydraulic share of the engine power (11).
+        mechanical_in: eta_M1, engine to row (7).
+        row: eta_HM, planetary row (12).
+        mechanical_out: eta_M2, row to output (17).
+        total: eta_total (18).
+    """
+
+    hydraulic: Array
+    split_ratio: Array
+    engine_share: Array
+    mechanical_in: Array
+    row: Array
+    mechanical_out: Array
+    total: Array
+
+
+def speed_ratio(stage: Stage, displacement_ratio: Array) -> Array:
+    """Output speed / engine speed without slip, eq. (5) [-]."""
+    units = stage.pump_motor
+    motor = displacement_ratio * units.pump_displacement / units.motor_displacement
+    return stage.mechanical_speed_ratio + stage.motor_speed_ratio * motor / stage.pump.ratio
+
+
+def hydraulic_split_ratio(stage: Stage, displacement_ratio: Array) -> Array:
+    """e_H of eq. (8) with the overall ratio i_HM, as printed [-]."""
+    return 1.0 - 1.0 / (speed_ratio(stage, displacement_ratio) * _connection(stage))
+
+
+def _connection(stage: Stage) -> float:
+    """1 + A of eq. (8): speed of the mechanical member / speed of the output member [-].
+
+    With the motor at rest; k / (1 + k) for carrier and ring, the paper's case.
+    """
+    coefficients = member_speed_coefficients(stage.planetary_constant)
+    return abs(coefficients[stage.output_member] / coefficients[stage.mechanical_member])
+
+
+def hydraulic_efficiency(
+    stage: Stage, parameters: HydraulicParameters, points: OperatingPoints
+) -> Array:
+    """eta_H of the pump-motor pair, eqs (6), (13)-(16) in the steady state [-].
+
+    Args:
+        stage, parameters: the transmission.
+        points: arrays of one shape.
+
+    Returns:
+        |eta_H|; NaN where leakage turns the motor against its stroke.
+    """
+    units = stage.pump_motor
+    # Positive where the motor adds to the output speed, as (6) has it.
+    stroke = points.displacement_ratio * np.sign(stage.motor_speed_ratio)
+    sign = np.sign(stroke)
+    output_torque = points.load_torque / speed_ratio(stage, points.displacement_ratio)
+    pump_speed = points.engine_speed / stage.pump.ratio
+    tight = (stroke * pump_speed
+             * units.pump_displacement / units.motor_displacement)
+    v_m, v_p = units.motor_displacement, units.pump_displacement
+    load = output_torque * abs(stage.motor_speed_ratio)
+    pressure = (load + parameters.motor_damping * tight) / v_m  # Eq. (6)
+    motor_speed = tight - parameters.leakage * pressure / v_m  # Eq. (13)
+    motor_torque = (pressure * v_m * (1.0 - units.motor_friction)
+                    - parameters.motor_damping * motor_speed)  # Eq. (14)
+    pump_torque = (pressure * v_p * stroke * (1.0 - units.pump_friction)
+                   + sign * parameters.pump_damping * pump_speed)  # Eq. (15)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.abs(motor_speed * motor_torque / (pump_speed * pump_torque))  # Eq. (16)
+    turned = motor_speed * sign < 0.0
+    return np.where(sign == 0.0, STANDING_EFFICIENCY, np.where(turned, np.nan, ratio))
+
+
+def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> PublishedEfficiency:
+    """Eqs (7)-(12), (17), (18) for a given eta_H.
+
+    Args:
+        stage: the gear train.
+        displacement_ratio: [-].
+        hydraulic: eta_H [-], broadcast against `displacement_ratio`.
+
+    Returns:
+        Every efficiency and share, unguarded: they pass through the pole of (11).
+    """
+    tandem = hydraulic * stage.pump.efficiency * stage.motor.efficiency  # eta'_H
+    i_hm = 1.0 / speed_ratio(stage, displacement_ratio)
+    split = hydraulic_split_ratio(stage, displacement_ratio)
+    r = _connection(stage) / i_hm
+    gears_in, gears_out = stage.mechanical.efficiency, stage.output.efficiency
+    with np.errstate(divide="ignore", invalid="ignore"):
+        row = np.where(split < 0.0, r / (tandem * r - tandem + 1.0),
+                       tandem * r / (r + tandem - 1.0))  # Eq. (12)
+        share = split / ((1.0 / row - split) / gears_in * tandem + split)  # Eq. (11)
+        into = (1.0 - share) * gears_in + share  # Eq. (7)
+        total = into * row * gears_out  # Eqs (17), (18)
+    out = np.full_like(total, gears_out)
+    return PublishedEfficiency(np.broadcast_to(hydraulic, total.shape), split, share, into, row,
+                               out, total)
+
+
+
+
+def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDArray[np.bool_]:
+    """Tell where the formulas agree with themselves.
+
+    Power circulates (e_H < 0) exactly where the hydraulic share a_1 of the engine power is
+    negative; beyond the pole of (11) the two contradict. At eps = 0 the paper's convention
+    (eta_H -> 0) holds instead.
+    """
+    with np.errstate(invalid="ignore"):
+        sound = ((values.total > 0.0) & (values.total < 1.0)
+                 & (values.row > 0.0) & (values.row <= 1.0)
+                 & (values.split_ratio <= 1.0)  # eq. (12) ends there: the output would turn back
+                 & (values.hydraulic > 0.0) & (values.hydraulic < 1.0))
+        agrees = (values.engine_share * values.split_ratio >= 0.0) & (values.engine_share <= 1.0)
+    return np.asarray(sound & (agrees | (displacement_ratio == 0.0)))
+
+
+def published_efficiency(
+    stage: Stage, parameters: HydraulicParameters, points: OperatingPoints
+) -> Array:
+    """eta_total of eq. (18), NaN where the formulas contradict themselves [-]."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # An output at rest divides by zero; what comes of it is inconsistent and ends as NaN.
+        hydraulic = hydraulic_efficiency(stage, parameters, points)
+        values = efficiencies(stage, points.displacement_ratio, hydraulic)
+        return np.where(is_consistent(values, points.displacement_ratio), values.total, np.nan)

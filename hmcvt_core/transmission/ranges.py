@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The range of every quantity that enters from outside: the one table that checks read.
+
+A range is a gate against wrong units and broken sensors, not a statement about validity of the
+model: for that see `hmcvt_core.domain`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+
+RPM = 2.0 * np.pi / 60.0
+"""One revolution a minute in rad/s."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """A closed interval of one physical quantity.
+
+    Attributes:
+        name: the quantity, as it is called in files and arguments.
+        low, high: the limits, in `unit`.
+        unit: the unit, `-` for a plain number.
+        hint: what to suspect when a value is outside.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    hint: str = ""
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        return f"{self.low:g} to {self.high:g}{unit}"
+
+    def contains(self, value: ArrayLike) -> NDArray[np.bool_]:
+        """Tell, element by element, which values are finite and inside."""
+        array = np.asarray(value, dtype=float)
+        return (array >= self.low) & (array <= self.high)
+
+    def check(self, value: ArrayLike, where: str = "") -> NDArray[np.float64]:
+        """Return `value` as an array of floats.
+
+        Args:
+            value: scalar or array of any shape, in `unit`.
+            where: the place to name in the error, such as a file and row.
+
+        Raises:
+            InputError: a value is no number, not finite or outside; the first one is named.
+        """
+        prefix = f"{where}: " if where else ""
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"{prefix}{self.name} = {value!r} is not a number") from None
+        if array.size and not self._all_inside(array):
+            first = np.flatnonzero(~self.contains(array).ravel())[0]
+            index = f"[{first}]" if array.ndim else ""
+            raise InputError(f"{prefix}{self.complaint(array.ravel()[first], index)}")
+        return array
+
+    def _all_inside(self, array: NDArray[np.float64]) -> bool:
+        # One pass each and false for NaN; cheaper than a mask when all is well.
+        return bool(array.min() >= self.low and array.max() <= self.high)
+
+    def complaint(self, value: float, index: str = "") -> str:
+        """Say in one line what is wrong with a value outside."""
+        if not np.isfinite(value):
+            return f"{self.name}{index} = {value} is not finite; allowed {self}"
+        hint = f" ({self.hint})" if self.hint else ""
+        text = f"{value:g}"
+        if self.low <= float(text) <= self.high:
+            text = repr(float(value))  # just beyond a limit, and inside once rounded
+        return f"{self.name}{index} = {text} is outside {self}{hint}"
+
+
+DISPLACEMENT_RATIO = Range(
+    "displacement_ratio", -1.0, 1.0, "-", "a fraction of full pump stroke, not percent"
+)
+ENGINE_SPEED = Range("engine_speed", 10.0, 320.0, "rad/s", "is it in r/min?")
+LOAD_TORQUE = Range("load_torque", 1.0, 5000.0, "N m", "output power / engine speed")
+EFFICIENCY = Range("efficiency", 0.01, 1.0, "-", "a fraction, not percent")
+OUTPUT_SPEED = Range("output_speed", 0.1, 1000.0, "rad/s", "is it in r/min?")
+OIL_TEMPERATURE = Range("oil_temperature", -40.0, 150.0, "deg C", "is it in kelvin?")
+EFFICIENCY_STD = Range("efficiency_std", 1e-6, 0.2, "-", "a fraction, not percent")
+STAMP = Range("stamp", 0.0, 1e12, "s")
+
+BENCH_COLUMNS: Sequence[Range] = (
+    DISPLACEMENT_RATIO,
+    ENGINE_SPEED,
+    LOAD_TORQUE,
+    EFFICIENCY,
+    OUTPUT_SPEED,
+    OIL_TEMPERATURE,
+    EFFICIENCY_STD,
+    STAMP,
+)
+"""The columns of a bench file; the first four are required."""
+
+POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
+"""What makes an operating point, in the order in which it is given everywhere."""
+
+REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])
+
+ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)
+"""Working speeds of the paper's engine (section 4.2), rad/s."""
+
+
+def in_range(displacement_ratio: float, engine_speed: float, load_torque: float) -> bool:
+    """Tell whether one operating point is in range: `Range.check` for plain floats, no more."""
+    return (DISPLACEMENT_RATIO.low <= displacement_ratio <= DISPLACEMENT_RATIO.high
+            and ENGINE_SPEED.low <= engine_speed <= ENGINE_SPEED.high
+            and LOAD_TORQUE.low <= load_torque <= LOAD_TORQUE.high)

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The gear train of one stage as data: what lies on each path between engine and output.
+
+A hydromechanical stage has one planetary row with three members. The engine drives one member
+through gears (the mechanical path), the hydraulic motor drives the second (the hydraulic path;
+its pump is geared to the engine), the third drives the output. Which pairs lie on which path and
+which member each path meets comes from a mapping (YAML), never from code.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+
+MEMBERS = ("sun", "ring", "carrier")
+_CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
+_HUGE = 1e300  # an integer in a file may be too large for a float
+
+
+@dataclass(frozen=True)
+class GearPair:
+    """One gear pair.
+
+    Attributes:
+        name: its number or name in the gear train.
+        ratio: driving speed / driven speed in the direction engine -> output [-].
+        efficiency: part of the power that passes, in either direction [-].
+    """
+
+    name: str
+    ratio: float
+    efficiency: float = 0.98
+
+    def __post_init__(self) -> None:
+        _require(math.isfinite(self.ratio) and 0.01 <= self.ratio <= 100.0,
+                 f"gear_pairs.{self.name}", self.ratio, "0.01 to 100")
+        _require(0.5 <= self.efficiency <= 1.0,
+                 f"gear_efficiency.{self.name}", self.efficiency, "0.5 to 1")
+
+
+@dataclass(frozen=True)
+class Path:
+    """Gear pairs in series and the sense of rotation they leave.
+
+    Attributes:
+        gear_pairs: the pairs in the order from the engine side to the output side.
+        direction: +1 or -1, the sense of the last shaft against the first.
+    """
+
+    gear_pairs: tuple[GearPair, ...]
+    direction: int = 1
+
+    def __post_init__(self) -> None:
+        _require(self.direction in (1, -1), "direction", self.direction, "1 or -1")
+
+    @cached_property
+    def ratio(self) -> float:
+        """Speed of the first shaft / speed of the last, without sign [-]."""
+        return math.prod(pair.ratio for pair in self.gear_pairs)
+
+    @cached_property
+    def efficiency(self) -> float:
+        """Product of the pair efficiencies [-]."""
+        return math.prod(pair.efficiency for pair in self.gear_pairs)
+
+
+@dataclass(frozen=True)
+class PumpMotor:
+    """Variable pump and constant-displacement motor in closed circuit.
+
+    Attributes:
+        pump_displacement, motor_displacement: V_p, V_m at full stroke [m3/rad].
+        pump_friction, motor_friction: c_fp, c_fm, friction torque / pressure torque [-].
+    """
+
+    pump_displacement: float
+    motor_displacement: float
+    pump_friction: float = 0.01
+    motor_friction: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in ("pump_displacement", "motor_displacement"):
+            value = getattr(self, name)
+            _require(1e-7 <= value <= 1e-3, f"pump_motor.{name}", value, "1e-7 to 1e-3 m3/rad")
+        for name in ("pump_friction", "motor_friction"):
+            value = getattr(self, name)
+            _require(0.0 <= value <= 0.5, f"pump_motor.{name}", value, "0 to 0.5")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage: planetary row, paths and pump-motor pair.
+
+    Attributes:
+        name: such as `HM4`.
+        planetary_constant: k = teeth of ring / teeth of sun [-].
+        mechanical, motor, output: the paths engine -> row, motor -> row, row -> output.
+        pump: the path engine -> pump, direction 1: the sense of the displacement ratio is that of
+            the motor path.
+        mechanical_member, motor_member, output_member: `sun`, `ring` or `carrier`, all different.
+        pump_motor: the hydraulic units.
+
+    Raises:
+        InputError: a value is out of range, members repeat, the pump path states a direction, or
+            the mechanical path alone would not drive the output forward.
+    """
+
+    name: str
+    planetary_constant: float
+    mechanical: Path
+    mechanical_member: str
+    pump: Path
+    motor: Path
+    motor_member: str
+    output: Path
+    output_member: str
+    pump_motor: PumpMotor
+
+    def __post_init__(self) -> None:
+        _require(math.isfinite(self.planetary_constant) and 1.0 < self.planetary_constant <= 20.0,
+                 f"stage {self.name}: planetary constant", self.planetary_constant,
+                 "more than 1, up to 20")
+        members = (self.mechanical_member, self.motor_member, self.output_member)
+        _require(sorted(members) == sorted(MEMBERS), f"stage {self.name}: members", members,
+                 "sun, ring and carrier, each once")
+        _require(self.pump.direction == 1, f"stage {self.name}: pump.direction",
+                 self.pump.direction, "1: give the motor path the sense that a positive "
+                 "displacement ratio has")
+        _require(self.mechanical_speed_ratio > 0.0,
+                 f"stage {self.name}: output speed per engine speed at standing motor",
+                 self.mechanical_speed_ratio, "more than 0; check the directions")
+
+    @cached_property
+    def mechanical_speed_ratio(self) -> float:
+        """Output speed / engine speed while the motor stands still [-], eq. (4)."""
+        row = _speed_share(self.planetary_constant, self.mechanical_member, self.output_member)
+        signs = self.mechanical.direction * self.output.direction
+        return signs * row / (self.mechanical.ratio * self.output.ratio)
+
+    @cached_property
+    def motor_speed_ratio(self) -> float:
+        """Change of output speed / change of motor speed [-], eq. (4); may be negative."""
+        row = _speed_share(self.planetary_constant, self.motor_member, self.output_member)
+        signs = self.motor.direction * self.output.direction
+        return signs * row / (self.motor.ratio * self.output.ratio)
+
+    @property
+    def gear_pairs(self) -> tuple[GearPair, ...]:
+        """Every pair of the stage in the order mechanical, pump, motor, output."""
+        paths = (self.mechanical, self.pump, self.motor, self.output)
+        return tuple(pair for path in paths for pair in path.gear_pairs)
+
+    def with_gear_efficiency(self, efficiency: float) -> Stage:
+        """Return the stage with the same efficiency in every gear pair."""
+        def renewed(path: Path) -> Path:
+            pairs = tuple(replace(pair, efficiency=efficiency) for pair in path.gear_pairs)
+            return replace(path, gear_pairs=pairs)
+
+        return replace(self, mechanical=renewed(self.mechanical), pump=renewed(self.pump),
+                       motor=renewed(self.motor), output=renewed(self.output))
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], name: str | None = None) -> Stage:
+        """Build a stage from the mapping that a YAML file holds (see `params/transmission.yaml`).
+
+        Args:
+            data: keys `gear_pairs`, `gear_efficiency`, `planetary_rows`, `pump_motor`, `stages`.
+            name: the stage wanted; may be left out when `stages` holds one.
+
+        Raises:
+            InputError: a field is missing or wrong; it is named.
+        """
+        stages = _mapping(data, "stages")
+        if name is None:
+            if len(stages) != 1:
+                raise InputError(f"stages holds {', '.join(map(str, stages))}: say which one")
+            name = str(next(iter(stages)))
+        paths = _mapping(stages, name, "stages.")
+        where = f"stages.{name}."
+        rows = _mapping(data, "planetary_rows")
+        row = _get(paths, "planetary_row", where)
+        made = {key: _path(data, paths, key, where)
+                for key in ("mechanical", "pump", "motor", "output")}
+        member = {key: str(_get(_mapping(paths, key, where), "member", f"{where}{key}."))
+                  for key in ("mechanical", "motor", "output")}
+        return cls(
+            name=name,
+            planetary_constant=_number(rows, row, "planetary_rows."),
+            mechanical=made["mechanical"], mechanical_member=member["mechanical"],
+            pump=made["pump"],
+            motor=made["motor"], motor_member=member["motor"],
+            output=made["output"], output_member=member["output"],
+            pump_motor=_pump_motor(_mapping(data, "pump_motor")),
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the mapping that `from_mapping` reads, with nothing but this stage in it."""
+        def path(value: Path, member: str | None = None) -> dict[str, Any]:
+            entry: dict[str, Any] = {"gear_pairs": [pair.name for pair in value.gear_pairs],
+                                     "direction": value.direction}
+            return entry if member is None else {**entry, "member": member}
+
+        units = self.pump_motor
+        return {
+            "gear_pairs": {pair.name: pair.ratio for pair in self.gear_pairs},
+            "gear_efficiency": {pair.name: pair.efficiency for pair in self.gear_pairs},
+            "planetary_rows": {"k": self.planetary_constant},
+            "pump_motor": {
+                "pump_displacement_cm3_per_rev": _round(units.pump_displacement / _CM3_PER_REV),
+                "motor_displacement_cm3_per_rev": _round(units.motor_displacement / _CM3_PER_REV),
+                "pump_friction": units.pump_friction,
+                "motor_friction": units.motor_friction,
+            },
+            "stages": {self.name: {
+                "planetary_row": "k",
+                "mechanical": path(self.mechanical, self.mechanical_member),
+                "pump": path(self.pump),
+                "motor": path(self.motor, self.motor_member),
+                "output": path(self.output, self.output_member),
+            }},
+        }
+
+
+def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:
+    """Coefficients of eq. (4) written as: sum of coefficient x speed = 0."""
+    return {"sun": 1.0, "ring": planetary_constant, "carrier": -(1.0 + planetary_constant)}
+
+
+def _speed_share(planetary_constant: float, member: str, output_member: str) -> float:
+    coefficients = member_speed_coefficients(planetary_constant)
+    return -coefficients[member] / coefficients[output_member]
+
+
+def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: str) -> Path:
+    ratios = _mapping(data, "gear_pairs")
+    efficiency = data.get("gear_efficiency", 0.98)
+    entry = _mapping(paths, key, where)
+    names = _get(entry, "gear_pairs", f"{where}{key}.")
+    if not isinstance(names, list):
+        raise InputError(f"{where}{key}.gear_pairs = {names!r} is not a list")
+    pairs = []
+    for name in names:
+        ratio = _number(ratios, name, "gear_pairs.")
+        eta = (_number(efficiency, name, "gear_efficiency.") if isinstance(efficiency, Mapping)
+               else _number({"gear_efficiency": efficiency}, "gear_efficiency", ""))
+        pairs.append(GearPair(str(name), ratio, eta))
+    direction = entry.get("direction", 1)
+    _require(direction in (1, -1), f"{where}{key}.direction", direction, "1 or -1")
+    return Path(tuple(pairs), int(direction))
+
+
+def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
+    where = "pump_motor."
+    return PumpMotor(
+        _number(data, "pump_displacement_cm3_per_rev", where) * _CM3_PER_REV,
+        _number(data, "motor_displacement_cm3_per_rev", where) * _CM3_PER_REV,
+        _number(data, "pump_friction", where) if "pump_friction" in data else 0.01,
+        _number(data, "motor_friction", where) if "motor_friction" in data else 0.01,
+    )
+
+
+def _round(value: float) -> float:
+    return float(np.format_float_positional(value, precision=12, fractional=False))
+
+
+def _get(data: Mapping[Any, Any], key: Any, where: str) -> Any:
+    if not isinstance(key, (str, int, float)):
+        raise InputError(f"{where}{key!r} is not a name")
+    for candidate in (key, str(key)):
+        if candidate in data:
+            return data[candidate]
+    # YAML reads the pair name 2 as a number; a file may write it either way.
+    by_text = {str(existing): value for existing, value in data.items()}
+    if str(key) in by_text:
+        return by_text[str(key)]
+    raise InputError(f"{where}{key} is missing; there is {', '.join(by_text) or 'nothing'}")
+
+
+def _mapping(data: Mapping[Any, Any], key: Any, where: str = "") -> Mapping[Any, Any]:
+    value = _get(data, key, where)
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where}{key} = {value!r} is not a mapping")
+    return value
+
+
+def _number(data: Mapping[Any, Any], key: Any, where: str) -> float:
+    value = _get(data, key, where)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < _HUGE:
+        raise InputError(f"{where}{key} = {value!r} is not a finite number")
+    return float(value)
+
+
+def _require(holds: bool, field: str, value: object, allowed: str) -> None:
+    if not holds:
+        raise InputError(f"{field} = {value!r} is not allowed; allowed: {allowed}")

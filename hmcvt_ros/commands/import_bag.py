@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`hmcvt import-bag`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hmcvt_core.cli.common import OutputFile, Progress, json_option, print_json
+from hmcvt_core.errors import InputError
+from hmcvt_core.files.bench import write_bench
+
+from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
+
+_STEADY = {
+    "min_duration": "Shortest steady window in s.",
+    "block": "Blocks of this many s are averaged to judge drift.",
+    "speed_drift": "Of engine and output speed over a window, a fraction.",
+    "speed_scatter": "Of engine and output speed in a block, a fraction.",
+    "torque_drift": "Of engine and load torque over a window, a fraction.",
+    "torque_scatter": "Of engine and load torque in a block, a fraction.",
+    "displacement_drift": "Of the displacement ratio over a window; also its scatter.",
+}
+
+
+def _steady_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    for name, text in reversed(_STEADY.items()):
+        function = click.option(
+            f"--{name.replace('_', '-')}", name, type=float, show_default=True,
+            default=getattr(Steadiness, name), help=text)(function)
+    return function
+
+
+@click.command("import-bag", epilog="""\b
+Examples:
+  hmcvt import-bag run1 --out samples.csv
+  hmcvt import-bag run1.mcap --out samples.csv --topic shafts --namespace tractor1
+  hmcvt import-bag run1 --out samples.csv --min-duration 8 --torque-scatter 0.03 --json""")
+@click.argument("bag", metavar="BAG")
+@click.option("--out", type=OutputFile(), required=True, metavar="S.csv",
+              help="Write the bench samples.")
+@click.option("--topic", default=ImportSettings.topic, show_default=True, metavar="NAME",
+              help="JointState with speed and torque of joints engine and output.")
+@click.option("--namespace", default=None, metavar="NS",
+              help="Of all topics, when the bag holds several.")
+@_steady_options
+@click.option("--age-limit", type=float, default=ImportSettings.age_limit, show_default=True,
+              help="How far in s a reading of a slow topic may lie from a message.")
+@click.option("--gap", type=float, default=ImportSettings.gap, show_default=True,
+              help="A longer pause between messages in s ends a window.")
+@click.option("--averaged", is_flag=True,
+              help="Each message is a steady average already: one sample each.")
+@click.option("--no-oil-temperature", is_flag=True, help="Leave topic oil_temperature alone.")
+@json_option
+def command(
+    bag: str, out: str, topic: str, namespace: str | None, age_limit: float, gap: float,
+    averaged: bool, no_oil_temperature: bool, as_json: bool, **steady: float,
+) -> None:
+    """Turn a recorded bag (rosbag2: sqlite3, mcap) into bench samples.
+
+    One sample for each window with settled speeds, torques and displacement ratio; transients are
+    rejected. BAG is the folder or one of its files.
+    """
+    settings = ImportSettings(
+        topic, namespace, Steadiness(**steady), age_limit, gap, averaged, not no_oil_temperature)
+    if Path(out).exists() and Path(out).suffix in BAG_FILES:
+        raise InputError(f"{out}: a file of a bag is not written over")
+    progress = Progress("reading")
+    try:
+        samples, report = import_bag(bag, settings, progress)
+    finally:
+        progress.close()
+    write_bench(out, samples)
+    if as_json:
+        print_json({**report.to_dict(), "samples": len(samples), "out": out})
+        return
+    click.echo(report.text())
+    click.echo(f"{len(samples)} bench samples written to {out}")

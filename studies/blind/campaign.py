@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measuring campaign on the twin: noisy bench samples, the truth behind them and their label."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+
+import numpy as np
+
+from hmcvt_core.errors import InputError
+from studies.blind.catalogue import SizedEffect, draw_effect, size_effect
+from studies.blind.effect import FloatArray
+from studies.blind.plans import LOAD_TORQUE, plan_points
+from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
+
+#: Ranges from which base parameters are drawn, log-uniformly: m3/(s Pa), N m s/rad twice. A fit
+#: of the base plant to Table 2 lies inside (1.8e-11, 0.185, 0.101).
+BASE_RANGES = {
+    "leakage": (1e-11, 4e-11),
+    "motor_damping": (0.06, 0.25),
+    "pump_damping": (0.05, 0.25),
+}
+#: Independent random streams of one seed.
+_BASE, _EFFECTS, _PLAN, _NOISE = 1, 2, 3, 4
+#: A stalled point is measured again at this share of its load, as an operator would.
+_LOAD_RELIEF = 0.85
+
+
+@dataclass(frozen=True)
+class CampaignOptions:
+    """How a campaign is measured.
+
+    `efficiency_noise` is a standard deviation in units of efficiency; `output_speed_noise` one
+    relative to the speed, None leaves the column out. `vary_temperature` adds the column
+    oil_temperature, 60 deg C +- `temperature_swing`, uniform. `stated_noise_factor` x noise stands
+    in the column efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3
+    degrees of freedom at the same standard deviation. `outliers` samples are off by 6 to 12
+    standard deviations. `session_gain_std` is the relative gain error of the engine's torque
+    meter, one draw for each of `sessions` blocks of rows. `base_off` draws the base parameters
+    outside their ranges.
+    """
+
+    samples: int = 96
+    efficiency_noise: float = 0.004
+    output_speed_noise: float | None = 0.001
+    plan: str = "random"
+    vary_temperature: bool = False
+    temperature_swing: float = 25.0
+    stated_noise_factor: float | None = 1.0
+    heavy_tails: bool = False
+    outliers: int = 0
+    session_gain_std: float = 0.0
+    sessions: int = 1
+    base_off: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("efficiency_noise", "session_gain_std", "temperature_swing"):
+            if getattr(self, name) < 0.0:
+                raise InputError(f"{name} is {getattr(self, name)}, must not be below 0")
+        if not 0 <= self.outliers <= self.samples:
+            raise InputError(f"outliers is {self.outliers}, must be 0..{self.samples}")
+        if not 1 <= self.sessions <= self.samples:
+            raise InputError(f"sessions is {self.sessions}, must be 1..{self.samples}")
+
+    @property
+    def swing(self) -> float:
+        """Temperature swing in force, deg C."""
+        return self.temperature_swing if self.vary_temperature else 0.0
+
+
+@dataclass(frozen=True)
+class Label:
+    """What is hidden in a campaign; empty `effects` means no effect."""
+
+    plant_seed: int
+    sample_seed: int
+    effects: tuple[SizedEffect, ...]
+    base: BaseTruth
+    options: CampaignOptions
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects, without variants."""
+        return tuple(sized.effect.name for sized in self.effects)
+
+    def to_mapping(self) -> dict[str, object]:
+        """Return a mapping that JSON can hold."""
+        return {
+            "plant_seed": self.plant_seed,
+            "sample_seed": self.sample_seed,
+            "effects": [_describe(sized) for sized in self.effects],
+            "base": asdict(self.base),
+            "options": asdict(self.options),
+        }
+
+
+def _describe(sized: SizedEffect) -> dict[str, object]:
+    effect = sized.effect
+    return {
+        "name": effect.name,
+        "variant": effect.variant,
+        "known": effect.known,
+        "parts": list(effect.parts),
+        "box": None if effect.box is None else asdict(effect.box),
+        "target": sized.target,
+        "shift": sized.shift,
+        "mean_shift": sized.mean_shift,
+        "capped": sized.capped,
+        "shape": {f.name: getattr(effect, f.name) for f in fields(effect) if f.name != "variant"},
+    }
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Samples by contract column, arrays of truth without noise, and the label; shape (n,) each.
+
+    `truth` holds efficiency (with meter error, without noise), efficiency_plain (same points, no
+    effect), output_speed, load_torque, oil_temperature, pressure, motor_speed, outlier, session.
+    """
+
+    samples: dict[str, FloatArray]
+    truth: dict[str, FloatArray]
+    label: Label
+
+    @property
+    def plant(self) -> Plant:
+        """The plant behind the samples."""
+        return Plant(self.label.base, tuple(sized.effect for sized in self.label.effects))
+
+
+def make_campaign(
+    seed: int,
+    effects: Sequence[tuple[str, float]] = (),
+    samples: int = 96,
+    efficiency_noise: float = 0.004,
+    output_speed_noise: float | None = 0.001,
+    plan: str = "random",
+    vary_temperature: bool = False,
+    *,
+    stated_noise_factor: float | None = 1.0,
+    heavy_tails: bool = False,
+    outliers: int = 0,
+    session_gain_std: float = 0.0,
+    sessions: int = 1,
+    base_off: bool = False,
+    temperature_swing: float = 25.0,
+) -> Campaign:
+    """Measure a campaign on a plant drawn from `seed`.
+
+    `effects` are (name, target shift) pairs, "name:variant" fixing the variant; each is sized
+    alone to its target (catalogue.size_effect). Other arguments: see CampaignOptions. Equal
+    arguments give equal campaigns. Raises InputError for unknown names or plans, bad numbers, or
+    the effect oil_temperature without vary_temperature.
+    """
+    options = CampaignOptions(
+        samples,
+        efficiency_noise,
+        output_speed_noise,
+        plan,
+        vary_temperature,
+        temperature_swing,
+        stated_noise_factor,
+        heavy_tails,
+        outliers,
+        session_gain_std,
+        sessions,
+        base_off,
+    )
+    base = draw_base(np.random.default_rng([seed, _BASE]), base_off)
+    sized = []
+    for place, (name, target) in enumerate(effects):
+        effect = draw_effect(name, np.random.default_rng([seed, _EFFECTS, place]))
+        if effect.name == "oil_temperature" and options.swing <= 0.0:
+            raise InputError("effect 'oil_temperature' needs vary_temperature")
+        sized.append(size_effect(base, effect, target, options.swing))
+    return _measure(Label(seed, seed, tuple(sized), base, options))
+
+
+def fresh(campaign: Campaign, seed: int) -> Campaign:
+    """Measure a campaign of the same plant and options with new operating points and new noise."""
+    return _measure(replace(campaign.label, sample_seed=seed))
+
+
+def draw_base(rng: np.random.Generator, off: bool = False) -> BaseTruth:
+    """Draw base parameters within BASE_RANGES, or each beyond its range by a factor 1.2 to 2."""
+    values = {}
+    for name, (low, high) in BASE_RANGES.items():
+        share, factor, above = rng.uniform(), rng.uniform(1.2, 2.0), rng.uniform() < 0.5
+        inside = low * (high / low) ** share
+        outside = high * factor if above else low / factor
+        values[name] = float(outside if off else inside)
+    return BaseTruth(**values)
+
+
+def _measure(label: Label) -> Campaign:
+    options = label.options
+    plant = Plant(label.base, tuple(sized.effect for sized in label.effects))
+    rng = np.random.default_rng([label.sample_seed, _PLAN])
+    wanted = plan_points(options.plan, options.samples, rng, options.swing)
+    points, read, plain = _carry(plant, Plant(label.base), wanted)
+    noise = np.random.default_rng([label.sample_seed, _NOISE])
+    samples, outlier, session = _samples(points, read, options, noise)
+    truth = {
+        "efficiency": read.efficiency,
+        "efficiency_plain": plain.efficiency,
+        "output_speed": read.output_speed,
+        "load_torque": points.load_torque,
+        "oil_temperature": points.oil_temperature,
+        "pressure": read.pressure,
+        "motor_speed": read.motor_speed,
+        "outlier": outlier,
+        "session": session,
+    }
+    return Campaign(samples, truth, label)
+
+
+def _carry(
+    plant: Plant, plain_plant: Plant, points: OperatingPoints
+) -> tuple[OperatingPoints, Readings, Readings]:
+    """Lower the load where the plant stalls, with or without effects, until it runs everywhere."""
+    for _ in range(20):
+        plain = plain_plant.read(points)
+        read = plant.read(points)
+        stalled = ~(read.settled & plain.settled)
+        if not np.any(stalled):
+            return points, read, plain
+        eased = np.maximum(points.load_torque * _LOAD_RELIEF, LOAD_TORQUE[0])
+        points = replace(points, load_torque=np.where(stalled, eased, points.load_torque))
+    raise InputError(f"the plant stalls at {int(np.sum(stalled))} operating point(s) at any load")
+
+
+def _samples(
+    points: OperatingPoints, read: Readings, options: CampaignOptions, rng: np.random.Generator
+) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
+    """Contract columns with noise; which samples are outliers; the session of each."""
+    count, sigma = len(points), options.efficiency_noise
+    if options.heavy_tails:
+        scatter = rng.standard_t(3.0, count) / np.sqrt(3.0)
+    else:
+        scatter = rng.standard_normal(count)
+    speed_scatter = rng.standard_normal(count)
+    outlier = np.zeros(count)
+    outlier[rng.permutation(count)[: options.outliers]] = 1.0
+    far = rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
+    session = np.floor(np.arange(count) * options.sessions / count)
+    gain = (options.session_gain_std * rng.standard_normal(options.sessions))[session.astype(int)]
+    efficiency = read.efficiency / (1.0 + gain) + sigma * (scatter + far * outlier)
+    samples = {
+        "displacement_ratio": points.displacement_ratio,
+        "engine_speed": points.engine_speed,
+        "load_torque": read.load_torque,
+        "efficiency": np.clip(efficiency, 0.011, 0.999),
+    }
+    if options.output_speed_noise is not None:
+        factor = 1.0 + options.output_speed_noise * speed_scatter
+        samples["output_speed"] = read.output_speed * factor
+    if options.vary_temperature:
+        samples["oil_temperature"] = points.oil_temperature
+    if options.stated_noise_factor is not None:
+        stated = max(sigma * options.stated_noise_factor, 1e-6)
+        samples["efficiency_std"] = np.full(count, stated)
+    return samples, outlier, session

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flow effects of pump, motor and loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from studies.blind.effect import Conditions, Effect, FloatArray
+
+#: Density of the oil, kg/m3, and its nominal kinematic viscosity, m2/s.
+DENSITY = 860.0
+NOMINAL_VISCOSITY = 2.6e-5
+#: Low side of the loop and the atmosphere, Pa (absolute).
+_CHARGE = 2.0e6
+_ATMOSPHERE = 1.0e5
+
+
+@dataclass(frozen=True)
+class PressureLeakage(Effect):
+    """Gaps that open under pressure.
+
+    `clearance`: flow through a gap grows with its cube (Reynolds), the gap linearly with
+    pressure. `power_law`: flow ~ dp^exponent, of a mixed bundle of gaps (Hall, Iowa State 2014,
+    fits such exponents).
+    """
+
+    name: ClassVar[str] = "pressure_leakage"
+    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
+    variants: ClassVar[tuple[str, ...]] = ("clearance", "power_law")
+    limit: ClassVar[float] = 8.0
+    exponent: float = 1.8
+
+    def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow beyond that of the gaps at rest."""
+        pressure = at.pressure / 30e6
+        laminar = at.leakage * at.pressure / at.gap_viscosity
+        if self.variant == "clearance":
+            opening = 1.0 + 0.5 * self.size * np.abs(pressure)
+            return np.asarray(laminar * (opening**3 - 1.0))
+        return np.asarray(laminar * 2.0 * self.size * np.abs(pressure) ** (self.exponent - 1.0))
+
+
+@dataclass(frozen=True)
+class OrificeLeakage(Effect):
+    """Leak through a short opening (valve plate groove, plug).
+
+    The discharge coefficient grows from the laminar to the turbulent regime with the flow number,
+    as McCloy and Martin (Control of Fluid Power, 1980) have it, so that flow is between dp and
+    dp^0.5.
+    """
+
+    name: ClassVar[str] = "orifice_leakage"
+    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
+    diameter: float = 3e-4
+
+    def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow through the opening."""
+        velocity = np.sqrt(2.0 * (np.abs(at.pressure) + 1.0) / DENSITY)
+        number = self.diameter * velocity / (NOMINAL_VISCOSITY * at.gap_viscosity)
+        discharge = 0.65 * np.tanh(2.0 * number / 800.0)
+        return np.asarray(self.size * 1.0e-6 * discharge * velocity * np.sign(at.pressure))
+
+
+@dataclass(frozen=True)
+class StrokeLeakage(Effect):
+    """Slippers that tilt at large stroke and leak; exponent of stroke below two."""
+
+    name: ClassVar[str] = "stroke_leakage"
+    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
+    exponent: float = 1.5
+
+    def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow under tilted slippers."""
+        tilt = np.abs(at.stroke) ** self.exponent * (1.0 + 0.2 * at.pump_speed / 200.0)
+        return np.asarray(self.size * at.leakage * at.pressure / at.gap_viscosity * tilt)
+
+
+@dataclass(frozen=True)
+class Compressibility(Effect):
+    """Oil and entrained air compressed in the dead and swept volumes each turn.
+
+    The loss of volume from charge to working pressure is integrated for a liquid whose tangent
+    modulus is 1.3 GPa + 10 p and for air compressed polytropically (Gholizadeh, Burton and
+    Schoenau, Int. J. Fluid Power 13 (2012) 7). `size` scales dead volume and air alike.
+    """
+
+    name: ClassVar[str] = "compressibility"
+    parts: ClassVar[tuple[str, ...]] = ("oil", "pump", "motor")
+    air: float = 0.03
+    dead_volume: float = 0.5
+
+    def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow spent on compression in pump and motor."""
+        high = _CHARGE + np.maximum(at.pressure, -0.9 * _CHARGE)
+        modulus, rise = 1.3e9, 10.0
+        liquid = np.log((modulus + rise * high) / (modulus + rise * _CHARGE)) / rise
+        gas = (_ATMOSPHERE / _CHARGE) ** (1 / 1.3) * (1.0 - (_CHARGE / high) ** (1 / 1.3))
+        shrinkage = liquid + self.air * gas
+        pump = self.dead_volume + 0.5 * (1.0 + at.stroke)
+        pump_flow = at.pump_displacement * at.pump_speed * pump
+        # A unit that pumps compresses its whole chamber, one that motors its dead volume only.
+        pumping = 0.5 * (1.0 - np.tanh(at.motor_speed / 5.0))
+        motor = self.dead_volume + pumping
+        motor_flow = at.motor_displacement * np.abs(at.motor_speed) * motor
+        return np.asarray(self.size * shrinkage * (pump_flow + motor_flow))
+
+
+@dataclass(frozen=True)
+class PortPressureDrop(Effect):
+    """Pressure lost in ports and lines; smooth-pipe turbulence (Blasius), dp ~ Q^1.75 nu^0.25."""
+
+    name: ClassVar[str] = "port_pressure_drop"
+    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
+
+    def pressure_drop(self, at: Conditions) -> FloatArray:
+        """Return the drop along the flow."""
+        flow = at.pump_displacement * at.pump_speed * at.stroke / 2e-3
+        smooth = np.sqrt(flow * flow + 1e-4)
+        return np.asarray(self.size * 3e5 * flow * smooth**0.75 * at.film_viscosity**0.25)
+
+
+@dataclass(frozen=True)
+class DisplacementError(Effect):
+    """The swash plate does not take the stroke commanded.
+
+    `offset` also droops with loop pressure (compliant servo piston); `gain` is a scale error of
+    the feedback; `dead_band` is the overlap of the servo valve, rounded by its clearance.
+    A positive size lowers the stroke; `sense` turns it round.
+    """
+
+    name: ClassVar[str] = "displacement_error"
+    parts: ClassVar[tuple[str, ...]] = ("actuator",)
+    variants: ClassVar[tuple[str, ...]] = ("offset", "gain", "dead_band")
+    limit: ClassVar[float] = 1.0
+    sense: float = 1.0
+
+    def true_stroke(self, command: FloatArray, pressure: FloatArray) -> FloatArray:
+        """Return the stroke taken."""
+        if self.variant == "offset":
+            droop = 1.0 + 0.15 * np.clip(pressure / 1e7, -3.0, 3.0)
+            return np.asarray(command - self.sense * 0.06 * self.size * droop)
+        if self.variant == "gain":
+            return np.asarray(command * (1.0 - self.sense * 0.08 * self.size))
+        band = 0.12 * self.size + 1e-9
+        width = 0.2 * band
+        above = width * np.logaddexp(0.0, (command - band) / width)
+        below = width * np.logaddexp(0.0, (-command - band) / width)
+        return np.asarray(above - below)

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Viscosity of the oil against temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from studies.blind.effect import Effect, FloatArray
+
+#: Temperature at which the base parameters hold, deg C.
+NOMINAL_TEMPERATURE = 60.0
+#: Walther's constants of a tractor transmission oil with 60 mm2/s at 40 and 9.5 at 100 deg C.
+_POINTS = ((40.0, 60.0), (100.0, 9.5))
+
+
+def _walther_slope() -> float:
+    (cool, thick), (hot, thin) = _POINTS
+    rise = np.log10(np.log10(thick + 0.7)) - np.log10(np.log10(thin + 0.7))
+    return float(rise / (np.log10(hot + 273.15) - np.log10(cool + 273.15)))
+
+
+def relative_viscosity(temperature: FloatArray, slope: float = 1.0) -> FloatArray:
+    """Kinematic viscosity over that at 60 deg C; shape as `temperature` (deg C).
+
+    Walther's equation (ASTM D341): lg lg(nu + 0.7) falls linearly with lg T. `slope` scales the
+    fall: below 1 an oil of higher viscosity index.
+    """
+    thick = _POINTS[0][1]
+    level = np.log10(np.log10(thick + 0.7))
+    steep = _walther_slope()
+    nominal = level - steep * np.log10((NOMINAL_TEMPERATURE + 273.15) / (_POINTS[0][0] + 273.15))
+    at_60 = 10.0 ** (10.0**nominal) - 0.7
+    drop = slope * steep * np.log10((temperature + 273.15) / (NOMINAL_TEMPERATURE + 273.15))
+    return np.asarray((10.0 ** (10.0 ** (nominal - drop)) - 0.7) / at_60)
+
+
+@dataclass(frozen=True)
+class OilTemperature(Effect):
+    """Viscosity follows the oil's temperature in gaps and in films.
+
+    Gaps carry loop oil and follow the sump fully; films are cooled by the casing and follow it
+    by `film_share`. `size` scales the slope of Walther's line.
+    """
+
+    name: ClassVar[str] = "oil_temperature"
+    parts: ClassVar[tuple[str, ...]] = ("oil",)
+    limit: ClassVar[float] = 1.5
+    film_share: float = 0.85
+
+    def gap_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
+        """Return the viscosity at the sump's temperature."""
+        return relative_viscosity(oil_temperature, self.size)
+
+    def film_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
+        """Return the viscosity at the film's temperature."""
+        moved = NOMINAL_TEMPERATURE + self.film_share * (oil_temperature - NOMINAL_TEMPERATURE)
+        return relative_viscosity(moved, self.size)

@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant: stage HM4 with hidden effects, brought to rest and read by its meters.
+
+The dynamometer holds the output power, a governor holds the engine speed, and the pump, the loop
+and the motor follow eqs (13)-(15) in time with their inertias and the oil's compressibility.
+Friction always opposes motion, whichever way power flows; where the motor stands still, the sense
+of friction is smoothed with tanh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from studies.blind.effect import Conditions, Effect, FloatArray, MeterReadings
+from studies.blind.oil import NOMINAL_TEMPERATURE
+from studies.blind.steady import settle
+from studies.blind.train import GearTrain
+
+#: Speed (rad/s) and torque (N m) over which the sense of friction turns round.
+TURNING_SPEED = 1.0
+TURNING_TORQUE = 1.0
+#: Governor of the engine: N m per rad/s, N m per rad.
+_GOVERNOR = (10.0, 40.0)
+#: Loop pressure (Pa) at which the relief valves open, output speed (rad/s) that counts as stall.
+_RELIEF = 45e6
+_STALL = 10.0
+_SCALE = np.array([1e6, 50.0, 200.0, 50.0])
+
+
+@dataclass(frozen=True)
+class BaseTruth:
+    """Base parameters: leakage C_s(V_p+V_m)/mu in m3/(s Pa), dampings in N m s/rad."""
+
+    leakage: float
+    motor_damping: float
+    pump_damping: float
+    motor_friction: float = 0.01
+    pump_friction: float = 0.01
+
+
+@dataclass(frozen=True)
+class OperatingPoints:
+    """True operating points, shape (n,): rad/s, N m referred to the engine, deg C."""
+
+    displacement_ratio: FloatArray
+    engine_speed: FloatArray
+    load_torque: FloatArray
+    oil_temperature: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.engine_speed)
+
+    def select(self, index: npt.NDArray[np.generic]) -> OperatingPoints:
+        """Pick the points at `index` (integers or booleans)."""
+        return OperatingPoints(
+            self.displacement_ratio[index],
+            self.engine_speed[index],
+            self.load_torque[index],
+            self.oil_temperature[index],
+        )
+
+
+def operating_points(
+    displacement_ratio: FloatArray,
+    engine_speed: FloatArray,
+    load_torque: FloatArray,
+    oil_temperature: FloatArray | None = None,
+) -> OperatingPoints:
+    """Operating points from arrays of one shape (n,), at nominal oil temperature by default."""
+    speed = np.asarray(engine_speed, dtype=np.float64)
+    warm = np.full_like(speed, NOMINAL_TEMPERATURE) if oil_temperature is None else oil_temperature
+    return OperatingPoints(
+        np.asarray(displacement_ratio, dtype=np.float64),
+        speed,
+        np.asarray(load_torque, dtype=np.float64),
+        np.asarray(warm, dtype=np.float64),
+    )
+
+
+@dataclass(frozen=True)
+class Readings:
+    """A steady plant; shape (n,) each.
+
+    `settled` is false where it stalled: there `efficiency` is nan and the rest means nothing.
+    `efficiency` and `load_torque` are what the torque meters make of it; `input_power`,
+    `output_power` and `losses` (W, by place) are true. The losses are added up place by place, not
+    taken from the difference of powers.
+    """
+
+    settled: npt.NDArray[np.bool_]
+    efficiency: FloatArray
+    load_torque: FloatArray
+    output_speed: FloatArray
+    pressure: FloatArray
+    motor_speed: FloatArray
+    input_power: FloatArray
+    output_power: FloatArray
+    losses: dict[str, FloatArray]
+    state: FloatArray
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """Torques, flows and losses at one state."""
+
+    flow_excess: FloatArray
+    motor_surplus: FloatArray
+    pump_torque: FloatArray
+    input_power: FloatArray
+    output_speed: FloatArray
+    losses: dict[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A transmission with base parameters and effects."""
+
+    base: BaseTruth
+    effects: tuple[Effect, ...] = ()
+    train: GearTrain = field(default_factory=GearTrain)
+
+    def read(self, points: OperatingPoints, start: FloatArray | None = None) -> Readings:
+        """Run every operating point to rest and read it.
+
+        `start` (4, n) may be the `state` of an earlier reading at the same points. Where the
+        transmission stalls, `settled` is false and `efficiency` is nan.
+        """
+        first = self.guess(points) if start is None else start
+        # A stalling point runs away; what it overflows to is thrown away.
+        with np.errstate(all="ignore"):
+            state, settled = settle(lambda y: self.rates(y, points), first, _SCALE)
+            return self._readings(state, settled, points)
+
+    def _readings(
+        self, state: FloatArray, settled: npt.NDArray[np.bool_], points: OperatingPoints
+    ) -> Readings:
+        balance = self._balance(state, points)
+        # On its relief valves or at a stand it has stalled.
+        settled = settled & (state[0] < _RELIEF) & (balance.output_speed > _STALL)
+        output_power = points.load_torque * points.engine_speed
+        shown = MeterReadings(
+            balance.input_power / points.engine_speed, output_power / balance.output_speed
+        )
+        for effect in self.effects:
+            shown = effect.read(shown)
+        load = shown.output_torque * balance.output_speed / points.engine_speed
+        return Readings(
+            settled,
+            np.where(settled, load / shown.engine_torque, np.nan),
+            load,
+            balance.output_speed,
+            state[0],
+            state[1],
+            balance.input_power,
+            output_power,
+            balance.losses,
+            state,
+        )
+
+    def guess(self, points: OperatingPoints) -> FloatArray:
+        """State without leakage, (4, n): pressure, motor and pump speed, torque of the governor."""
+        pump = points.engine_speed / self.train.ratios[4]
+        motor = pump * points.displacement_ratio
+        ring = self.train.ring_speed(self.train.carrier_speed(points.engine_speed), motor)
+        sun_torque = points.load_torque * points.engine_speed / ring / self.train.k1
+        torque = sun_torque / self.train.ratios[5] + self.base.motor_damping * motor
+        pressure = torque / self.train.motor_displacement
+        drive = points.displacement_ratio * pressure * self.train.pump_displacement
+        return np.stack([pressure, motor, pump, drive + self.base.pump_damping * pump])
+
+    def rates(self, state: FloatArray, points: OperatingPoints) -> FloatArray:
+        """Eqs (13)-(15) and the governor: time derivative of the state, (4, ..., n)."""
+        balance = self._balance(state, points)
+        short = points.engine_speed / self.train.ratios[4] - state[2]
+        stiffness = self.train.bulk_modulus / self.train.oil_volume
+        motor_inertia = self.train.motor_inertia + self.train.load_inertia
+        pump_inertia = self.train.pump_inertia + self.train.engine_inertia
+        drive = state[3] + _GOVERNOR[0] * short
+        return np.stack(
+            [
+                balance.flow_excess * stiffness,
+                balance.motor_surplus / motor_inertia,
+                (drive - balance.pump_torque) / pump_inertia,
+                np.broadcast_to(_GOVERNOR[1] * short, state[3].shape),
+            ]
+        )
+
+    def _conditions(self, state: FloatArray, points: OperatingPoints) -> Conditions:
+        pressure, motor, pump = state[0], state[1], state[2]
+        engine = pump * self.train.ratios[4]
+        shape = pressure.shape
+        command = np.broadcast_to(points.displacement_ratio, shape)
+        load = np.broadcast_to(points.load_torque, shape)
+        stroke, slip = command, np.zeros(shape)
+        gap, film = np.ones(shape), np.ones(shape)
+        for effect in self.effects:
+            stroke = effect.true_stroke(stroke, pressure)
+            slip = slip + effect.carrier_slip(load)
+            gap = gap * effect.gap_viscosity(points.oil_temperature)
+            film = film * effect.film_viscosity(points.oil_temperature)
+        carrier = self.train.carrier_speed(engine) * (1.0 - slip)
+        ring = np.maximum(self.train.ring_speed(carrier, motor), 1.0)
+        return Conditions(
+            command,
+            stroke,
+            engine,
+            pump,
+            motor,
+            carrier,
+            self.train.output_speed(ring),
+            pressure,
+            load,
+            gap,
+            film,
+            self.train.pump_displacement,
+            self.train.motor_displacement,
+            self.base.leakage,
+        )
+
+    def _mesh(self, pair: int, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Efficiency of a gear pair under `torque` at `speed` of its faster side."""
+        loss = sum((e.mesh_loss(pair, torque, speed) for e in self.effects), np.zeros_like(torque))
+        return self.train.gear_efficiency - loss
+
+    def _output_side(self, at: Conditions, points: OperatingPoints) -> tuple[FloatArray, ...]:
+        """Ring torque, and the losses of pairs 11 and 6 and of drag on the output shaft."""
+        power = points.load_torque * points.engine_speed
+        drag = _total(self.effects, "output_drag_power", at)
+        needed = power + drag
+        torque = needed / at.output_speed
+        behind = needed / self._mesh(11, torque, at.output_speed)
+        ring_power = behind / self._mesh(6, torque, at.output_speed)
+        ring_speed = at.output_speed * self.train.ratios[6] * self.train.ratios[11]
+        return ring_power / ring_speed, ring_power - needed, drag
+
+    def _balance(self, state: FloatArray, points: OperatingPoints) -> _Balance:
+        at = self._conditions(state, points)
+        train, losses = self.train, dict[str, FloatArray]()
+        ring, losses["output gears"], losses["output drag"] = self._output_side(at, points)
+        rolling = at.carrier_speed + at.motor_speed / train.ratios[5]
+        share = np.zeros_like(ring)
+        for effect in self.effects:
+            share = share + effect.planetary_loss(at, ring, rolling)
+        # In the frame of the carrier the sun drives the ring; where it overtakes it, the reverse.
+        sun = ring / train.k1 * (1.0 - share) ** (-np.tanh(rolling / TURNING_SPEED))
+        losses["planetary row"] = (sun - ring / train.k1) * rolling
+        carrier = ring + sun
+        motor_surplus = self._motor_side(at, sun, losses)
+        flow_excess = self._loop(at, losses)
+        pump_torque = self._pump_torque(at, losses)
+        flow = np.tanh(pump_torque / TURNING_TORQUE)
+        eta_4 = self._mesh(4, pump_torque, at.pump_speed)
+        pump_power = pump_torque * at.pump_speed
+        pump_input = pump_power * eta_4 ** (-flow)
+        losses["gear 4"] = pump_input - pump_power
+        # A slipping clutch passes its torque on and loses speed.
+        whole_speed = train.carrier_speed(at.engine_speed)
+        eta_23 = self._mesh(2, carrier, whole_speed) * self._mesh(3, carrier, whole_speed)
+        carrier_input = carrier * whole_speed / eta_23
+        losses["gears 2, 3"] = carrier_input * (1.0 - eta_23)
+        losses["clutch slip"] = carrier * (whole_speed - at.carrier_speed)
+        losses["engine drag"] = _total(self.effects, "engine_drag_power", at)
+        total = carrier_input + pump_input + losses["engine drag"]
+        return _Balance(flow_excess, motor_surplus, pump_torque, total, at.output_speed, losses)
+
+    def _motor_side(
+        self, at: Conditions, sun: FloatArray, losses: dict[str, FloatArray]
+    ) -> FloatArray:
+        """Torque left to speed the motor up, eq. (14)."""
+        sense = np.tanh(at.motor_speed / TURNING_SPEED)
+        reached = sun / self.train.ratios[5]
+        demanded = reached * self._mesh(5, reached, at.motor_speed) ** (-sense)
+        dry = self.base.motor_friction * np.abs(at.pressure) * at.motor_displacement
+        dry = dry + _total(self.effects, "motor_drag", at)
+        drag = self.base.motor_damping * at.film_viscosity * at.motor_speed + dry * sense
+        losses["gear 5"] = (demanded - reached) * at.motor_speed
+        losses["motor friction"] = drag * at.motor_speed
+        return at.pressure * at.motor_displacement - drag - demanded
+
+    def _loop(self, at: Conditions, losses: dict[str, FloatArray]) -> FloatArray:
+        """Flow left to raise the pressure, eq. (13)."""
+        lost = self.base.leakage * at.pressure / at.gap_viscosity
+        lost = lost + _total(self.effects, "lost_flow", at)
+        drop = _total(self.effects, "pressure_drop", at)
+        pumped = at.pump_displacement * at.pump_speed * at.stroke
+        losses["flow"] = lost * at.pressure
+        losses["ports"] = drop * pumped
+        return pumped - at.motor_displacement * at.motor_speed - lost
+
+    def _pump_torque(self, at: Conditions, losses: dict[str, FloatArray]) -> FloatArray:
+        """Torque that the pump takes from its shaft, eq. (15); negative where it drives."""
+        pressure = at.pressure + _total(self.effects, "pressure_drop", at)
+        ideal = at.stroke * pressure * at.pump_displacement
+        drag = self.base.pump_damping * at.film_viscosity * at.pump_speed
+        drag = drag + self.base.pump_friction * np.abs(ideal)
+        drag = drag + _total(self.effects, "pump_drag", at)
+        losses["pump friction"] = drag * at.pump_speed
+        return ideal + drag
+
+
+def _total(effects: Sequence[Effect], hook: str, at: Conditions) -> FloatArray:
+    total = np.zeros_like(at.pressure)
+    for effect in effects:
+        total = total + getattr(effect, hook)(at)
+    return total

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects that are in nobody's library, each confined to a region that its `box` states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from studies.blind.effect import Box, Conditions, Effect, FloatArray
+
+
+def _rise(value: FloatArray, edge: float, width: float) -> FloatArray:
+    """Smooth step from 0 to 1 at `edge`."""
+    return np.asarray(0.5 * (1.0 + np.tanh((value - edge) / width)))
+
+
+@dataclass(frozen=True)
+class TorsionalResonance(Effect):
+    """A torsional mode of the driveline, damped in the input damper, in a band of engine speed.
+
+    Power ~ the squared magnification of a single mode with damping ratio `damping`.
+    """
+
+    name: ClassVar[str] = "torsional_resonance"
+    known: ClassVar[bool] = False
+    centre: float = 150.0
+    damping: float = 0.04
+
+    @property
+    def box(self) -> Box:
+        """Return the region of the loss."""
+        half = 2.0 * self.damping * self.centre
+        return Box(engine_speed=(self.centre - half, self.centre + half))
+
+    def engine_drag_power(self, at: Conditions) -> FloatArray:
+        """Return the power lost, at the engine shaft."""
+        ratio = at.engine_speed / self.centre
+        twice = 2.0 * self.damping
+        magnified = twice**2 / ((1.0 - ratio**2) ** 2 + (twice * ratio) ** 2)
+        excitation = 0.5 + 0.5 * at.load_torque / 300.0
+        return np.asarray(self.size * 1500.0 * magnified * excitation)
+
+
+@dataclass(frozen=True)
+class CasingDeflection(Effect):
+    """The casing yields at high load and large stroke of one sign and misaligns the gears."""
+
+    name: ClassVar[str] = "casing_deflection"
+    parts: ClassVar[tuple[str, ...]] = ("gears",)
+    known: ClassVar[bool] = False
+    stroke_edge: float = 0.45
+    load_edge: float = 300.0
+    sense: float = 1.0
+
+    @property
+    def box(self) -> Box:
+        """Return the region of the loss."""
+        edge = self.stroke_edge
+        side = (edge, 1.0) if self.sense > 0 else (-1.0, -edge)
+        return Box(displacement_ratio=side, load_torque=(self.load_edge, 600.0))
+
+    def engine_drag_power(self, at: Conditions) -> FloatArray:
+        """Return the power lost, at the engine shaft."""
+        large = _rise(self.sense * at.command, self.stroke_edge, 0.05)
+        heavy = _rise(at.load_torque, self.load_edge, 20.0)
+        return np.asarray(self.size * 0.02 * at.load_torque * at.engine_speed * large * heavy)
+
+
+@dataclass(frozen=True)
+class SwashChatter(Effect):
+    """The swash plate chatters in a band of displacement ratio.
+
+    `torque`: chatter brakes the pump; `flow`: the valve plate cavitates and flow is lost.
+    """
+
+    name: ClassVar[str] = "swash_chatter"
+    parts: ClassVar[tuple[str, ...]] = ("pump",)
+    variants: ClassVar[tuple[str, ...]] = ("torque", "flow")
+    known: ClassVar[bool] = False
+    centre: float = 0.4
+    half_width: float = 0.15
+
+    @property
+    def box(self) -> Box:
+        """Return the region of the loss."""
+        return Box(
+            displacement_ratio=(self.centre - self.half_width, self.centre + self.half_width)
+        )
+
+    def _band(self, command: FloatArray) -> FloatArray:
+        low = _rise(command, self.centre - self.half_width, 0.02)
+        return np.asarray(low - _rise(command, self.centre + self.half_width, 0.02))
+
+    def pump_drag(self, at: Conditions) -> FloatArray:
+        """Return the torque of the chatter."""
+        if self.variant != "torque":
+            return np.zeros_like(at.pressure)
+        torque = 2.0 + 0.05 * np.abs(at.pressure) * at.pump_displacement
+        return np.asarray(self.size * torque * self._band(at.command))
+
+    def lost_flow(self, at: Conditions) -> FloatArray:
+        """Return the flow lost to cavitation."""
+        if self.variant != "flow":
+            return np.zeros_like(at.pressure)
+        flow = 0.02 * at.pump_displacement * at.pump_speed
+        return np.asarray(self.size * flow * self._band(at.command) * np.tanh(at.pressure / 5e5))
+
+
+@dataclass(frozen=True)
+class ClutchMicroslip(Effect):
+    """The closed clutch of the mechanical path creeps above its torque capacity."""
+
+    name: ClassVar[str] = "clutch_microslip"
+    parts: ClassVar[tuple[str, ...]] = ("clutches",)
+    known: ClassVar[bool] = False
+    limit: ClassVar[float] = 20.0
+    capacity: float = 380.0
+
+    @property
+    def box(self) -> Box:
+        """Return the region of the loss."""
+        return Box(load_torque=(self.capacity, 600.0))
+
+    def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
+        """Return the creep beyond capacity."""
+        excess = np.logaddexp(0.0, (load_torque - self.capacity) / 15.0) * 15.0
+        return np.asarray(np.minimum(self.size * 1e-4 * excess, 0.5))

@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of the report; the one module that needs matplotlib (extra `plot`)."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from hmcvt_core.transmission.ranges import RPM
+
+from . import paper, subsets
+from .algorithms import COOLER, GA, IMPROVED_SA, NEAR, PSO, SERVED, STANDARD_SA, WITHOUT
+from .bench import table2
+from .comparison import Summary
+from .intervals import Profile
+from .procedure import Reproduction
+from .surfaces import Surface
+from .tables import FORMULATIONS
+
+_STYLE: Any = {
+    "font.family": "DejaVu Sans", "font.size": 15.0, "axes.titlesize": 15.0,
+    "legend.fontsize": 14.0, "axes.grid": True, "grid.color": "0.88", "axes.axisbelow": True,
+    "axes.spines.top": False, "axes.spines.right": False, "svg.fonttype": "none",
+    "figure.constrained_layout.use": True, "hatch.linewidth": 0.8,
+}
+_SIZE = (6.9, 5.2)
+_LEVELS = (0, 20, 40, 50, 60, 65, 70, 75, 80, 83, 90, 100)  # %, of figures 3 to 5
+# Told apart by line and mark as well, so that a grey print says the same.
+_OURS, _PAPER, _OTHER = "#0b5394", "#b45f06", "#3c3c3c"
+_LINES = {"paper": {"color": _PAPER, "ls": "--", "marker": "s"},
+          "published": {"color": _OTHER, "ls": ":", "marker": "^"},
+          "power_balance": {"color": _OURS, "ls": "-", "marker": "o"}}
+_NAMES = {"paper": "printed", "published": "published formulas", "power_balance": "power balance"}
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure.
+
+    Attributes:
+        name: of its files, without ending.
+        title: read out, and above it.
+        caption: what it shows, in sentences.
+        svg, png: the figure.
+    """
+
+    name: str
+    title: str
+    caption: str
+    svg: str
+    png: bytes
+
+
+def drawings(found: Reproduction) -> list[Drawing]:
+    """Draw every figure of the report, in its order."""
+    made = [_drawn("table3", "Table 3: error of all data over gear efficiency",
+                   "Mean |predicted - measured| / measured over all eight tests, fitted to five.",
+                   lambda axes: _table3(axes, found)),
+            _drawn("table4", "Table 4: estimated efficiency, gear efficiency 0.98",
+                   "Difference to the measured efficiency at each test; band: the measurement "
+                   "uncertainty of 1.12 %.", lambda axes: _table4(axes, found))]
+    for surface in found.surfaces:
+        made.append(_surface_drawing(surface))
+    made += _figure6(found)
+    made += [_subset_drawing(found, name) for name in reversed(FORMULATIONS)]
+    names = dict.fromkeys(profile.parameter for profile in found.profiles)
+    return [*made, *(_profile_drawing([p for p in found.profiles if p.parameter == name])
+                     for name in names)]
+
+
+def _drawn(name: str, title: str, caption: str, draw: Callable[[Any], None]) -> Drawing:
+    with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):
+        figure = Figure(figsize=_SIZE)
+        draw(figure.subplots())
+        text, picture = io.StringIO(), io.BytesIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+        figure.savefig(picture, format="png", dpi=110)
+    return Drawing(name, title, caption, _embeddable(text.getvalue(), name, title),
+                   picture.getvalue())
+
+
+def _embeddable(svg: str, name: str, title: str) -> str:
+    """Leave the `svg` element alone, with names that no other figure of a page has."""
+    svg = svg[svg.index("<svg "):]
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    # Verdana has the same widths where DejaVu is not installed.
+    svg = svg.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
+    head, rest = svg.split(">", 1)
+    head = re.sub(r' (?:width|height)="[^"]*"', "", head)
+    return f'{head} role="img" id="{name}" aria-label="{title}">{rest}'
+
+
+# --- tables 3 and 4 -------------------------------------------------------------------------------
+
+
+def _table3(axes: Any, found: Reproduction) -> None:
+    gears = paper.GEAR_EFFICIENCIES
+    rows = {"paper": [paper.TABLE_3[gear].all_data for gear in gears]}
+    rows |= {name: [found.fits[name, gear].errors.all_data for gear in gears]
+             for name in FORMULATIONS}
+    for name, row in rows.items():
+        axes.plot(gears, row, label=_NAMES[name], lw=2.4, ms=9, **_LINES[name])
+    axes.set(xlabel="gear efficiency [-]", ylabel="error of all data [%]", xticks=gears)
+    axes.set_ylim(0.0, None)
+    axes.legend(loc="upper left")
+
+
+def _table4(axes: Any, found: Reproduction) -> None:
+    measured = 100.0 * table2().efficiency
+    rows = {"paper": np.array(paper.TABLE_4[0.98])}
+    rows |= {name: 100.0 * found.fits[name, 0.98].predicted for name in FORMULATIONS}
+    tests = np.arange(1, len(measured) + 1)
+    limit = paper.Uncertainties().total / 100.0 * measured
+    axes.bar(tests, 2.0 * limit, bottom=-limit, width=0.86, color="0.88")
+    for shift, (name, row) in zip((-0.22, 0.0, 0.22), rows.items(), strict=True):
+        style = {**_LINES[name], "ls": "none"}
+        axes.plot(tests + shift, row - measured, label=_NAMES[name], ms=10, **style)
+    axes.axhline(0.0, color="0.3", lw=1.0)
+    held = [f"{test}*" if test in paper.PREDICTED_TESTS else f"{test}" for test in tests.tolist()]
+    axes.set(xlabel="test (* predicted, the others fitted)", ylabel="estimated - measured [points]",
+             xticks=tests, xticklabels=held)
+    axes.grid(axis="x", visible=False)
+    axes.set_ylim(-4.9, 7.9)
+    axes.legend(loc="upper left", ncols=2)
+
+
+# --- figures 3 to 5 -------------------------------------------------------------------------------
+
+
+def _surface_drawing(surface: Surface) -> Drawing:
+    name = f"figure{surface.figure}-{surface.formulation.replace('_', '-')}"
+    title = (f"Figure {surface.figure}: {1e-3 * surface.load_power:g} kW, "
+             f"{_NAMES[surface.formulation]}")
+    caption = "Efficiency over engine speed and transmission ratio n_out / n_e, eq. (5)."
+    if surface.formulation == "published":
+        caption += (" Hatched: the formulas contradict themselves. Thick line: a pole of (11), "
+                    "where eta_total leaves to both infinities.")
+    elif surface.refused:
+        caption += " Hatched: the load cannot be carried, leakage takes the whole flow."
+    return _drawn(name, title, caption, lambda axes: _surface(axes, surface))
+
+
+def _surface(axes: Any, surface: Surface) -> None:
+    speed, ratio = surface.engine_speed / RPM, surface.speed_ratio
+    served = 100.0 * surface.efficiency
+    axes.grid(visible=False)
+    axes.contourf(speed, ratio, np.isnan(served).astype(float), levels=[0.5, 1.5], colors="none",
+                  hatches=["////"])
+    shades = axes.contourf(speed, ratio, served, levels=_LEVELS, cmap="gray",
+                           norm=BoundaryNorm(_LEVELS, 256))
+    axes.contour(speed, ratio, served, levels=_LEVELS, colors="black", linewidths=0.7)
+    axes.figure.colorbar(shades, ax=axes, label="efficiency [%]", ticks=_LEVELS)
+    if surface.denominator is not None:
+        axes.contour(speed, ratio, surface.denominator, levels=[0.0], colors=_PAPER,
+                     linewidths=4.0)
+    axes.set(xlabel="engine speed [r/min]", ylabel="transmission ratio n_out / n_e [-]")
+
+
+# --- figure 6 and the ablation --------------------------------------------------------------------
+
+_FIRST = 10  # evaluations at which the curves begin to be drawn
+
+
+def _figure6(found: Reproduction) -> list[Drawing]:
+    seeds = f"{found.seeds} seeds"
+    first = [name for name in (IMPROVED_SA, COOLER, STANDARD_SA, GA, PSO)
+             if name in found.summaries]
+    boxes = [*first, SERVED]
+    ablation = [IMPROVED_SA, *WITHOUT.values(), STANDARD_SA]
+    target = f"Dashed: {100 * (NEAR - 1):.0f} % above the lowest."
+    return [
+        _drawn("figure6-evolution", "Figure 6: evolution over evaluations",
+               f"Lowest 1 - RSQ so far above the lowest known, {found.lowest:.5f}; median of "
+               f"{seeds}, band: quartiles; part 1 of the improved SA is not counted. {target}",
+               lambda axes: _evolution(axes, found, first)),
+        _drawn("figure6-errors", "Figure 6: error reached",
+               f"1 - RSQ above the lowest known (at least 1e-6); box: quartiles, bar: median, "
+               f"circles: all {seeds}. {target}", lambda axes: _boxes(axes, found, boxes)),
+        _drawn("ablation", "The four improvements, each left out",
+               f"As the figure before; the same {seeds}. {target}",
+               lambda axes: _boxes(axes, found, ablation)),
+    ]
+
+
+def _above(found: Reproduction, values: Any) -> Any:
+    """Excess over the lowest value known, with a floor that a logarithm can show."""
+    return np.maximum(np.asarray(values) - found.lowest, 1e-6)
+
+
+def _evolution(axes: Any, found: Reproduction, names: Sequence[str]) -> None:
+    styles = {IMPROVED_SA: (_OURS, "-"), COOLER: (_OURS, (0, (1, 1))), STANDARD_SA: ("0.5", "--"),
+              GA: (_PAPER, "-."), PSO: ("black", ":")}
+    for name in names:
+        summary, (color, line) = found.summaries[name], styles[name]
+        last = int(summary.quartiles("evaluations")[1])
+        grid = np.unique(np.geomspace(_FIRST, last, 200).astype(int))
+        curves = np.array([_curve(run.curve, grid) for run in summary.runs])
+        low, middle, high = (_above(found, q) for q in np.percentile(curves, (25, 50, 75), axis=0))
+        axes.fill_between(grid, low, high, color=color, alpha=0.16, lw=0)
+        axes.plot(grid, middle, color=color, ls=line, lw=2.6, label=name)
+        axes.plot(grid[-1], middle[-1], color=color, marker="o", ms=8)
+    axes.axhline((NEAR - 1.0) * found.lowest, color="0.3", ls=(0, (6, 4)), lw=1.2)
+    axes.set(xscale="log", yscale="log", xlabel="evaluations [-]",
+             ylabel="1 - RSQ above the lowest [-]")
+    axes.set_ylim(7e-7, 3.0)
+    axes.set_xlim(_FIRST, None)
+    _plain_powers(axes.xaxis, axes.yaxis)
+    axes.legend(loc="lower left")
+
+
+def _curve(curve: Sequence[tuple[int, float]], grid: Any) -> Any:
+    """Lowest value so far at evaluation counts; 1 (as bad as the mean) before the first answer."""
+    counts = np.array([count for count, _ in curve])
+    values = np.array([1.0, *(value for _, value in curve)])
+    return np.minimum(values[np.searchsorted(counts, grid, side="right")], 1.0)
+
+
+def _boxes(axes: Any, found: Reproduction, names: Sequence[str]) -> None:
+    names = list(reversed(names))
+    values = [_above(found, [run.value for run in found.summaries[name].runs]) for name in names]
+    for place, row in enumerate(values, 1):
+        low, middle, high = np.percentile(row, (25, 50, 75))
+        axes.barh(place, high - low, left=low, height=0.6, color="0.85", edgecolor="black")
+        axes.plot((middle, middle), (place - 0.3, place + 0.3), color="black", lw=3.0)
+        spread = np.linspace(-0.2, 0.2, len(row))
+        axes.plot(row, place + spread, "o", mfc="none", mec=_OURS, ms=5)
+    axes.axvline((NEAR - 1.0) * found.lowest, color="0.3", ls=(0, (6, 4)), lw=1.2)
+    axes.set(xscale="log", xlabel="1 - RSQ above the lowest [-]",
+             yticks=range(1, len(names) + 1),
+             yticklabels=[_two_lines(name, found.summaries[name]) for name in names])
+    axes.set_xlim(6e-7, 3.0)
+    _plain_powers(axes.xaxis)
+
+
+def _plain_powers(*scales: Any) -> None:
+    """Write 1e-6, not a small raised exponent; every second power has room."""
+    for scale in scales:
+        scale.set_major_locator(LogLocator(numticks=5))
+        scale.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
+        scale.set_minor_locator(NullLocator())
+
+
+def _power(value: float) -> str:
+    return f"{value:g}".replace("e-0", "e-")
+
+
+def _two_lines(name: str, summary: Summary) -> str:
+    for long, short in (("without ", "no "), ("shrinking ", ""), ("adaptive ", ""), (" start", "")):
+        name = name.replace(long, short)
+    return f"{name}\n{summary.quartiles('evaluations')[1]:.0f} evaluations"
+
+
+# --- five tests -----------------------------------------------------------------------------------
+
+
+def _subset_drawing(found: Reproduction, formulation: str) -> Drawing:
+    return _drawn(
+        f"subsets-{formulation.replace('_', '-')}",
+        f"Error over the number of tests fitted, {_NAMES[formulation]}",
+        "Prediction error of the tests left out, over all subsets of Table 2; box: quartiles, "
+        "bar: median, circles: every subset; those above the scale or without an answer are "
+        "counted at the top. Diamond: the paper's choice of five.",
+        lambda axes: _subsets(axes, found, formulation))
+
+
+def _subsets(axes: Any, found: Reproduction, formulation: str) -> None:
+    sizes, top = range(subsets.FEWEST, len(table2())), 12.0
+    for size in sizes:
+        values = subsets.prediction_errors(list(found.subset_fits), formulation, size)
+        low, middle, high = np.percentile(np.minimum(values, 2.0 * top), (25, 50, 75))
+        axes.bar(size, high - low, bottom=low, width=0.55, color="0.85", edgecolor="black")
+        axes.plot((size - 0.275, size + 0.275), (middle, middle), color="black", lw=3.0)
+        axes.plot(size + np.linspace(-0.2, 0.2, len(values)), values, "o", mfc="none", mec=_OURS,
+                  ms=5)
+        beyond = int((values > top).sum())
+        axes.annotate(f"{beyond} of {len(values)}\nabove" if beyond else f"of {len(values)}",
+                      (size, 1.01), xycoords=("data", "axes fraction"), ha="center", fontsize=14)
+    limit = paper.TABLE_3[paper.BEST_GEAR_EFFICIENCY].prediction
+    axes.axhline(limit, color=_PAPER, ls="--", lw=2.0)
+    chosen = next(each for each in found.subset_fits if each.formulation == formulation
+                  and each.tests == paper.FITTED_TESTS)
+    axes.plot(5, chosen.prediction_error, "D", color="black", ms=11, mec="white")
+    axes.set(xlabel="number of tests fitted [-]", ylabel="prediction error [%]", xticks=sizes)
+    axes.set_ylim(0.0, top)
+    axes.legend(handles=[Line2D([], [], color=_PAPER, ls="--", lw=2.0,
+                                label=f"printed: {limit:.2f} %")], loc="upper right")
+
+
+# --- intervals ------------------------------------------------------------------------------------
+
+_SHOWN = 2.5  # of the limit
+
+
+def _profile_drawing(both: Sequence[Profile]) -> Drawing:
+    name = both[0].parameter
+    words = name.replace("_", " ")
+    return _drawn(
+        f"profile-{name.replace('_', '-')}", f"Profile of the {words}",
+        "Sum of squares with this parameter held, over the limit of its 95 % interval: values "
+        "below 1 are in the interval. Thick bars: the intervals; they end at the bounds of the "
+        "search where the curve does.", lambda axes: _profile(axes, both))
+
+
+def _profile(axes: Any, both: Sequence[Profile]) -> None:
+    styles = {"five tests": (_PAPER, "--", -0.12), "eight tests": (_OURS, "-", -0.26)}
+    for profile in both:
+        color, line, height = styles[profile.tests]
+        axes.plot(profile.values, profile.squares / profile.limit, color=color, ls=line, lw=2.6,
+                  label=f"from {profile.tests}")
+        axes.plot(profile.interval, (height, height), color=color, lw=5,
+                  solid_capstyle="butt")
+    axes.axhline(1.0, color="0.3", lw=1.2)
+    name = both[0].parameter
+    if name == "leakage":
+        axes.set_xscale("log")
+        _plain_powers(axes.xaxis)
+    unit = {"leakage": "m³/(s Pa)"}.get(name, "N m s/rad")
+    axes.set(xlabel=f"{name.replace('_', ' ')} [{unit}]", ylabel="sum of squares / limit [-]")
+    shown = max(profile.values[profile.squares < _SHOWN * profile.limit].max()
+                for profile in both)
+    axes.set_xlim(both[0].values[0], shown)
+    axes.set_ylim(-0.4, _SHOWN)
+    axes.set_yticks(np.arange(0.0, _SHOWN + 0.1, 0.5))
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+
+

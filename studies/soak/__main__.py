@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m studies.soak`: run the whole endurance trial and write the document."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from . import processes, report, trial
+from .run import Run, busy_cores
+
+QUICK = trial.Plan(seconds=3.0, turns=2, refit_turns=1, rates=(300.0, 1000.0, 2000.0),
+                   rising_seconds=2.0, fuzz=10_000)
+
+
+def main() -> int:
+    """Run it; 0 when every goal is met."""
+    parser = argparse.ArgumentParser(prog="python -m studies.soak", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("docs/soak.md"))
+    parser.add_argument("--quick", action="store_true",
+                        help="a minute before the kills, to try the trial itself")
+    parser.add_argument("--kills", type=int, default=200, help="trials that kill the node")
+    given = parser.parse_args()
+    # As Ctrl-C does: the processes that were started end, too.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    plan = QUICK if given.quick else trial.Plan()
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="hmcvt-soak-") as name:
+        folder = Path(name)
+        _loopback_only(folder)
+        others = busy_cores()
+        loaded = trial.under_load(plan, folder, _say)
+        fuzzed = trial.nonsense(plan, folder, _say)
+        kills = _kill_trials(given.kills)
+    command = " ".join(["python -m studies.soak", *sys.argv[1:]])
+    run = Run(command, time.monotonic() - start, others)
+    given.out.write_text(report.text(run, plan, loaded, fuzzed, kills))
+    missed = [goal for goal in report.goals(loaded, fuzzed, kills, plan) if not goal.met]
+    for goal in missed:
+        _say(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")
+    _say(f"Written to {given.out} after {run.seconds:.0f} s.")
+    return 1 if missed else 0
+
+
+def _loopback_only(folder: Path) -> None:
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
+    os.environ["ROS_LOG_DIR"] = str(folder / "log")
+
+
+def _kill_trials(count: int) -> report.Kills:
+    _say(f"{count} kills ...")
+    done = subprocess.run(
+        [sys.executable, "-m", "studies.soak.kill_trials", "--trials", str(count), "--seed", "0"],
+        capture_output=True, text=True, cwd=processes.ROOT)
+    return report.Kills(done.stdout + done.stderr, done.returncode == 0)
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,424 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The twin: its physics, its effects, its campaigns and their seal."""
+
+import ast
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, root
+
+import studies.blind as blind
+from hmcvt_core.errors import InputError
+from studies.blind.campaign import Campaign, draw_base, fresh, make_campaign
+from studies.blind.catalogue import (
+    KNOWN_EFFECTS,
+    UNKNOWN_EFFECTS,
+    draw_effect,
+    size_effect,
+)
+from studies.blind.effect import Box
+from studies.blind.oil import relative_viscosity
+from studies.blind.plans import LOAD_TORQUE, PLANS, plan_points, reference_points
+from studies.blind.seal import open_seal, seal
+from studies.blind.train import DISPLACEMENT_PER_RADIAN, GearTrain
+from studies.blind.twin import BaseTruth, Plant, operating_points
+
+BASE = BaseTruth(leakage=2e-11, motor_damping=0.12, pump_damping=0.08)
+SWING = 25.0
+VARIANTS = {
+    "gear_mesh": ("friction", "efficiency"),
+    "pressure_leakage": ("clearance", "power_law"),
+    "displacement_error": ("offset", "gain", "dead_band"),
+    "torque_sensor": ("engine_zero", "engine_gain", "output_zero", "output_gain"),
+    "swash_chatter": ("torque", "flow"),
+}
+EVERY_EFFECT = [
+    f"{name}:{variant}" if variant else name
+    for name in KNOWN_EFFECTS + UNKNOWN_EFFECTS
+    for variant in VARIANTS.get(name, ("",))
+]
+CONTRACT_COLUMNS = {
+    "displacement_ratio",
+    "engine_speed",
+    "load_torque",
+    "efficiency",
+    "output_speed",
+    "oil_temperature",
+    "efficiency_std",
+}
+
+
+def drawn(name, seed=5):
+    return draw_effect(name, np.random.default_rng(seed))
+
+
+def points_over_the_range():
+    return reference_points(Box(), SWING)
+
+
+def algebraic_balance(base, stroke, engine, load):
+    """Efficiency and output speed of the stage by hand: one unknown, the motor speed."""
+    volume, eta = DISPLACEMENT_PER_RADIAN, 0.98
+    pump = engine / 0.678
+    carrier = engine / (0.969 * 1.484)
+
+    def solve_for(motor):
+        ring = (3.56 * carrier + motor / 1.96) / 2.56
+        ring_torque = load * engine / eta**2 / ring
+        motor_torque = ring_torque / 2.56 / 1.96 * (1 / eta if motor > 0 else eta)
+        sign = np.sign(motor)
+        pressure = (motor_torque + base.motor_damping * motor) / (volume * (1 - 0.01 * sign))
+        if pressure < 0:
+            pressure = (motor_torque + base.motor_damping * motor) / (volume * (1 + 0.01 * sign))
+        return ring, ring_torque, pressure
+
+    def flow(motor):
+        return volume * (pump * stroke - motor) - base.leakage * solve_for(motor)[2]
+
+    # The upper of two answers: the lower one is the far side of the stall.
+    grid = np.linspace(pump * 1.2, -pump * 1.6, 400)
+    values = np.array([flow(m) for m in grid])
+    at = np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1]))[0]
+    motor = brentq(flow, grid[at + 1], grid[at], xtol=1e-12)
+    ring, ring_torque, pressure = solve_for(motor)
+    ideal = stroke * pressure * volume
+    pump_power = (ideal + base.pump_damping * pump + 0.01 * abs(ideal)) * pump
+    hydraulic = pump_power / eta if pump_power > 0 else pump_power * eta
+    mechanical = ring_torque * 3.56 / 2.56 * carrier / eta**2
+    away = abs(motor) > 12.0 and abs(pump_power) > 12.0 * pump
+    return load * engine / (mechanical + hydraulic), ring / (0.982 * 0.823), away
+
+
+def test_no_effect_equals_an_algebraic_power_balance():
+    points = points_over_the_range()
+    read = Plant(BASE).read(points)
+    apart = []
+    for k in range(len(points)):
+        by_hand, speed, away = algebraic_balance(
+            BASE, points.displacement_ratio[k], points.engine_speed[k], points.load_torque[k]
+        )
+        # Nearer than that to standstill the twin smooths the sense of friction.
+        tolerance = 1e-8 if away else 2e-3
+        assert read.efficiency[k] == pytest.approx(by_hand, rel=tolerance)
+        assert read.output_speed[k] == pytest.approx(speed, rel=tolerance)
+        apart.append(away)
+    assert np.mean(apart) > 0.7
+
+
+def test_output_speed_without_leakage_is_eq_5():
+    # 1 / n_e n_out of eq. (5) at eps = -1, 0, 1, as computed from Table 1.
+    ideal = Plant(replace(BASE, leakage=1e-16))
+    stroke = np.array([-1.0, 0.0, 1.0])
+    speed = np.full(3, 100.0)
+    read = ideal.read(operating_points(stroke, speed, np.full(3, 200.0)))
+    assert read.output_speed / speed == pytest.approx([0.83286, 1.19658, 1.56029], rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["", *EVERY_EFFECT])
+def test_energy_is_balanced_and_every_loss_dissipates(name):
+    effects = (replace(drawn(name), size=0.5),) if name else ()
+    read = Plant(BASE, effects).read(points_over_the_range())
+    run = read.settled
+    assert np.mean(run) > 0.9
+    lost = sum(read.losses.values())
+    assert lost[run] == pytest.approx((read.input_power - read.output_power)[run], rel=1e-9)
+    for place, power in read.losses.items():
+        assert np.min(power[run]) > -1e-6, place
+
+
+@pytest.mark.parametrize("name", EVERY_EFFECT)
+def test_steady_state_is_a_root_found_another_way(name):
+    plant = Plant(BASE, (replace(drawn(name), size=0.8),))
+    points = reference_points(Box(), SWING).select(np.arange(3, 96, 13))
+    read = plant.read(points)
+    scale = np.array([1e6, 50.0, 200.0, 50.0])
+    for k in np.flatnonzero(read.settled):
+        one = points.select(np.array([k]))
+
+        def rest(y, one=one):
+            return plant.rates((y * scale)[:, None], one)[:, 0] / scale
+
+        start = plant.guess(one)[:, 0] / scale
+        found = root(rest, start, method="hybr", tol=1e-12)
+        assert found.x == pytest.approx(read.state[:, k] / scale, rel=1e-6, abs=1e-6)
+
+
+def load_in_time(plant, point):
+    """Bring the load up in 4 s and hold it 6 s, by a stiff integrator; the last state."""
+
+    def rates(time, y):
+        share = min(1.0, 0.2 + 0.2 * time)
+        return plant.rates(y[:, None], replace(point, load_torque=share * point.load_torque))[:, 0]
+
+    start = plant.guess(replace(point, load_torque=0.2 * point.load_torque))[:, 0]
+    return solve_ivp(rates, (0.0, 10.0), start, method="BDF", rtol=1e-8, atol=1e-5).y[:, -1]
+
+
+@pytest.mark.parametrize(
+    ("stroke", "speed", "torque", "settles"),
+    [
+        (-0.9, 150.0, 250.0, True),
+        (0.02, 150.0, 250.0, True),
+        (0.8, 150.0, 250.0, True),
+        (0.6875, 80.37, 590.0, True),
+        (-0.98, 138.0, 560.0, False),
+    ],
+)
+def test_loading_in_real_time_reaches_the_same_rest_or_the_same_stall(
+    stroke, speed, torque, settles
+):
+    effects = (replace(drawn("pressure_friction"), size=2.0), drawn("stroke_leakage"))
+    plant = Plant(replace(BASE, leakage=4e-11), effects)
+    point = operating_points(np.array([stroke]), np.array([speed]), np.array([torque]))
+    read = plant.read(point)
+    end = load_in_time(plant, point)
+    assert read.settled[0] == settles
+    assert np.isnan(read.efficiency[0]) != settles
+    if settles:
+        assert end[:2] == pytest.approx(read.state[:2, 0], rel=1e-4)
+    else:
+        assert end[0] > 45e6
+
+
+@pytest.mark.parametrize("name", EVERY_EFFECT)
+def test_mean_shift_reaches_its_target(name):
+    swing = SWING if name == "oil_temperature" else 0.0
+    target = 0.002 if name.startswith("displacement_error") else 0.01
+    sized = size_effect(BASE, drawn(name), target, swing)
+    points = reference_points(sized.effect.box or Box(), swing)
+    moved = Plant(BASE, (sized.effect,)).read(points).efficiency
+    shift = np.nanmean(np.abs(moved - Plant(BASE).read(points).efficiency))
+    assert not sized.capped
+    assert shift == pytest.approx(target, rel=0.006)
+    assert sized.shift == pytest.approx(shift, rel=1e-6)
+    sensor_or_actuator = name.startswith(("displacement_error", "torque_sensor"))
+    if not sensor_or_actuator and name != "oil_temperature":
+        assert sized.mean_shift < 0.0
+
+
+def test_a_target_beyond_the_physical_limit_is_capped():
+    sized = size_effect(BASE, drawn("displacement_error:offset"), 0.03)
+    assert sized.capped
+    assert sized.effect.size == sized.effect.limit
+    assert 0.0 < sized.shift < 0.01
+
+
+@pytest.mark.parametrize("name", UNKNOWN_EFFECTS)
+def test_unknown_effects_keep_to_their_box(name):
+    sized = size_effect(BASE, drawn(name), 0.02)
+    points = plan_points("random", 500, np.random.default_rng(1))
+    shift = Plant(BASE, (sized.effect,)).read(points).efficiency
+    shift = np.abs(shift - Plant(BASE).read(points).efficiency)
+    inside = sized.effect.box.contains(
+        points.displacement_ratio, points.engine_speed, points.load_torque
+    )
+    assert 0.08 < np.mean(inside) < 0.5
+    assert np.mean(shift[~inside]) < 0.12 * np.mean(shift[inside])
+
+
+def test_viscosity_moves_leakage_and_damping_only_as_the_effect_oil_temperature():
+    warm = np.array([35.0, 85.0])
+    points = operating_points(np.full(2, 0.9), np.full(2, 150.0), np.full(2, 300.0), warm)
+    plain = Plant(BASE).read(points)
+    assert plain.efficiency[0] == plain.efficiency[1]
+    hot = Plant(BASE, (drawn("oil_temperature"),)).read(points)
+    assert hot.losses["flow"][1] > 1.5 * hot.losses["flow"][0]
+    assert hot.losses["pump friction"][1] < 0.7 * hot.losses["pump friction"][0]
+    assert relative_viscosity(np.array([60.0])) == pytest.approx([1.0])
+    ratio = relative_viscosity(np.array([40.0])) / relative_viscosity(np.array([100.0]))
+    assert ratio == pytest.approx([60.0 / 9.5])
+
+
+def test_an_output_meter_moves_the_load_column_and_an_engine_meter_does_not():
+    points = points_over_the_range()
+    plain = Plant(BASE).read(points)
+    output = Plant(BASE, (drawn("torque_sensor:output_gain"),)).read(points)
+    engine = Plant(BASE, (drawn("torque_sensor:engine_zero"),)).read(points)
+    assert np.min(np.abs(output.load_torque / plain.load_torque - 1.0)) > 0.008
+    assert engine.load_torque == pytest.approx(plain.load_torque)
+    assert np.min(np.abs(engine.efficiency / plain.efficiency - 1.0)) > 0.001
+    assert engine.output_speed == pytest.approx(plain.output_speed)
+
+
+def test_flow_effects_slow_the_output_and_torque_effects_hardly_do():
+    points = points_over_the_range()
+    plain = Plant(BASE).read(points)
+
+    def slowed(name):
+        sized = size_effect(BASE, drawn(name), 0.01)
+        speed = Plant(BASE, (sized.effect,)).read(points).output_speed
+        return np.nanmean(np.abs(speed / plain.output_speed - 1.0))
+
+    for flow_effect in ("pressure_leakage:clearance", "orifice_leakage", "compressibility"):
+        assert slowed(flow_effect) > 2e-3
+    for torque_effect in ("charge_pump", "churning", "bearing_seal_drag"):
+        assert slowed(torque_effect) < 1e-5
+
+
+@pytest.mark.parametrize("plan", PLANS)
+@pytest.mark.parametrize("samples", [8, 24, 96])
+def test_plans_give_the_points_asked_for_within_the_range(plan, samples):
+    points = plan_points(plan, samples, np.random.default_rng(2))
+    assert len(points) == samples
+    assert np.all(np.abs(points.displacement_ratio) <= 1.0)
+    assert np.all((points.engine_speed >= 78.5) & (points.engine_speed <= 230.0))
+    assert np.all(points.load_torque >= LOAD_TORQUE[0])
+    assert np.all(points.load_torque <= LOAD_TORQUE[1])
+    power = points.load_torque * points.engine_speed
+    assert (np.ptp(power) < 1e-6) == (plan == "constant_power")
+
+
+def same(one: Campaign, other: Campaign) -> bool:
+    return set(one.samples) == set(other.samples) and all(
+        np.array_equal(one.samples[name], other.samples[name]) for name in one.samples
+    )
+
+
+def test_seeds_reproduce_and_a_fresh_campaign_keeps_the_plant():
+    wanted = [("charge_pump", 0.01), ("gear_mesh", 0.008)]
+    first = make_campaign(11, wanted, samples=40)
+    assert same(first, make_campaign(11, wanted, samples=40))
+    assert not same(first, make_campaign(12, wanted, samples=40))
+    again = fresh(first, 99)
+    assert same(again, fresh(first, 99))
+    assert again.label.base == first.label.base
+    assert again.label.effects == first.label.effects
+    assert not np.intersect1d(again.samples["engine_speed"], first.samples["engine_speed"]).size
+    assert first.label.names == ("charge_pump", "gear_mesh")
+
+
+def test_noise_is_what_the_options_say():
+    plain = make_campaign(3, samples=400, stated_noise_factor=None, output_speed_noise=None)
+    assert set(plain.samples) == {
+        "displacement_ratio",
+        "engine_speed",
+        "load_torque",
+        "efficiency",
+    }
+    error = plain.samples["efficiency"] - plain.truth["efficiency"]
+    assert np.std(error) == pytest.approx(0.004, rel=0.15)
+    assert plain.truth["efficiency"] == pytest.approx(plain.truth["efficiency_plain"])
+    odd = make_campaign(
+        3, samples=400, stated_noise_factor=0.5, outliers=5, session_gain_std=0.01, sessions=4
+    )
+    assert np.all(odd.samples["efficiency_std"] == 0.002)
+    error = odd.samples["efficiency"] / odd.truth["efficiency"] - 1.0
+    quiet = odd.truth["outlier"] == 0.0
+    assert np.sum(~quiet) == 5
+    means = [np.mean(error[quiet & (odd.truth["session"] == s)]) for s in range(4)]
+    assert np.std(means) > 0.003
+    moved = odd.samples["efficiency"] - odd.truth["efficiency"]
+    assert np.min(np.abs(moved[~quiet])) > 2.5 * np.std(moved[quiet])
+    speed = odd.samples["output_speed"] / odd.truth["output_speed"] - 1.0
+    assert np.std(speed) == pytest.approx(0.001, rel=0.15)
+    tails = make_campaign(3, samples=400, heavy_tails=True)
+    error = (tails.samples["efficiency"] - tails.truth["efficiency"]) / 0.004
+    assert np.median(np.abs(error)) < 0.55
+    assert np.max(np.abs(error)) > 4.0
+
+
+def test_a_varying_temperature_alone_changes_nothing():
+    still = make_campaign(4, samples=30, efficiency_noise=0.0)
+    varied = make_campaign(4, samples=30, efficiency_noise=0.0, vary_temperature=True)
+    assert "oil_temperature" not in still.samples
+    assert np.ptp(varied.samples["oil_temperature"]) > 30.0
+    assert np.array_equal(still.samples["efficiency"], varied.samples["efficiency"])
+    with pytest.raises(InputError, match="vary_temperature"):
+        make_campaign(4, [("oil_temperature", 0.01)])
+
+
+def test_base_parameters_leave_their_ranges_only_on_request():
+    for seed in range(20):
+        inside = draw_base(np.random.default_rng(seed))
+        outside = draw_base(np.random.default_rng(seed), off=True)
+        assert 1e-11 <= inside.leakage <= 4e-11
+        assert 0.06 <= inside.motor_damping <= 0.25
+        assert not 1e-11 <= outside.leakage <= 4e-11
+        assert not 0.06 <= outside.motor_damping <= 0.25
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: make_campaign(1, [("gremlins", 0.01)]),
+        lambda: make_campaign(1, [("gear_mesh:gremlins", 0.01)]),
+        lambda: make_campaign(1, [("churning", 0.0)]),
+        lambda: make_campaign(1, plan="spiral"),
+        lambda: make_campaign(1, samples=0, sessions=0),
+        lambda: make_campaign(1, samples=5, outliers=6),
+        lambda: make_campaign(1, efficiency_noise=-0.1),
+        lambda: GearTrain.from_mapping({"ratios": {2: 0.969}}),
+        lambda: GearTrain.from_mapping({"teeth": 12}),
+    ],
+)
+def test_bad_requests_are_refused(call):
+    with pytest.raises(InputError):
+        call()
+
+
+def test_gear_train_from_a_mapping_is_the_one_of_table_1():
+    table = {2: 0.969, 3: 1.484, 4: 0.678, 5: 1.96, 6: 0.982, 11: 0.823}
+    assert GearTrain.from_mapping({"ratios": table, "k1": 2.56}) == GearTrain()
+
+
+def test_a_campaign_file_holds_no_label(tmp_path):
+    effects = [("pressure_leakage:clearance", 0.01), ("oil_temperature", 0.01)]
+    campaign = make_campaign(8, effects, samples=24, vary_temperature=True)
+    sealed = seal(campaign, "campaign-01", tmp_path / "bench", tmp_path / "labels")
+    handed_out = sorted(path.name for path in (tmp_path / "bench").iterdir())
+    assert handed_out == ["campaign-01.csv", "campaign-01.seal"]
+    with sealed.bench.open(encoding="ascii", newline="") as file:
+        rows = list(csv.reader(file))
+    assert set(rows[0]) == CONTRACT_COLUMNS
+    assert len(rows) == 25
+    table = np.array(rows[1:], dtype=float)
+    efficiency = table[:, rows[0].index("efficiency")]
+    assert efficiency == pytest.approx(campaign.samples["efficiency"], rel=1e-8)
+    assert len(sealed.commitment.read_text(encoding="ascii").strip()) == 64
+    opened = open_seal(sealed)
+    assert opened == json.loads(json.dumps(campaign.label.to_mapping()))
+    assert [e["name"] for e in opened["effects"]] == ["pressure_leakage", "oil_temperature"]
+
+
+@pytest.mark.parametrize("which", ["bench", "label"])
+def test_a_broken_seal_is_noticed(tmp_path, which):
+    campaign = make_campaign(9, [("churning", 0.01)], samples=8)
+    sealed = seal(campaign, "c", tmp_path / "a", tmp_path / "b")
+    path = getattr(sealed, which)
+    path.write_text(path.read_text(encoding="ascii").replace("0", "1", 1), encoding="ascii")
+    with pytest.raises(InputError, match="changed after sealing"):
+        open_seal(sealed)
+    with pytest.raises(InputError, match="written over"):
+        seal(campaign, "c", tmp_path / "a", tmp_path / "b")
+    with pytest.raises(InputError, match="two folders"):
+        seal(campaign, "d", tmp_path / "a", tmp_path / "a")
+
+
+def imported(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, path
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def test_the_twin_shares_no_physics_with_the_served_model():
+    folder = Path(blind.__file__).parent
+    waiting, seen = ["campaign", "seal"], set()
+    while waiting:
+        module = waiting.pop()
+        seen.add(module)
+        for name in imported(folder / f"{module}.py"):
+            if name.startswith("hmcvt"):
+                assert name.startswith(("hmcvt_core.blind", "hmcvt_core.errors")), module
+            inside = name.removeprefix("hmcvt_core.blind.").partition(".")[0]
+            if inside != name and (folder / f"{inside}.py").exists() and inside not in seen:
+                waiting.append(inside)
+    assert {"twin", "steady", "train", "hydrostatics", "drag", "unknown"} <= seen
