@@ -41,8 +41,32 @@ class HydraulicParameters:
         return np.array(astuple(self))
 
 
+PARAMETER_RANGES = (LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING)
 PARAMETER_NAMES = tuple(field.name for field in fields(HydraulicParameters))
-PARAMETER_UNITS = {limits.name: limits.unit for limits in (LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING)}
+PARAMETER_UNITS = {limits.name: limits.unit for limits in PARAMETER_RANGES}
+
+# Searches and refits work in scaled variables: log10 of the leakage, which spans decades; the
+# dampings as they are, so that zero can be reached.
+SEARCH_BOUNDS = np.array([[-13.0, -10.0], [0.0, 1.0], [0.0, 1.5]])
+"""Where the identification looks, in scaled variables, shape (3, 2)."""
+
+PRIOR_MEAN = np.array([-10.8, 0.15, 0.20])
+PRIOR_SPREAD = np.array([0.6, 0.25, 0.40])
+"""Mean and standard deviation of the scaled variables before any bench: wide, physical."""
+
+
+def to_scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return scaled variables of parameters (leakage, f_m, f_p), shape (..., 3)."""
+    scaled = np.array(values, dtype=float)
+    scaled[..., 0] = np.log10(scaled[..., 0])
+    return scaled
+
+
+def from_scaled(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return parameters (leakage, f_m, f_p) of scaled variables, shape (..., 3)."""
+    values = np.array(scaled, dtype=float)
+    values[..., 0] = 10.0 ** values[..., 0]
+    return values
 
 PAPER_PARAMETERS = {
     0.98: HydraulicParameters(4.67e-12, 0.0333, 0.5613),
