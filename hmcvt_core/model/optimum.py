@@ -11,34 +11,32 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..transmission.points import Answer, OperatingPoints
 from ..transmission.ranges import (
+    DISPLACEMENT_RATIO,
     ENGINE_SPEED,
     ENGINE_SPEED_LIMITS,
     LOAD_TORQUE,
     OUTPUT_SPEED,
-    Range,
 )
-from .closed_form_optimum import best_engine_speed, best_flow
-from .optimum_search import search_pair, search_stroke
-
-if TYPE_CHECKING:
-    from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
-Value = Any
-"""A float, or an array."""
-Pairs = tuple[Any, Any]
-"""Displacement ratio and engine speed: floats, or arrays of one shape."""
 Limits = tuple[float, float]
-"""Lowest and highest engine speed [rad/s]."""
 HOLDS = ("engine_speed", "output_speed")
 _LIMIT_SLACK = 1e-5  # of the width between two limits
+_SCAN = 33
+_ZOOMS = 5
+_RESTING = 1e-12  # part of the speed beside a standing motor
+_HELD = 1e-6  # of the output speed held
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_PIECES = 12  # on either side of rest
+_BRACKET = 1e-7  # of a displacement ratio
 
 
 @dataclass(frozen=True)
@@ -65,22 +63,61 @@ class Optimum:
     limit: Any
 
 
+class Solver(Protocol):
+    """What the search asks of the physics; arrays of one shape, NaN where there is no answer."""
+
+    def solve(self, points: OperatingPoints) -> Answer:
+        """Return efficiency and output speed at operating points."""
+        ...
+
+    def displacement_ratio(
+        self, engine_speed: Array, output_speed: Array, load_torque: Array
+    ) -> Array:
+        """Return the least displacement ratio that makes an output speed; beyond +-1: none does."""
+        ...
+
+
+class Lookup(Protocol):
+    """The same at one point, in plain floats."""
+
+    def efficiency(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> float:
+        """Return the efficiency."""
+        ...
+
+    def output_speed(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> float:
+        """Return the output speed."""
+        ...
+
+    def resting_ratio(self, engine_speed: float, load_torque: float) -> float:
+        """Return the least displacement ratio at which the motor stands."""
+        ...
+
+
 def optimum(
-    model: EfficiencyModel,
+    solver: Solver,
+    mechanical_ratio: float,
     engine_speed: ArrayLike,
     load_torque: ArrayLike,
     *,
+    lookup: Lookup | None = None,
     hold: str = "engine_speed",
     displacement_ratio: ArrayLike | None = None,
     output_speed: ArrayLike | None = None,
-    engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
+    engine_speed_limits: Limits = ENGINE_SPEED_LIMITS,
 ) -> Optimum:
     """Find the displacement ratio that wastes least.
 
     Args:
-        model: the efficiency model.
+        solver: the physics.
+        mechanical_ratio: output speed / engine speed while the motor stands, where the curve of the
+            efficiency has its corner [-].
         engine_speed: now [rad/s].
         load_torque: now, output power / engine speed [N m]; broadcasts with the rest.
+        lookup: the physics at one point in plain floats, where there is such a short cut.
         hold: `engine_speed`, or `output_speed` to look for the best pair (engine speed,
             displacement ratio) that keeps output speed and output power.
         displacement_ratio: now [-]; tells the output speed to hold when that is not given.
@@ -91,137 +128,170 @@ def optimum(
         The best point, NaN where the model has no answer anywhere on the line.
 
     Raises:
-        InputError: input out of range, `hold` unknown, nothing tells the output speed, or the
-            formulation is `published`, whose best point is one of its own making.
+        InputError: input out of range, `hold` unknown, or nothing tells the output speed.
     """
-    if model.formulation == "published":
-        raise InputError("formulation 'published' has no optimum: it has a pole, eq. (11), and "
-                         "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
-    speed, torque = _checked(ENGINE_SPEED, engine_speed), _checked(LOAD_TORQUE, load_torque)
-    if hold == "engine_speed":
-        pairs = _held_engine_speed(model, speed, torque)
-        return _packed(model, pairs, speed * torque, hold)
-    low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+    given = [ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)]
+    limits = None
+    if hold == "output_speed":
+        limits = _checked_limits(engine_speed_limits)
+        if output_speed is not None:
+            given.append(OUTPUT_SPEED.check(output_speed))
+        elif displacement_ratio is not None:
+            given.append(DISPLACEMENT_RATIO.check(displacement_ratio))
+        else:
+            raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
+    if lookup is not None and limits is None and given[0].ndim == given[1].ndim == 0:
+        return _at_point(lookup, given[0].item(), given[1].item())
+    arrays = np.broadcast_arrays(*given)
+    shape = arrays[0].shape
+    speed, torque, *last = (array.ravel() for array in arrays)
+    power = speed * torque
+    if limits is not None:
+        target = last[0] if output_speed is not None else solver.solve(
+            OperatingPoints(last[0], speed, torque)).output_speed
+        speed = _best_engine_speed(solver, mechanical_ratio, target, power, limits)
+        stroke = np.clip(solver.displacement_ratio(speed, target, power / speed), -1.0, 1.0)
+        efficiency = _answer(solver, stroke, speed, power / speed).efficiency
+    else:
+        stroke = _best_stroke(solver, mechanical_ratio, speed, torque)
+        efficiency, target = _answer(solver, stroke, speed, torque)
+    limit = np.array([_limit(*pair, limits) for pair in zip(
+        stroke.tolist(), speed.tolist(), strict=True)], dtype=object)
+    columns: tuple[Any, ...] = stroke, efficiency, speed, power / speed, target, limit
+    stroke, efficiency, speed, torque, target, limit = (
+        column.reshape(shape) if shape else column.item() for column in columns)
+    return Optimum(stroke, efficiency, speed, torque, target, hold, limit)
+
+
+def _checked_limits(limits: Limits) -> Limits:
+    low, high = ENGINE_SPEED.check(limits, "engine_speed_limits").tolist()
     if not low < high:
         raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
-    if output_speed is not None:
-        target = _checked(OUTPUT_SPEED, output_speed)
-    elif displacement_ratio is not None:
-        target = model.output_speed(displacement_ratio, engine_speed, load_torque)
-    else:
-        raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
-    power = speed * torque
-    pairs = _held_output_speed(model, target, power, (low, high))
-    return _packed(model, pairs, power, hold, target, (low, high))
+    return low, high
 
 
-def _checked(limits: Range, value: Any) -> Value:
-    # A single float, which a control loop gives, is to cost no array.
-    if isinstance(value, float) and limits.low <= value <= limits.high:
-        return float(value)
-    array = limits.check(value)
-    return array.item() if array.ndim == 0 else array
+def _answer(solver: Solver, stroke: Array, speed: Array, torque: Array) -> Answer:
+    """Answer at points of one shape."""
+    found = solver.solve(OperatingPoints(stroke.ravel(), speed.ravel(), torque.ravel()))
+    return Answer(*(values.reshape(stroke.shape) for values in found))
 
 
-def _held_engine_speed(model: EfficiencyModel, speed: Value, torque: Value) -> Pairs:
-    """Displacement ratio and engine speed at engine speeds and load torques."""
-    form = model.closed_form
-
-    def exact(speed: float, torque: float) -> tuple[float, float] | None:
-        flow = None if form is None else best_flow(form, speed, torque)
-        return None if form is None or flow is None else (flow / form.full_flow, speed)
-
-    return _exact_or_searched(
-        exact, lambda speed, torque: (search_stroke(model, speed, torque), speed), speed, torque)
+# --- held engine speed ----------------------------------------------------------------------------
 
 
-def _held_output_speed(
-    model: EfficiencyModel, target: Value, power: Value, limits: Limits
-) -> Pairs:
-    """Displacement ratio and engine speed at output speeds and powers."""
-    form = model.closed_form
+def _best_stroke(
+    solver: Solver, mechanical_ratio: float, speed: Array, torque: Array
+) -> Array:
+    """Best displacement ratio at engine speeds and load torques of shape (n,)."""
+    # Friction holds the motor over a range of strokes; at the least of them lies a corner.
+    rest = solver.displacement_ratio(speed, speed * mechanical_ratio * (1.0 - _RESTING), torque)
+    rest = np.clip(np.nan_to_num(rest), -1.0, 1.0)
 
-    def exact(target: float, power: float) -> tuple[float, float] | None:
-        found = None if form is None else best_engine_speed(form, target, power, limits)
-        return None if form is None or found is None else (found[1] / form.full_flow, found[0])
+    def value(stroke: Array) -> Array:
+        return _answer(solver, stroke, *_along(stroke, speed, torque)).efficiency
 
-    return _exact_or_searched(
-        exact, lambda target, power: search_pair(model, target, power, limits), target, power)
-
-
-def _exact_or_searched(
-    exact: Callable[[float, float], tuple[float, float] | None],
-    search: Callable[[Array, Array], tuple[Array, Array]],
-    first: Value,
-    second: Value,
-) -> Pairs:
-    """Solve point by point where the model can, and search, all at once, where it cannot."""
-    if isinstance(first, float) and isinstance(second, float):
-        pair = exact(first, second)
-        if pair is None:
-            stroke, speed = search(np.array([first]), np.array([second]))
-            pair = stroke.item(), speed.item()
-        return pair
-    first, second = np.broadcast_arrays(first, second)
-    found = [exact(*point) for point in zip(first.ravel().tolist(), second.ravel().tolist(),
-                                            strict=True)]
-    pairs = np.array([(math.nan, math.nan) if pair is None else pair for pair in found])
-    rest = [i for i, pair in enumerate(found) if pair is None]
-    if rest:
-        pairs[rest] = np.transpose(search(first.ravel()[rest], second.ravel()[rest]))
-    strokes, speeds = pairs.reshape(-1, 2).T.reshape(2, *first.shape)
-    return strokes, speeds
+    return _highest(value, np.stack([np.full_like(rest, -1.0), rest], -1),
+                    np.stack([rest, np.full_like(rest, 1.0)], -1))
 
 
-def _packed(
-    model: EfficiencyModel,
-    pairs: Pairs,
-    power: Value,
-    hold: str,
-    target: Value | None = None,
-    limits: Limits | None = None,
-) -> Optimum:
-    stroke, speed = pairs
-    if isinstance(stroke, float) and isinstance(speed, float):
-        # Rounding may lead a little beyond full stroke.
-        stroke = 1.0 if stroke > 1.0 else -1.0 if stroke < -1.0 else stroke
-        return _packed_point(model, stroke, speed, power, hold, target, limits)
-    stroke, torque = np.clip(stroke, -1.0, 1.0), power / speed
-    known = ~np.isnan(stroke)
-    # The model takes no NaN; what it says there is not used.
-    point = (np.where(known, stroke, 0.0), np.where(known, speed, ENGINE_SPEED.high),
-             np.where(known, torque, LOAD_TORQUE.low))
-    efficiency = np.where(known, model.efficiency(*point), np.nan)
-    reached = (np.where(known, model.output_speed(*point), np.nan) if target is None
-               else np.broadcast_to(target, stroke.shape))
-    limit = np.full(stroke.shape, None, dtype=object)
-    for i in np.ndindex(stroke.shape):
-        limit[i] = _limit(stroke[i], speed[i], limits)
-    return Optimum(stroke, efficiency, speed, torque, reached, hold, limit)
+def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
+    """Best displacement ratio at one engine speed, in plain floats."""
+    def value(stroke: float) -> float:
+        found = lookup.efficiency(stroke, speed, torque)
+        return found if found > 0.0 else 0.0  # NaN counts as lowest
+
+    rest = min(max(lookup.resting_ratio(speed, torque), -1.0), 1.0)
+    scan = [end + i / _PIECES * (rest - end) for end in (-1.0, 1.0) for i in range(_PIECES + 1)]
+    values = [value(stroke) for stroke in scan]
+    i = max(range(len(scan)), key=values.__getitem__)
+    stroke, efficiency = scan[i], values[i]
+    step = abs((rest - (-1.0 if i <= _PIECES else 1.0)) / _PIECES)
+    # The corner at rest is an end of its piece.
+    low, high = (-1.0, rest) if i <= _PIECES else (rest, 1.0)
+    place, found = _golden(value, max(stroke - step, low), min(stroke + step, high))
+    if found > efficiency:
+        stroke, efficiency = place, found
+    if efficiency == 0.0:
+        stroke = efficiency = math.nan
+    return Optimum(stroke, efficiency, speed, torque, lookup.output_speed(stroke, speed, torque),
+                   "engine_speed", _limit(stroke, speed, None))
 
 
-def _packed_point(
-    model: EfficiencyModel,
-    stroke: float,
-    speed: float,
-    power: Any,
-    hold: str,
-    target: Any,
-    limits: Limits | None,
-) -> Optimum:
-    torque, form = power / speed, model.closed_form
-    efficiency, reached = math.nan, math.nan if target is None else target
-    known = not math.isnan(stroke)
-    if known and target is None and form is not None:
-        efficiency, reached = form.point(stroke, speed, torque)
-    elif known:
-        efficiency = model.efficiency(stroke, speed, torque)
-        if target is None:
-            reached = model.output_speed(stroke, speed, torque)
-    return Optimum(stroke, efficiency, speed, torque, reached, hold,
-                   _limit(stroke, speed, limits))
+def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float, float]:
+    """Where a function with one maximum between two limits is highest, and its value there."""
+    c, d = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
+    at_c, at_d = value(c), value(d)
+    while b - a > _BRACKET:
+        if at_c > at_d:
+            b, d, at_d = d, c, at_c
+            c = b - _GOLDEN * (b - a)
+            at_c = value(c)
+        else:
+            a, c, at_c = c, d, at_d
+            d = a + _GOLDEN * (b - a)
+            at_d = value(d)
+    return (c, at_c) if at_c > at_d else (d, at_d)
+
+
+# --- held output speed ----------------------------------------------------------------------------
+
+
+def _best_engine_speed(
+    solver: Solver, mechanical_ratio: float, target: Array, power: Array, limits: Limits
+) -> Array:
+    """Best engine speed at output speeds and powers of shape (n,); NaN where none will do.
+
+    Every engine speed needs one displacement ratio to give the output speed: the line of states.
+    """
+    low, high = limits
+    resting = target / mechanical_ratio
+    # At rest friction sets a step, so that the line has two pieces.
+    below = np.clip(np.nan_to_num(resting * (1.0 - _RESTING)), low, high)
+    above = np.clip(np.nan_to_num(resting * (1.0 + _RESTING)), low, high)
+
+    def value(speed: Array) -> Array:
+        held, load = _along(speed, target, power)
+        load = load / speed
+        stroke = solver.displacement_ratio(speed, held, load)
+        reach = np.abs(stroke)
+        efficiency, reached = _answer(solver, np.clip(stroke, -1.0, 1.0), speed, load)
+        # The line also holds states that no steady motor keeps.
+        sound = np.where(np.abs(reached / held - 1.0) < _HELD, efficiency, np.nan)
+        # Out of reach, less is better: it leads to the window.
+        return np.where(reach > 1.0 + 1e-12, -reach, sound)
+
+    return _highest(value, np.stack([np.full_like(below, low), above], -1),
+                    np.stack([below, np.full_like(above, high)], -1))
+
+
+def _along(line: Array, *values: Array) -> list[Array]:
+    """Repeat values of shape (n,) along lines of points, shape (n, ...)."""
+    return [np.broadcast_to(value.reshape(-1, *(1,) * (line.ndim - 1)), line.shape)
+            for value in values]
+
+
+def _highest(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
+    """Where a function is highest on one of several pieces, shape (n,); NaN where not positive.
+
+    Args:
+        value: of points of shape (n, pieces, m); NaN counts as lowest.
+        low, high: ends of the pieces, shape (n, pieces).
+    """
+    a, b = low, high
+    for _ in range(_ZOOMS):
+        step = (b - a) / (_SCAN - 1)
+        grid = a[..., None] + step[..., None] * np.arange(_SCAN)
+        values = value(grid)
+        ranked = np.where(np.isnan(values), -np.inf, values)
+        index = ranked.argmax(axis=-1)[..., None]
+        best = np.take_along_axis(grid, index, -1)[..., 0]
+        top = np.take_along_axis(ranked, index, -1)[..., 0]
+        a, b = np.maximum(best - step, low), np.minimum(best + step, high)
+    piece = top.argmax(axis=-1)[:, None]
+    place, top = np.take_along_axis(best, piece, 1)[:, 0], np.take_along_axis(top, piece, 1)[:, 0]
+    return np.where(top > 0.0, place, np.nan)
 
 
 def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:

@@ -43,15 +43,15 @@ class HydraulicParameters:
 
 
 class Candidates(NamedTuple):
-    """Parameters of many candidates at once; arrays of shape (..., 1) against points (n,)."""
+    """Parameters of many candidates at once; arrays that broadcast with the points."""
 
-    leakage: NDArray[np.float64]
-    motor_damping: NDArray[np.float64]
-    pump_damping: NDArray[np.float64]
+    leakage: NDArray[np.float64] | float
+    motor_damping: NDArray[np.float64] | float
+    pump_damping: NDArray[np.float64] | float
 
     @classmethod
     def of(cls, values: NDArray[np.float64]) -> Candidates:
-        """Take apart values of shape (..., 3): (leakage, f_m, f_p)."""
+        """Take values (leakage, f_m, f_p) of shape (..., 3) apart, into arrays (..., 1)."""
         return cls(values[..., :1], values[..., 1:2], values[..., 2:])
 
 
