@@ -9,7 +9,7 @@ output speed and output power: every pair there gives the same ground speed and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -30,12 +30,12 @@ Array = NDArray[np.float64]
 Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 _LIMIT_SLACK = 1e-5  # of the width between two limits
-_SCAN = 33
-_ZOOMS = 5
+_SCAN = 65
+_ZOOMS = 4
 _RESTING = 1e-12  # part of the speed beside a standing motor
 _HELD = 1e-6  # of the output speed held
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-_PIECES = 12  # on either side of rest
+_PARTS = 8  # of the strokes on either side of rest
 _BRACKET = 1e-7  # of a displacement ratio
 
 
@@ -92,8 +92,8 @@ class Lookup(Protocol):
         """Return the output speed."""
         ...
 
-    def resting_ratio(self, engine_speed: float, load_torque: float) -> float:
-        """Return the least displacement ratio at which the motor stands."""
+    def resting_ratios(self, engine_speed: float, load_torque: float) -> Sequence[float]:
+        """Return the displacement ratios between which the motor stands, the lower one first."""
         ...
 
 
@@ -153,10 +153,10 @@ def optimum(
             OperatingPoints(last[0], speed, torque)).output_speed
         speed = _best_engine_speed(solver, mechanical_ratio, target, power, limits)
         stroke = np.clip(solver.displacement_ratio(speed, target, power / speed), -1.0, 1.0)
-        efficiency = _answer(solver, stroke, speed, power / speed).efficiency
+        efficiency = solver.solve(OperatingPoints(stroke, speed, power / speed)).efficiency
     else:
         stroke = _best_stroke(solver, mechanical_ratio, speed, torque)
-        efficiency, target = _answer(solver, stroke, speed, torque)
+        efficiency, target = solver.solve(OperatingPoints(stroke, speed, torque))
     limit = np.array([_limit(*pair, limits) for pair in zip(
         stroke.tolist(), speed.tolist(), strict=True)], dtype=object)
     columns: tuple[Any, ...] = stroke, efficiency, speed, power / speed, target, limit
@@ -172,12 +172,6 @@ def _checked_limits(limits: Limits) -> Limits:
     return low, high
 
 
-def _answer(solver: Solver, stroke: Array, speed: Array, torque: Array) -> Answer:
-    """Answer at points of one shape."""
-    found = solver.solve(OperatingPoints(stroke.ravel(), speed.ravel(), torque.ravel()))
-    return Answer(*(values.reshape(stroke.shape) for values in found))
-
-
 # --- held engine speed ----------------------------------------------------------------------------
 
 
@@ -185,15 +179,17 @@ def _best_stroke(
     solver: Solver, mechanical_ratio: float, speed: Array, torque: Array
 ) -> Array:
     """Best displacement ratio at engine speeds and load torques of shape (n,)."""
-    # Friction holds the motor over a range of strokes; at the least of them lies a corner.
-    rest = solver.displacement_ratio(speed, speed * mechanical_ratio * (1.0 - _RESTING), torque)
-    rest = np.clip(np.nan_to_num(rest), -1.0, 1.0)
+    # Friction holds the motor over a range of strokes, with a corner at either end.
+    beside = speed * mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
+    rest = solver.displacement_ratio(*np.broadcast_arrays(speed, beside, torque))
+    low, high = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0), axis=0)
+    ends = np.ones_like(speed)
+    speed, torque = np.repeat(speed, 2 * _SCAN), np.repeat(torque, 2 * _SCAN)
 
     def value(stroke: Array) -> Array:
-        return _answer(solver, stroke, *_along(stroke, speed, torque)).efficiency
+        return solver.solve(OperatingPoints(stroke, speed, torque)).efficiency
 
-    return _highest(value, np.stack([np.full_like(rest, -1.0), rest], -1),
-                    np.stack([rest, np.full_like(rest, 1.0)], -1))
+    return _highest(value, np.stack([-ends, high]), np.stack([low, ends]))
 
 
 def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
@@ -202,15 +198,14 @@ def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
         found = lookup.efficiency(stroke, speed, torque)
         return found if found > 0.0 else 0.0  # NaN counts as lowest
 
-    rest = min(max(lookup.resting_ratio(speed, torque), -1.0), 1.0)
-    scan = [end + i / _PIECES * (rest - end) for end in (-1.0, 1.0) for i in range(_PIECES + 1)]
-    values = [value(stroke) for stroke in scan]
-    i = max(range(len(scan)), key=values.__getitem__)
-    stroke, efficiency = scan[i], values[i]
-    step = abs((rest - (-1.0 if i <= _PIECES else 1.0)) / _PIECES)
-    # The corner at rest is an end of its piece.
-    low, high = (-1.0, rest) if i <= _PIECES else (rest, 1.0)
-    place, found = _golden(value, max(stroke - step, low), min(stroke + step, high))
+    # Friction holds the motor between two corners; neither side of them need hold the best.
+    corners = [min(max(corner, -1.0), 1.0) for corner in lookup.resting_ratios(speed, torque)]
+    pieces = [(-1.0, corners[0]), (corners[1], 1.0)]
+    scan = [(value(a + i / _PARTS * (b - a)), a + i / _PARTS * (b - a), a, b)
+            for a, b in pieces for i in range(_PARTS + 1)]
+    efficiency, stroke, a, b = max(scan)
+    step = (b - a) / _PARTS
+    place, found = _golden(value, max(stroke - step, a), min(stroke + step, b))
     if found > efficiency:
         stroke, efficiency = place, found
     if efficiency == 0.0:
@@ -251,47 +246,41 @@ def _best_engine_speed(
     below = np.clip(np.nan_to_num(resting * (1.0 - _RESTING)), low, high)
     above = np.clip(np.nan_to_num(resting * (1.0 + _RESTING)), low, high)
 
+    target, power = np.repeat(target, 2 * _SCAN), np.repeat(power, 2 * _SCAN)
+
     def value(speed: Array) -> Array:
-        held, load = _along(speed, target, power)
-        load = load / speed
-        stroke = solver.displacement_ratio(speed, held, load)
-        reach = np.abs(stroke)
-        efficiency, reached = _answer(solver, np.clip(stroke, -1.0, 1.0), speed, load)
+        torque = power / speed
+        stroke = solver.displacement_ratio(speed, target, torque)
+        within = np.minimum(np.maximum(stroke, -1.0), 1.0)
+        efficiency, reached = solver.solve(OperatingPoints(within, speed, torque))
         # The line also holds states that no steady motor keeps.
-        sound = np.where(np.abs(reached / held - 1.0) < _HELD, efficiency, np.nan)
+        sound = np.where(np.abs(reached - target) < _HELD * target, efficiency, np.nan)
         # Out of reach, less is better: it leads to the window.
+        reach = np.abs(stroke)
         return np.where(reach > 1.0 + 1e-12, -reach, sound)
 
-    return _highest(value, np.stack([np.full_like(below, low), above], -1),
-                    np.stack([below, np.full_like(above, high)], -1))
-
-
-def _along(line: Array, *values: Array) -> list[Array]:
-    """Repeat values of shape (n,) along lines of points, shape (n, ...)."""
-    return [np.broadcast_to(value.reshape(-1, *(1,) * (line.ndim - 1)), line.shape)
-            for value in values]
+    return _highest(value, np.stack([np.full_like(below, low), above]),
+                    np.stack([below, np.full_like(above, high)]))
 
 
 def _highest(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
-    """Where a function is highest on one of several pieces, shape (n,); NaN where not positive.
+    """Where a function is highest on one of two pieces, shape (n,); NaN where not positive.
 
     Args:
-        value: of points of shape (n, pieces, m); NaN counts as lowest.
-        low, high: ends of the pieces, shape (n, pieces).
+        value: of points of shape (n x 2 x _SCAN,); NaN counts as lowest.
+        low, high: ends of the pieces, shape (2, n).
     """
-    a, b = low, high
+    low, high = low.T.ravel(), high.T.ravel()
+    a, b, rows, parts = low, high, np.arange(low.size), np.arange(_SCAN)
     for _ in range(_ZOOMS):
         step = (b - a) / (_SCAN - 1)
-        grid = a[..., None] + step[..., None] * np.arange(_SCAN)
-        values = value(grid)
-        ranked = np.where(np.isnan(values), -np.inf, values)
-        index = ranked.argmax(axis=-1)[..., None]
-        best = np.take_along_axis(grid, index, -1)[..., 0]
-        top = np.take_along_axis(ranked, index, -1)[..., 0]
+        grid = a[:, None] + step[:, None] * parts
+        values = np.fmax(value(grid.ravel()), -np.inf).reshape(grid.shape)
+        index = values.argmax(axis=1)
+        best, top = grid[rows, index], values[rows, index]
         a, b = np.maximum(best - step, low), np.minimum(best + step, high)
-    piece = top.argmax(axis=-1)[:, None]
-    place, top = np.take_along_axis(best, piece, 1)[:, 0], np.take_along_axis(top, piece, 1)[:, 0]
-    return np.where(top > 0.0, place, np.nan)
+    better = rows[::2] + (top[1::2] > top[::2])
+    return np.where(top[better] > 0.0, best[better], np.nan)
 
 
 def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:

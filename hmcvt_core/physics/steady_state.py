@@ -96,13 +96,6 @@ class SteadyState:
                       self.mechanical_ratio * damped, compliance * load)
 
 
-    def resting_ratio(self, engine_speed: Any, load_torque: Any) -> Any:
-        """Least displacement ratio at which friction holds the motor [-]."""
-        pressure = (self.pumping_load * load_torque / self.mechanical_ratio
-                    / (1.0 + self.motor_friction))  # (14)
-        return pressure / (self.stiffness * engine_speed) / self.full_flow  # (13)
-
-
 class PointSolver(SteadyState):
     """The steady state at one point in range, in plain floats."""
 
@@ -136,6 +129,14 @@ class PointSolver(SteadyState):
         motor, _ = self._motor(self.full_flow * displacement_ratio, engine_speed, load_torque)
         output = self.mechanical_ratio + self.hydraulic_ratio * motor  # (4)
         return engine_speed * output if output > 0.0 else math.nan
+
+    def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
+        """Displacement ratios between which friction holds the motor [-], the lower one first."""
+        ratios = []
+        for regime in (self.motoring, self.pumping):
+            pressure = self._pressure(regime, 0.0, engine_speed, load_torque)
+            ratios.append(pressure / (self.stiffness * engine_speed) / self.full_flow)  # (13)
+        return sorted(ratios)
 
     def _motor(self, flow: float, engine_speed: float, load_torque: float) -> tuple[float, float]:
         """Motor speed x and pressure torque [N m] for a flow s."""
