@@ -30,13 +30,13 @@ Array = NDArray[np.float64]
 Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 _LIMIT_SLACK = 1e-5  # of the width between two limits
-_SCAN = 65
-_ZOOMS = 4
+_SCAN = 129
+_ZOOMS = 3
 _RESTING = 1e-12  # part of the speed beside a standing motor
 _HELD = 1e-6  # of the output speed held
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _PARTS = 8  # of the strokes on either side of rest
-_BRACKET = 1e-7  # of a displacement ratio
+_BRACKET = 3e-6  # of a piece
 
 
 @dataclass(frozen=True)
@@ -183,31 +183,40 @@ def _best_stroke(
     beside = speed * mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
     rest = solver.displacement_ratio(*np.broadcast_arrays(speed, beside, torque))
     low, high = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0), axis=0)
-    ends = np.ones_like(speed)
-    speed, torque = np.repeat(speed, 2 * _SCAN), np.repeat(torque, 2 * _SCAN)
+    # Next to the stall a motor need not rest between the two.
+    corners = np.stack([low, low, high])
+    reaches = np.stack([-np.ones_like(low), high, np.ones_like(low)]) - corners
+    corner, reach = (np.repeat(item.T.ravel(), _SCAN) for item in (corners, reaches))
+    speed, torque = np.repeat(speed, 3 * _SCAN), np.repeat(torque, 3 * _SCAN)
 
-    def value(stroke: Array) -> Array:
-        return solver.solve(OperatingPoints(stroke, speed, torque)).efficiency
+    def stroke_at(way: Array) -> Array:
+        return corner + reach * way * way  # closer together beside the motor at rest
 
-    return _highest(value, np.stack([-ends, high]), np.stack([low, ends]))
+    def value(way: Array) -> Array:
+        return solver.solve(OperatingPoints(stroke_at(way), speed, torque)).efficiency
+
+    way, piece = _highest(value, np.zeros_like(corners), np.ones_like(corners))
+    corner, reach = (item[piece, np.arange(len(piece))] for item in (corners, reaches))
+    return stroke_at(way)
 
 
 def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
-    """Best displacement ratio at one engine speed, in plain floats."""
-    def value(stroke: float) -> float:
-        found = lookup.efficiency(stroke, speed, torque)
+    """Best displacement ratio at one engine speed, in plain floats; as `_best_stroke`."""
+    def value(way: float) -> float:
+        found = lookup.efficiency(corner + reach * way * way, speed, torque)
         return found if found > 0.0 else 0.0  # NaN counts as lowest
 
-    # Friction holds the motor between two corners; neither side of them need hold the best.
-    corners = [min(max(corner, -1.0), 1.0) for corner in lookup.resting_ratios(speed, torque)]
-    pieces = [(-1.0, corners[0]), (corners[1], 1.0)]
-    scan = [(value(a + i / _PARTS * (b - a)), a + i / _PARTS * (b - a), a, b)
-            for a, b in pieces for i in range(_PARTS + 1)]
-    efficiency, stroke, a, b = max(scan)
-    step = (b - a) / _PARTS
-    place, found = _golden(value, max(stroke - step, a), min(stroke + step, b))
+    tops = []
+    low, high = (min(max(rest, -1.0), 1.0) for rest in lookup.resting_ratios(speed, torque))
+    for corner, end in ((low, -1.0), (low, high), (high, 1.0)):
+        reach = end - corner
+        tops.append((*max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1)),
+                     corner, reach))
+    efficiency, way, corner, reach = max(tops)
+    place, found = _golden(value, max(way - 1.0 / _PARTS, 0.0), min(way + 1.0 / _PARTS, 1.0))
     if found > efficiency:
-        stroke, efficiency = place, found
+        efficiency, way = found, place
+    stroke = corner + reach * way * way
     if efficiency == 0.0:
         stroke = efficiency = math.nan
     return Optimum(stroke, efficiency, speed, torque, lookup.output_speed(stroke, speed, torque),
@@ -260,17 +269,19 @@ def _best_engine_speed(
         return np.where(reach > 1.0 + 1e-12, -reach, sound)
 
     return _highest(value, np.stack([np.full_like(below, low), above]),
-                    np.stack([below, np.full_like(above, high)]))
+                    np.stack([below, np.full_like(above, high)]))[0]
 
 
-def _highest(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
-    """Where a function is highest on one of two pieces, shape (n,); NaN where not positive.
+def _highest(
+    value: Callable[[Array], Array], low: Array, high: Array
+) -> tuple[Array, NDArray[np.int_]]:
+    """Where a function is highest on some pieces (NaN where not positive), and on which; (n,).
 
     Args:
-        value: of points of shape (n x 2 x _SCAN,); NaN counts as lowest.
-        low, high: ends of the pieces, shape (2, n).
+        value: of points of shape (n x pieces x _SCAN,); NaN counts as lowest.
+        low, high: ends of the pieces, shape (pieces, n).
     """
-    low, high = low.T.ravel(), high.T.ravel()
+    pieces, low, high = len(low), low.T.ravel(), high.T.ravel()
     a, b, rows, parts = low, high, np.arange(low.size), np.arange(_SCAN)
     for _ in range(_ZOOMS):
         step = (b - a) / (_SCAN - 1)
@@ -279,8 +290,10 @@ def _highest(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
         index = values.argmax(axis=1)
         best, top = grid[rows, index], values[rows, index]
         a, b = np.maximum(best - step, low), np.minimum(best + step, high)
-    better = rows[::2] + (top[1::2] > top[::2])
-    return np.where(top[better] > 0.0, best[better], np.nan)
+    top = top.reshape(-1, pieces)
+    piece = top.argmax(axis=1)
+    better = rows[::pieces] + piece
+    return np.where(top.max(axis=1) > 0.0, best[better], np.nan), piece
 
 
 def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:

@@ -221,7 +221,7 @@ class ArraySolver(SteadyState):
         root = np.sqrt(b * b - 4.0 * regimes.square * c)
         # The larger root is the one that tends to the flow as leakage vanishes.
         speeds = -2.0 * c / (b + root)
-        if not b.min() > 0.0:
+        if (b <= 0.0).any():
             speeds = np.where(b > 0.0, speeds, (root - b) / (2.0 * regimes.square))
         torques = regimes.load * load_torque / (
             self.mechanical_ratio + self.hydraulic_ratio * speeds)
