@@ -22,7 +22,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.published import speed_ratio
+from hmcvt_core.transmission.stage import speed_ratio
 
 from .bench_player import Answer, BenchPlayer
 from .inputs import OperatingPoint

@@ -18,8 +18,8 @@ from ..model.model import EfficiencyModel
 from ..physics.effects.base import Effect
 from ..physics.effects.gears import GearEfficiency
 from ..physics.effects.sensor import EngineTorqueGain
-from ..physics.power_balance import OperatingPoints, efficiency, power_flow
 from ..transmission.parameters import HydraulicParameters
+from ..transmission.points import OperatingPoints
 from .observations import Observations
 
 Array = NDArray[np.float64]
@@ -116,14 +116,7 @@ class Hypothesis:
 
 def predict(model: EfficiencyModel, points: OperatingPoints, channels: int) -> Array:
     """Efficiency and (with two channels) output speed; shape (channels, n)."""
-    flow = power_flow(model.stage, model.parameters, points, model.effects)
-    rows = [efficiency(flow, model.effects)]
-    if channels > 1:
-        speed = flow.state.output_speed
-        for effect in model.effects:
-            speed = effect.output_speed_reading(speed)
-        rows.append(speed)
-    return np.stack(rows)
+    return np.stack(model.answer_at(points)[:channels])
 
 
 def nuisance_columns(model: EfficiencyModel, observed: Observations) -> Array:

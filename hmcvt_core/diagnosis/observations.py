@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
-from ..physics.power_balance import OperatingPoints
+from ..transmission.points import OperatingPoints
 from ..transmission.ranges import BENCH_COLUMNS, EFFICIENCY_STD
 from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 from .replicates import replicate_groups

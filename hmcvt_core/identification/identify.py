@@ -19,7 +19,7 @@ from ..files.bench import BenchSamples
 from ..files.resources import data_path
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
-from ..model.parameter_file import load_stage
+from ..model.parameter_file import load_stage, save_model
 from ..model.plausibility import output_speed_remark
 from ..model.relative_error import RelativeError
 from ..physics.effects.base import Effect
@@ -99,7 +99,7 @@ class Identification:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the parameter file, whole or not at all."""
-        self.model.save(path)
+        save_model(self.model, path)
 
     def report(self, numbers: Sequence[int] | None = None) -> str:
         """Return the outcome as text for a person.

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
 from ..model.relative_error import RelativeError
-from ..physics.closed_form_arrays import CHUNK, ArrayForm
-from ..physics.power_balance import OperatingPoints
-from ..transmission.parameters import HydraulicParameters
+from ..transmission.parameters import HydraulicParameters, from_scaled
+from ..transmission.points import OperatingPoints
 from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
@@ -36,15 +35,6 @@ def to_scaled(parameters: HydraulicParameters) -> Array:
     values = parameters.to_array()
     values[0] = np.log10(values[0])
     return np.clip(values, BOUNDS[:, 0], BOUNDS[:, 1])
-
-
-@dataclass(frozen=True)
-class ManyParameters:
-    """Parameters of many candidates at once: arrays that broadcast against operating points."""
-
-    leakage: Array
-    motor_damping: Array
-    pump_damping: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,26 +70,7 @@ class Problem:
 
     def predict(self, scaled: Array) -> Array:
         """Efficiency at scaled variables of shape (..., 3): shape (..., n)."""
-        scaled = np.asarray(scaled)
-        rows = scaled.reshape(-1, scaled.shape[-1])
-        part = max(1, CHUNK // max(1, len(self.samples)))
-        if len(rows) <= part:
-            return self._predict(scaled)
-        found = [self._predict(rows[i:i + part]) for i in range(0, len(rows), part)]
-        return np.concatenate(found).reshape(*scaled.shape[:-1], len(self.samples))
-
-    def _predict(self, scaled: Array) -> Array:
-        many = ManyParameters(10.0 ** scaled[..., :1], scaled[..., 1:2], scaled[..., 2:3])
-        # The physics only reads attributes and broadcasts; one call serves every candidate.
-        points = self.points
-        if self.model.closed_form is not None:
-            form = ArrayForm(self.model.stage, many)  # type: ignore[arg-type]
-            return form.efficiency(*points[:3])
-        model = replace(self.model, parameters=many)  # type: ignore[arg-type]
-        shape = np.broadcast_shapes(scaled[..., :1].shape, (len(self.samples),))
-        return model.efficiency_at(points._replace(**{
-            name: np.broadcast_to(axis, shape) for name, axis in points._asdict().items()
-            if axis is not None}))
+        return self.model.efficiency_of_candidates(from_scaled(scaled), self.points)
 
     def residuals(self, scaled: Array) -> Array:
         """(Predicted - measured) / deviation, shape (..., n); NaN where there is no answer."""

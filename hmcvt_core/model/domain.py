@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
-from ..physics.power_balance import OperatingPoints
+from ..transmission.points import OperatingPoints
 from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Range
 
 AXES = tuple(axis.name for axis in POINT_RANGES)

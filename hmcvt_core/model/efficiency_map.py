@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.power_balance import OperatingPoints
+from ..transmission.points import OperatingPoints
 from .domain import AXES, Domain
-
-if TYPE_CHECKING:
-    from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
 
@@ -47,12 +45,18 @@ class EfficiencyMap:
 
 
 def efficiency_map(
-    model: EfficiencyModel,
+    efficiency: Callable[[Any, Any, Any], Array],
     displacement_ratios: ArrayLike,
     engine_speeds: ArrayLike,
     load_torques: ArrayLike,
+    domain: Domain | None = None,
 ) -> EfficiencyMap:
-    """Evaluate a model on a grid.
+    """Evaluate the efficiency on a grid.
+
+    Args:
+        efficiency: of arrays that broadcast; checks their range.
+        displacement_ratios, engine_speeds, load_torques: axes of shape (n,).
+        domain: of the model, where it knows its data.
 
     Raises:
         InputError: an axis is empty, not one-dimensional or out of range.
@@ -62,5 +66,5 @@ def efficiency_map(
     for name, axis in zip(AXES, axes, strict=True):
         if axis.ndim != 1 or axis.size == 0:
             raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
-    efficiency = model.efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
-    return EfficiencyMap(axes[0], axes[1], axes[2], efficiency, model.domain)
+    values = efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    return EfficiencyMap(axes[0], axes[1], axes[2], values, domain)

@@ -5,48 +5,47 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics import power_balance, published
+from ..physics.balance import BalanceSolver, power_flow
 from ..physics.breakdown import Breakdown, breakdown
-from ..physics.closed_form import ClosedForm
-from ..physics.closed_form_arrays import ArrayForm
+from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
-from ..physics.power_balance import OperatingPoints
+from ..physics.published import PublishedSolver
+from ..physics.steady_state import ArraySolver, PointSolver
 from ..transmission.parameters import (
-    LEAKAGE,
-    MOTOR_DAMPING,
     PARAMETER_NAMES,
-    PUMP_DAMPING,
+    PARAMETER_RANGES,
+    PARAMETER_UNITS,
+    Candidates,
     HydraulicParameters,
+    Parameters,
 )
-from ..transmission.ranges import (
-    DISPLACEMENT_RATIO,
-    ENGINE_SPEED,
-    ENGINE_SPEED_LIMITS,
-    LOAD_TORQUE,
-    OIL_TEMPERATURE,
-    in_range,
-)
+from ..transmission.points import Answer, OperatingPoints, is_plain
+from ..transmission.ranges import ENGINE_SPEED_LIMITS
 from ..transmission.stage import Stage
 from .domain import Domain
 from .efficiency_map import EfficiencyMap, efficiency_map
 from .optimum import Optimum, optimum
 
 Array = NDArray[np.float64]
+SCHEMA = "hmcvt-model/1"
 FORMULATIONS = ("power_balance", "published")
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
+NO_OPTIMUM = ("formulation 'published' has no optimum: it has a pole, eq. (11), and "
+              "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
 INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. (11), "
                 "or an efficiency outside 0 to 1)")
+_CHUNK = 8192
+"""Values worked out at a time: their arrays stay in the cache of the processor."""
 
 
 class Prediction(NamedTuple):
@@ -107,17 +106,21 @@ class EfficiencyModel:
                              f"not in formulation {self.formulation!r}")
 
     @cached_property
-    def closed_form(self) -> ClosedForm | None:
-        """The balance solved on paper; None where effects or the formulation rule that out."""
-        return ClosedForm(self.stage, self.parameters) if self._is_solved else None
+    def _point_solver(self) -> PointSolver | None:
+        """What answers single points in a microsecond, where the formulation allows it."""
+        exact = self.formulation == "power_balance" and not self.effects
+        return PointSolver(self.stage, self.parameters) if exact else None
 
     @cached_property
-    def _array_form(self) -> ArrayForm | None:
-        return ArrayForm(self.stage, self.parameters) if self._is_solved else None
+    def _solver(self) -> ArraySolver | BalanceSolver | PublishedSolver:
+        return self._solver_of(self.parameters)
 
-    @property
-    def _is_solved(self) -> bool:
-        return not self.effects and self.formulation == "power_balance"
+    def _solver_of(self, parameters: Parameters) -> ArraySolver | BalanceSolver | PublishedSolver:
+        if self.formulation == "published":
+            return PublishedSolver(self.stage, parameters)
+        if self.effects:
+            return BalanceSolver(self.stage, parameters, self.effects)
+        return ArraySolver(self.stage, parameters)
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
@@ -139,11 +142,11 @@ class EfficiencyModel:
     ) -> Any:
         """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
         point = (displacement_ratio, engine_speed, load_torque)
-        if self.closed_form is not None and _is_plain(point) and oil_temperature is None:
+        if self._point_solver is not None and oil_temperature is None and is_plain(point):
             # What a control loop asks for at every message, without the cost of arrays.
-            return self.closed_form.efficiency(*point)
-        points, scalar = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
-        return _like(self.efficiency_at(points), scalar)
+            return self._point_solver.efficiency(*point)
+        points, scalar = OperatingPoints.checked(*point, oil_temperature)
+        return _like(self.answer_at(points).efficiency, scalar)
 
     def output_speed(
         self,
@@ -154,10 +157,10 @@ class EfficiencyModel:
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
         point = (displacement_ratio, engine_speed, load_torque)
-        if self.closed_form is not None and _is_plain(point) and oil_temperature is None:
-            return self.closed_form.output_speed(*point)
-        points, scalar = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
-        return _like(self.output_speed_at(points), scalar)
+        if self._point_solver is not None and oil_temperature is None and is_plain(point):
+            return self._point_solver.output_speed(*point)
+        points, scalar = OperatingPoints.checked(*point, oil_temperature)
+        return _like(self.answer_at(points).output_speed, scalar)
 
     def predict(
         self,
@@ -167,10 +170,11 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
-        points, scalar = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
+        points, scalar = OperatingPoints.checked(
+            displacement_ratio, engine_speed, load_torque, oil_temperature)
         inside = (self.domain.contains(points) if self.domain is not None
                   else np.zeros(points.engine_speed.shape, dtype=bool))
-        return Prediction(_like(self.efficiency_at(points), scalar),
+        return Prediction(_like(self.answer_at(points).efficiency, scalar),
                           _like(self._standard_error(points), scalar), _like(inside, scalar))
 
     def refusal(
@@ -181,8 +185,9 @@ class EfficiencyModel:
         oil_temperature: float | None = None,
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
-        points, _ = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
-        if np.isfinite(self.efficiency_at(points)).all():
+        points, _ = OperatingPoints.checked(
+            displacement_ratio, engine_speed, load_torque, oil_temperature)
+        if np.isfinite(self.answer_at(points).efficiency).all():
             return None
         return STALLED if self.formulation == "power_balance" else INCONSISTENT
 
@@ -200,9 +205,10 @@ class EfficiencyModel:
         """
         if self.formulation != "power_balance":
             raise InputError("a breakdown of watts needs formulation power_balance")
-        points, scalar = _points(displacement_ratio, engine_speed, load_torque, oil_temperature)
+        points, scalar = OperatingPoints.checked(
+            displacement_ratio, engine_speed, load_torque, oil_temperature)
         effects = self.without_meters().effects
-        flow = power_balance.power_flow(self.stage, self.parameters, points, effects)
+        flow = power_flow(self.stage, self.parameters, points, effects)
         found = breakdown(self.stage, self.parameters, flow, effects)
         return Breakdown(_like(found.input_power, scalar), _like(found.output_power, scalar),
                          {name: _like(watts, scalar) for name, watts in found.losses.items()})
@@ -217,39 +223,63 @@ class EfficiencyModel:
         output_speed: ArrayLike | None = None,
         engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
     ) -> Optimum:
-        """Displacement ratio (and engine speed) that wastes least; see `optimum.optimum`."""
-        return optimum(self.without_meters(), engine_speed, load_torque, hold=hold,
-                       displacement_ratio=displacement_ratio, output_speed=output_speed,
-                       engine_speed_limits=engine_speed_limits)
+        """Displacement ratio (and engine speed) that wastes least; see `optimum.optimum`.
+
+        Raises:
+            InputError: the formulation is `published`, whose best point is one of its own making.
+        """
+        model = self.without_meters()
+        if isinstance(model._solver, PublishedSolver):
+            raise InputError(NO_OPTIMUM)
+        return optimum(model._solver, self.stage.mechanical_speed_ratio, engine_speed, load_torque,
+                       lookup=model._point_solver, hold=hold, displacement_ratio=displacement_ratio,
+                       output_speed=output_speed, engine_speed_limits=engine_speed_limits)
 
     def efficiency_map(
         self, displacement_ratios: ArrayLike, engine_speeds: ArrayLike, load_torques: ArrayLike
     ) -> EfficiencyMap:
         """Efficiency on a grid; each axis has shape (n,)."""
-        return efficiency_map(self.without_meters(), displacement_ratios, engine_speeds,
-                              load_torques)
+        return efficiency_map(self.without_meters().efficiency, displacement_ratios, engine_speeds,
+                              load_torques, self.domain)
 
     # --- the same for points already checked ----------------------------------------------------
 
+    def answer_at(self, points: OperatingPoints) -> Answer:
+        """Efficiency and output speed at checked points of one shape."""
+        shape, count = points.engine_speed.shape, points.engine_speed.size
+        flat = points if len(shape) == 1 else points.map(np.ravel)
+        parts = [self._solver.solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK]))
+                 for i in range(0, count, _CHUNK)] if count > _CHUNK else [self._solver.solve(flat)]
+        return Answer(*(np.concatenate(column).reshape(shape)
+                        for column in zip(*parts, strict=True)))
+
     def efficiency_at(self, points: OperatingPoints) -> Array:
         """Efficiency at checked points of one shape [-]."""
-        if self.formulation == "published":
-            return published.published_efficiency(self.stage, self.parameters, points)
-        if self._array_form is not None:
-            return self._array_form.efficiency_in_parts(*points[:3])
-        flow = power_balance.power_flow(self.stage, self.parameters, points, self.effects)
-        return power_balance.efficiency(flow, self.effects)
+        return self.answer_at(points).efficiency
 
     def output_speed_at(self, points: OperatingPoints) -> Array:
         """Output speed at checked points of one shape [rad/s]."""
-        if self.formulation == "published":
-            return points.engine_speed * published.speed_ratio(
-                self.stage, points.displacement_ratio)
-        flow = power_balance.power_flow(self.stage, self.parameters, points, self.effects)
-        speed = flow.state.output_speed
-        for effect in self.effects:
-            speed = effect.output_speed_reading(speed)
-        return speed
+        return self.answer_at(points).output_speed
+
+    def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
+        """Efficiency with other parameters than the model's own, for many candidates at once [-].
+
+        Args:
+            values: (leakage, f_m, f_p) of each candidate, shape (..., 3), SI units, unchecked.
+            points: checked points of shape (n,).
+
+        Returns:
+            Shape (..., n); NaN where the formulation has no answer.
+        """
+        rows, n = values.reshape(-1, values.shape[-1]), len(points.engine_speed)
+        found, part = np.empty((len(rows), n)), max(1, _CHUNK // max(1, n))
+        for i in range(0, len(rows), part):
+            many = Candidates.of(rows[i:i + part])
+            solver, shape = self._solver_of(many), found[i:i + part].shape
+            spread = points if isinstance(solver, ArraySolver) else points.map(
+                lambda axis, shape=shape: np.broadcast_to(axis, shape))
+            found[i:i + part] = solver.solve(spread).efficiency
+        return found.reshape(*values.shape[:-1], n)
 
     def _standard_error(self, points: OperatingPoints) -> Array:
         if not self.standard_errors or self.correlation is None:
@@ -258,15 +288,13 @@ class EfficiencyModel:
         base = self.parameters.to_array()
         # A step of a thousandth of the error stays in the linear range, also next to a bound.
         steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
-        here = self.efficiency_at(points)
-        slopes = []
-        for i, limits in enumerate((LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING)):
-            step = steps[i] if base[i] + steps[i] <= limits.high else -steps[i]
-            moved = base.copy()
-            moved[i] += step
-            there = replace(self, parameters=HydraulicParameters(*moved)).efficiency_at(points)
-            slopes.append((there - here) / step)
-        slope = np.stack(slopes, axis=-1)
+        highest = [limits.high for limits in PARAMETER_RANGES]
+        steps = np.where(base + steps <= highest, steps, -steps)
+        flat = points.map(np.ravel)
+        here, *there = self.efficiency_of_candidates(
+            np.vstack([base, base + np.diag(steps)]), flat)
+        slopes = [(moved - here) / step for moved, step in zip(there, steps, strict=True)]
+        slope = np.stack(slopes, axis=-1).reshape(*points.engine_speed.shape, -1)
         gradient = slope * errors
         variance = np.einsum("...i,ij,...j->...", gradient, self.correlation, gradient)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
@@ -276,10 +304,25 @@ class EfficiencyModel:
     # --- the model as data ----------------------------------------------------------------------
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return plain data, as a parameter file holds it."""
-        from .parameter_file import to_mapping
-
-        return to_mapping(self)
+        """Return plain data, as a parameter file holds it: strings, numbers, lists, mappings."""
+        parameters = {}
+        for name in PARAMETER_NAMES:
+            entry: dict[str, Any] = {"value": getattr(self.parameters, name),
+                                     "unit": PARAMETER_UNITS[name]}
+            if name in self.standard_errors:
+                entry["standard_error"] = float(self.standard_errors[name])
+            parameters[name] = entry
+        data: dict[str, Any] = {"schema": SCHEMA, "formulation": self.formulation,
+                                "parameters": parameters}
+        if self.correlation is not None:
+            data["correlation"] = np.asarray(self.correlation).round(6).tolist()
+        if self.effects:
+            data["effects"] = [effect_to_mapping(effect) for effect in self.effects]
+        if self.domain is not None:
+            data["domain"] = self.domain.to_mapping()
+        data["provenance"] = dict(self.provenance)
+        data["transmission"] = self.stage.to_mapping()
+        return data
 
     @cached_property
     def fingerprint(self) -> str:
@@ -289,39 +332,6 @@ class EfficiencyModel:
         physics["parameters"] = self.parameters.to_array().tolist()
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the parameter file, whole or not at all."""
-        from .parameter_file import save_model
-
-        save_model(self, path)
-
-
-def _is_plain(point: tuple[Any, Any, Any]) -> TypeGuard[tuple[float, float, float]]:
-    """Tell whether a point is of plain floats in range; the rest is left to `_points`."""
-    return all(type(value) is float for value in point) and in_range(*point)
-
-
-def _points(
-    displacement_ratio: ArrayLike,
-    engine_speed: ArrayLike,
-    load_torque: ArrayLike,
-    oil_temperature: ArrayLike | None,
-) -> tuple[OperatingPoints, bool]:
-    checked = [
-        DISPLACEMENT_RATIO.check(displacement_ratio),
-        ENGINE_SPEED.check(engine_speed),
-        LOAD_TORQUE.check(load_torque),
-    ]
-    if oil_temperature is not None:
-        checked.append(OIL_TEMPERATURE.check(oil_temperature))
-    scalar = all(value.ndim == 0 for value in checked)
-    try:
-        arrays = np.broadcast_arrays(*checked)
-    except ValueError:
-        shapes = ", ".join(str(value.shape) for value in checked)
-        raise InputError(f"operating points of shapes {shapes} do not broadcast") from None
-    return OperatingPoints(*(np.atleast_1d(array) for array in arrays)), scalar
 
 
 def _like(values: NDArray[Any], scalar: bool) -> Any:

@@ -9,36 +9,34 @@ output speed and output power: every pair there gives the same ground speed and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..transmission.points import Answer, OperatingPoints
 from ..transmission.ranges import (
+    DISPLACEMENT_RATIO,
     ENGINE_SPEED,
     ENGINE_SPEED_LIMITS,
     LOAD_TORQUE,
     OUTPUT_SPEED,
-    Range,
 )
-from .closed_form_optimum import best_engine_speed, best_flow
-from .optimum_search import search_pair, search_stroke
-
-if TYPE_CHECKING:
-    from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
-Value = Any
-"""A float, or an array."""
-Pairs = tuple[Any, Any]
-"""Displacement ratio and engine speed: floats, or arrays of one shape."""
 Limits = tuple[float, float]
-"""Lowest and highest engine speed [rad/s]."""
 HOLDS = ("engine_speed", "output_speed")
 _LIMIT_SLACK = 1e-5  # of the width between two limits
+_SCAN = 129
+_ZOOMS = 3
+_RESTING = 1e-12  # part of the speed beside a standing motor
+_HELD = 1e-6  # of the output speed held
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_PARTS = 8  # of the strokes on either side of rest
+_BRACKET = 3e-6  # of a piece
 
 
 @dataclass(frozen=True)
@@ -65,22 +63,61 @@ class Optimum:
     limit: Any
 
 
+class Solver(Protocol):
+    """What the search asks of the physics; arrays of one shape, NaN where there is no answer."""
+
+    def solve(self, points: OperatingPoints) -> Answer:
+        """Return efficiency and output speed at operating points."""
+        ...
+
+    def displacement_ratio(
+        self, engine_speed: Array, output_speed: Array, load_torque: Array
+    ) -> Array:
+        """Return the least displacement ratio that makes an output speed; beyond +-1: none does."""
+        ...
+
+
+class Lookup(Protocol):
+    """The same at one point, in plain floats."""
+
+    def efficiency(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> float:
+        """Return the efficiency."""
+        ...
+
+    def output_speed(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> float:
+        """Return the output speed."""
+        ...
+
+    def resting_ratios(self, engine_speed: float, load_torque: float) -> Sequence[float]:
+        """Return the displacement ratios between which the motor stands, the lower one first."""
+        ...
+
+
 def optimum(
-    model: EfficiencyModel,
+    solver: Solver,
+    mechanical_ratio: float,
     engine_speed: ArrayLike,
     load_torque: ArrayLike,
     *,
+    lookup: Lookup | None = None,
     hold: str = "engine_speed",
     displacement_ratio: ArrayLike | None = None,
     output_speed: ArrayLike | None = None,
-    engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
+    engine_speed_limits: Limits = ENGINE_SPEED_LIMITS,
 ) -> Optimum:
     """Find the displacement ratio that wastes least.
 
     Args:
-        model: the efficiency model.
+        solver: the physics.
+        mechanical_ratio: output speed / engine speed while the motor stands, where the curve of the
+            efficiency has its corner [-].
         engine_speed: now [rad/s].
         load_torque: now, output power / engine speed [N m]; broadcasts with the rest.
+        lookup: the physics at one point in plain floats, where there is such a short cut.
         hold: `engine_speed`, or `output_speed` to look for the best pair (engine speed,
             displacement ratio) that keeps output speed and output power.
         displacement_ratio: now [-]; tells the output speed to hold when that is not given.
@@ -91,137 +128,172 @@ def optimum(
         The best point, NaN where the model has no answer anywhere on the line.
 
     Raises:
-        InputError: input out of range, `hold` unknown, nothing tells the output speed, or the
-            formulation is `published`, whose best point is one of its own making.
+        InputError: input out of range, `hold` unknown, or nothing tells the output speed.
     """
-    if model.formulation == "published":
-        raise InputError("formulation 'published' has no optimum: it has a pole, eq. (11), and "
-                         "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
-    speed, torque = _checked(ENGINE_SPEED, engine_speed), _checked(LOAD_TORQUE, load_torque)
-    if hold == "engine_speed":
-        pairs = _held_engine_speed(model, speed, torque)
-        return _packed(model, pairs, speed * torque, hold)
-    low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+    given = [ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)]
+    limits = None
+    if hold == "output_speed":
+        limits = _checked_limits(engine_speed_limits)
+        if output_speed is not None:
+            given.append(OUTPUT_SPEED.check(output_speed))
+        elif displacement_ratio is not None:
+            given.append(DISPLACEMENT_RATIO.check(displacement_ratio))
+        else:
+            raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
+    if lookup is not None and limits is None and given[0].ndim == given[1].ndim == 0:
+        return _at_point(lookup, given[0].item(), given[1].item())
+    arrays = np.broadcast_arrays(*given)
+    shape = arrays[0].shape
+    speed, torque, *last = (array.ravel() for array in arrays)
+    power = speed * torque
+    if limits is not None:
+        target = last[0] if output_speed is not None else solver.solve(
+            OperatingPoints(last[0], speed, torque)).output_speed
+        speed = _best_engine_speed(solver, mechanical_ratio, target, power, limits)
+        stroke = np.clip(solver.displacement_ratio(speed, target, power / speed), -1.0, 1.0)
+        efficiency = solver.solve(OperatingPoints(stroke, speed, power / speed)).efficiency
+    else:
+        stroke = _best_stroke(solver, mechanical_ratio, speed, torque)
+        efficiency, target = solver.solve(OperatingPoints(stroke, speed, torque))
+    limit = np.array([_limit(*pair, limits) for pair in zip(
+        stroke.tolist(), speed.tolist(), strict=True)], dtype=object)
+    columns: tuple[Any, ...] = stroke, efficiency, speed, power / speed, target, limit
+    stroke, efficiency, speed, torque, target, limit = (
+        column.reshape(shape) if shape else column.item() for column in columns)
+    return Optimum(stroke, efficiency, speed, torque, target, hold, limit)
+
+
+def _checked_limits(limits: Limits) -> Limits:
+    low, high = ENGINE_SPEED.check(limits, "engine_speed_limits").tolist()
     if not low < high:
         raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
-    if output_speed is not None:
-        target = _checked(OUTPUT_SPEED, output_speed)
-    elif displacement_ratio is not None:
-        target = model.output_speed(displacement_ratio, engine_speed, load_torque)
-    else:
-        raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
-    power = speed * torque
-    pairs = _held_output_speed(model, target, power, (low, high))
-    return _packed(model, pairs, power, hold, target, (low, high))
+    return low, high
 
 
-def _checked(limits: Range, value: Any) -> Value:
-    # A single float, which a control loop gives, is to cost no array.
-    if isinstance(value, float) and limits.low <= value <= limits.high:
-        return float(value)
-    array = limits.check(value)
-    return array.item() if array.ndim == 0 else array
+# --- held engine speed ----------------------------------------------------------------------------
 
 
-def _held_engine_speed(model: EfficiencyModel, speed: Value, torque: Value) -> Pairs:
-    """Displacement ratio and engine speed at engine speeds and load torques."""
-    form = model.closed_form
+def _best_stroke(
+    solver: Solver, mechanical_ratio: float, speed: Array, torque: Array
+) -> Array:
+    """Best displacement ratio at engine speeds and load torques of shape (n,)."""
+    # Friction holds the motor over a range of strokes, with a corner at either end.
+    beside = speed * mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
+    rest = solver.displacement_ratio(*np.broadcast_arrays(speed, beside, torque))
+    low, high = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0), axis=0)
+    # Next to the stall a motor need not rest between the two.
+    corners = np.stack([low, low, high])
+    reaches = np.stack([-np.ones_like(low), high, np.ones_like(low)]) - corners
+    corner, reach = (np.repeat(item.T.ravel(), _SCAN) for item in (corners, reaches))
+    speed, torque = np.repeat(speed, 3 * _SCAN), np.repeat(torque, 3 * _SCAN)
 
-    def exact(speed: float, torque: float) -> tuple[float, float] | None:
-        flow = None if form is None else best_flow(form, speed, torque)
-        return None if form is None or flow is None else (flow / form.full_flow, speed)
+    def stroke_at(way: Array) -> Array:
+        return corner + reach * way * way  # closer together beside the motor at rest
 
-    return _exact_or_searched(
-        exact, lambda speed, torque: (search_stroke(model, speed, torque), speed), speed, torque)
+    def value(way: Array) -> Array:
+        return solver.solve(OperatingPoints(stroke_at(way), speed, torque)).efficiency
 
-
-def _held_output_speed(
-    model: EfficiencyModel, target: Value, power: Value, limits: Limits
-) -> Pairs:
-    """Displacement ratio and engine speed at output speeds and powers."""
-    form = model.closed_form
-
-    def exact(target: float, power: float) -> tuple[float, float] | None:
-        found = None if form is None else best_engine_speed(form, target, power, limits)
-        return None if form is None or found is None else (found[1] / form.full_flow, found[0])
-
-    return _exact_or_searched(
-        exact, lambda target, power: search_pair(model, target, power, limits), target, power)
-
-
-def _exact_or_searched(
-    exact: Callable[[float, float], tuple[float, float] | None],
-    search: Callable[[Array, Array], tuple[Array, Array]],
-    first: Value,
-    second: Value,
-) -> Pairs:
-    """Solve point by point where the model can, and search, all at once, where it cannot."""
-    if isinstance(first, float) and isinstance(second, float):
-        pair = exact(first, second)
-        if pair is None:
-            stroke, speed = search(np.array([first]), np.array([second]))
-            pair = stroke.item(), speed.item()
-        return pair
-    first, second = np.broadcast_arrays(first, second)
-    found = [exact(*point) for point in zip(first.ravel().tolist(), second.ravel().tolist(),
-                                            strict=True)]
-    pairs = np.array([(math.nan, math.nan) if pair is None else pair for pair in found])
-    rest = [i for i, pair in enumerate(found) if pair is None]
-    if rest:
-        pairs[rest] = np.transpose(search(first.ravel()[rest], second.ravel()[rest]))
-    strokes, speeds = pairs.reshape(-1, 2).T.reshape(2, *first.shape)
-    return strokes, speeds
+    way, piece = _highest(value, np.zeros_like(corners), np.ones_like(corners))
+    corner, reach = (item[piece, np.arange(len(piece))] for item in (corners, reaches))
+    return stroke_at(way)
 
 
-def _packed(
-    model: EfficiencyModel,
-    pairs: Pairs,
-    power: Value,
-    hold: str,
-    target: Value | None = None,
-    limits: Limits | None = None,
-) -> Optimum:
-    stroke, speed = pairs
-    if isinstance(stroke, float) and isinstance(speed, float):
-        # Rounding may lead a little beyond full stroke.
-        stroke = 1.0 if stroke > 1.0 else -1.0 if stroke < -1.0 else stroke
-        return _packed_point(model, stroke, speed, power, hold, target, limits)
-    stroke, torque = np.clip(stroke, -1.0, 1.0), power / speed
-    known = ~np.isnan(stroke)
-    # The model takes no NaN; what it says there is not used.
-    point = (np.where(known, stroke, 0.0), np.where(known, speed, ENGINE_SPEED.high),
-             np.where(known, torque, LOAD_TORQUE.low))
-    efficiency = np.where(known, model.efficiency(*point), np.nan)
-    reached = (np.where(known, model.output_speed(*point), np.nan) if target is None
-               else np.broadcast_to(target, stroke.shape))
-    limit = np.full(stroke.shape, None, dtype=object)
-    for i in np.ndindex(stroke.shape):
-        limit[i] = _limit(stroke[i], speed[i], limits)
-    return Optimum(stroke, efficiency, speed, torque, reached, hold, limit)
+def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
+    """Best displacement ratio at one engine speed, in plain floats; as `_best_stroke`."""
+    def value(way: float) -> float:
+        found = lookup.efficiency(corner + reach * way * way, speed, torque)
+        return found if found > 0.0 else 0.0  # NaN counts as lowest
+
+    tops = []
+    low, high = (min(max(rest, -1.0), 1.0) for rest in lookup.resting_ratios(speed, torque))
+    for corner, end in ((low, -1.0), (low, high), (high, 1.0)):
+        reach = end - corner
+        tops.append((*max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1)),
+                     corner, reach))
+    efficiency, way, corner, reach = max(tops)
+    place, found = _golden(value, max(way - 1.0 / _PARTS, 0.0), min(way + 1.0 / _PARTS, 1.0))
+    if found > efficiency:
+        efficiency, way = found, place
+    stroke = corner + reach * way * way
+    if efficiency == 0.0:
+        stroke = efficiency = math.nan
+    return Optimum(stroke, efficiency, speed, torque, lookup.output_speed(stroke, speed, torque),
+                   "engine_speed", _limit(stroke, speed, None))
 
 
-def _packed_point(
-    model: EfficiencyModel,
-    stroke: float,
-    speed: float,
-    power: Any,
-    hold: str,
-    target: Any,
-    limits: Limits | None,
-) -> Optimum:
-    torque, form = power / speed, model.closed_form
-    efficiency, reached = math.nan, math.nan if target is None else target
-    known = not math.isnan(stroke)
-    if known and target is None and form is not None:
-        efficiency, reached = form.point(stroke, speed, torque)
-    elif known:
-        efficiency = model.efficiency(stroke, speed, torque)
-        if target is None:
-            reached = model.output_speed(stroke, speed, torque)
-    return Optimum(stroke, efficiency, speed, torque, reached, hold,
-                   _limit(stroke, speed, limits))
+def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float, float]:
+    """Where a function with one maximum between two limits is highest, and its value there."""
+    c, d = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
+    at_c, at_d = value(c), value(d)
+    while b - a > _BRACKET:
+        if at_c > at_d:
+            b, d, at_d = d, c, at_c
+            c = b - _GOLDEN * (b - a)
+            at_c = value(c)
+        else:
+            a, c, at_c = c, d, at_d
+            d = a + _GOLDEN * (b - a)
+            at_d = value(d)
+    return (c, at_c) if at_c > at_d else (d, at_d)
+
+
+# --- held output speed ----------------------------------------------------------------------------
+
+
+def _best_engine_speed(
+    solver: Solver, mechanical_ratio: float, target: Array, power: Array, limits: Limits
+) -> Array:
+    """Best engine speed at output speeds and powers of shape (n,); NaN where none will do.
+
+    Every engine speed needs one displacement ratio to give the output speed: the line of states.
+    """
+    low, high = limits
+    resting = target / mechanical_ratio
+    # At rest friction sets a step, so that the line has two pieces.
+    below = np.clip(np.nan_to_num(resting * (1.0 - _RESTING)), low, high)
+    above = np.clip(np.nan_to_num(resting * (1.0 + _RESTING)), low, high)
+
+    target, power = np.repeat(target, 2 * _SCAN), np.repeat(power, 2 * _SCAN)
+
+    def value(speed: Array) -> Array:
+        torque = power / speed
+        stroke = solver.displacement_ratio(speed, target, torque)
+        within = np.minimum(np.maximum(stroke, -1.0), 1.0)
+        efficiency, reached = solver.solve(OperatingPoints(within, speed, torque))
+        # The line also holds states that no steady motor keeps.
+        sound = np.where(np.abs(reached - target) < _HELD * target, efficiency, np.nan)
+        # Out of reach, less is better: it leads to the window.
+        reach = np.abs(stroke)
+        return np.where(reach > 1.0 + 1e-12, -reach, sound)
+
+    return _highest(value, np.stack([np.full_like(below, low), above]),
+                    np.stack([below, np.full_like(above, high)]))[0]
+
+
+def _highest(
+    value: Callable[[Array], Array], low: Array, high: Array
+) -> tuple[Array, NDArray[np.int_]]:
+    """Where a function is highest on some pieces (NaN where not positive), and on which; (n,).
+
+    Args:
+        value: of points of shape (n x pieces x _SCAN,); NaN counts as lowest.
+        low, high: ends of the pieces, shape (pieces, n).
+    """
+    pieces, low, high = len(low), low.T.ravel(), high.T.ravel()
+    a, b, rows, parts = low, high, np.arange(low.size), np.arange(_SCAN)
+    for _ in range(_ZOOMS):
+        step = (b - a) / (_SCAN - 1)
+        grid = a[:, None] + step[:, None] * parts
+        values = np.fmax(value(grid.ravel()), -np.inf).reshape(grid.shape)
+        index = values.argmax(axis=1)
+        best, top = grid[rows, index], values[rows, index]
+        a, b = np.maximum(best - step, low), np.minimum(best + step, high)
+    top = top.reshape(-1, pieces)
+    piece = top.argmax(axis=1)
+    better = rows[::pieces] + piece
+    return np.where(top.max(axis=1) > 0.0, best[better], np.nan), piece
 
 
 def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:

@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,16 +14,15 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import free_name, write_atomically
-from ..physics.effects import effect_from_mapping, effect_to_mapping
+from ..physics.effects import effect_from_mapping
+from ..transmission.mapping import get, number, section
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
 from ..transmission.stage import Stage
 from .domain import Domain
-from .model import EfficiencyModel
+from .model import SCHEMA, EfficiencyModel
 
-SCHEMA = "hmcvt-model/1"
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
 _MAX_BYTES = 4 * 1024 * 1024
-_HUGE = 1e300  # an integer in a file may be too large for a float
 _ROUNDED = 1e-5  # a matrix in a file has six digits
 
 
@@ -58,7 +55,7 @@ def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
     """
     import yaml
 
-    path, data = Path(path), to_mapping(model)
+    path, data = Path(path), model.to_mapping()
     # Above all that can be cut off: a file that has lost its end has not lost its checksum.
     sealed = {"schema": data["schema"], "checksum": _checksum(data), **data}
     text = yaml.safe_dump(sealed, sort_keys=False, default_flow_style=None, width=96)
@@ -80,32 +77,10 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
         raise InputError(f"{path}: {error}") from None
 
 
-def to_mapping(model: EfficiencyModel) -> dict[str, Any]:
-    """Return a model as plain data: strings, numbers, lists, mappings."""
-    parameters = {}
-    for name in PARAMETER_NAMES:
-        entry: dict[str, Any] = {"value": getattr(model.parameters, name),
-                                 "unit": PARAMETER_UNITS[name]}
-        if name in model.standard_errors:
-            entry["standard_error"] = float(model.standard_errors[name])
-        parameters[name] = entry
-    data: dict[str, Any] = {"schema": SCHEMA, "formulation": model.formulation,
-                            "parameters": parameters}
-    if model.correlation is not None:
-        data["correlation"] = np.asarray(model.correlation).round(6).tolist()
-    if model.effects:
-        data["effects"] = [effect_to_mapping(effect) for effect in model.effects]
-    if model.domain is not None:
-        data["domain"] = model.domain.to_mapping()
-    data["provenance"] = dict(model.provenance)
-    data["transmission"] = model.stage.to_mapping()
-    return data
-
-
 def _holds(path: Path, data: Mapping[str, Any]) -> bool:
     """Whether a file holds the same, but for its date."""
     try:
-        there = to_mapping(load_model(path))
+        there = load_model(path).to_mapping()
     except InputError:
         return False
 
@@ -116,29 +91,29 @@ def _holds(path: Path, data: Mapping[str, Any]) -> bool:
 
 
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
-    parameters = _section(data, "parameters")
+    parameters = section(data, "parameters")
     values, errors = [], {}
     for name in PARAMETER_NAMES:
-        entry = _section(parameters, name, "parameters.")
-        values.append(_number(entry, "value", f"parameters.{name}."))
+        entry = section(parameters, name, "parameters.")
+        values.append(number(entry, "value", f"parameters.{name}."))
         unit = entry.get("unit", PARAMETER_UNITS[name])
         if unit != PARAMETER_UNITS[name]:
             raise InputError(f"parameters.{name}.unit = {unit!r}; needs {PARAMETER_UNITS[name]!r}")
         if "standard_error" in entry:
-            errors[name] = _number(entry, "standard_error", f"parameters.{name}.", low=0.0)
+            errors[name] = number(entry, "standard_error", f"parameters.{name}.", low=0.0)
     effects = data.get("effects", [])
     if not isinstance(effects, list):
         raise InputError(f"effects = {effects!r} is not a list")
     return EfficiencyModel(
-        stage=Stage.from_mapping(_section(data, "transmission")),
+        stage=Stage.from_mapping(section(data, "transmission")),
         parameters=HydraulicParameters(*values),
-        formulation=str(_get(data, "formulation")),
+        formulation=str(get(data, "formulation")),
         effects=tuple(effect_from_mapping(item, f"effects[{i}]")
                       for i, item in enumerate(effects)),
         standard_errors=errors if len(errors) == len(PARAMETER_NAMES) else {},
         correlation=_correlation(data["correlation"]) if "correlation" in data else None,
-        domain=Domain.from_mapping(_section(data, "domain")) if "domain" in data else None,
-        provenance=_section(data, "provenance") if "provenance" in data else {},
+        domain=Domain.from_mapping(section(data, "domain")) if "domain" in data else None,
+        provenance=section(data, "provenance") if "provenance" in data else {},
     )
 
 
@@ -185,32 +160,6 @@ def _with_text_keys(value: Any) -> Any:
     if isinstance(value, list):
         return [_with_text_keys(entry) for entry in value]
     return value
-
-
-def _get(data: Mapping[str, Any], key: str, where: str = "") -> Any:
-    if key not in data:
-        raise InputError(f"{where}{key} is missing")
-    return data[key]
-
-
-def _section(data: Mapping[str, Any], key: str, where: str = "") -> Mapping[str, Any]:
-    value = _get(data, key, where)
-    if not isinstance(value, Mapping):
-        raise InputError(f"{where}{key} = {value!r} is not a mapping")
-    return value
-
-
-def _number(data: Mapping[str, Any], key: str, where: str, low: float = -math.inf) -> float:
-    value = _get(data, key, where)
-    # YAML 1.1 reads 3e-11 without a dot as text; a person may well write it so.
-    if isinstance(value, str):
-        with contextlib.suppress(ValueError):
-            value = float(value)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) \
-            or not abs(value) < _HUGE or value < low:
-        raise InputError(f"{where}{key} = {value!r} is not a finite number"
-                         + (f" of at least {low:g}" if math.isfinite(low) else ""))
-    return float(value)
 
 
 def _correlation(value: Any) -> Any:

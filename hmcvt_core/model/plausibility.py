@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..files.bench import BenchSamples
-from ..physics.published import speed_ratio
-from ..transmission.stage import Stage
+from ..transmission.stage import Stage, speed_ratio
 
 _SLIP = 0.1  # part of the output speed that may be missing or too much before it is told
 _ENDS = (0.1, 0.5, 0.9)  # quantiles: a few outliers are no mistake of a column

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..transmission.parameters import HydraulicParameters
 from ..transmission.stage import Path, Stage
+from .balance import PowerFlow, through_gears
 from .effects.base import Effect
-from .power_balance import PowerFlow, through_gears
 
 Array = NDArray[np.float64]
 

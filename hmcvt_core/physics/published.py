@@ -15,14 +15,15 @@ each other (a share a_1 against the sign of e_H, an efficiency outside (0, 1)) t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..transmission.parameters import HydraulicParameters
-from ..transmission.stage import Stage, member_speed_coefficients
-from .power_balance import OperatingPoints
+from ..transmission.parameters import Parameters
+from ..transmission.points import Answer, OperatingPoints
+from ..transmission.stage import Stage, member_speed_coefficients, speed_ratio
 
 Array = NDArray[np.float64]
 STANDING_EFFICIENCY = 5e-5
@@ -51,13 +52,6 @@ class PublishedEfficiency(NamedTuple):
     total: Array
 
 
-def speed_ratio(stage: Stage, displacement_ratio: Array) -> Array:
-    """Output speed / engine speed without slip, eq. (5) [-]."""
-    units = stage.pump_motor
-    motor = displacement_ratio * units.pump_displacement / units.motor_displacement
-    return stage.mechanical_speed_ratio + stage.motor_speed_ratio * motor / stage.pump.ratio
-
-
 def hydraulic_split_ratio(stage: Stage, displacement_ratio: Array) -> Array:
     """e_H of eq. (8) with the overall ratio i_HM, as printed [-]."""
     return 1.0 - 1.0 / (speed_ratio(stage, displacement_ratio) * _connection(stage))
@@ -73,7 +67,7 @@ def _connection(stage: Stage) -> float:
 
 
 def hydraulic_efficiency(
-    stage: Stage, parameters: HydraulicParameters, points: OperatingPoints
+    stage: Stage, parameters: Parameters, points: OperatingPoints
 ) -> Array:
     """eta_H of the pump-motor pair, eqs (6), (13)-(16) in the steady state [-].
 
@@ -90,12 +84,11 @@ def hydraulic_efficiency(
     sign = np.sign(stroke)
     output_torque = points.load_torque / speed_ratio(stage, points.displacement_ratio)
     pump_speed = points.engine_speed / stage.pump.ratio
-    tight = (stroke * pump_speed
-             * units.pump_displacement / units.motor_displacement)
+    ideal_speed = stroke * pump_speed * units.pump_displacement / units.motor_displacement
     v_m, v_p = units.motor_displacement, units.pump_displacement
     load = output_torque * abs(stage.motor_speed_ratio)
-    pressure = (load + parameters.motor_damping * tight) / v_m  # Eq. (6)
-    motor_speed = tight - parameters.leakage * pressure / v_m  # Eq. (13)
+    pressure = (load + parameters.motor_damping * ideal_speed) / v_m  # Eq. (6)
+    motor_speed = ideal_speed - parameters.leakage * pressure / v_m  # Eq. (13)
     motor_torque = (pressure * v_m * (1.0 - units.motor_friction)
                     - parameters.motor_damping * motor_speed)  # Eq. (14)
     pump_torque = (pressure * v_p * stroke * (1.0 - units.pump_friction)
@@ -133,8 +126,6 @@ def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> P
                                out, total)
 
 
-
-
 def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDArray[np.bool_]:
     """Tell where the formulas agree with themselves.
 
@@ -151,12 +142,24 @@ def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDA
     return np.asarray(sound & (agrees | (displacement_ratio == 0.0)))
 
 
-def published_efficiency(
-    stage: Stage, parameters: HydraulicParameters, points: OperatingPoints
-) -> Array:
-    """eta_total of eq. (18), NaN where the formulas contradict themselves [-]."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # An output at rest divides by zero; what comes of it is inconsistent and ends as NaN.
-        hydraulic = hydraulic_efficiency(stage, parameters, points)
-        values = efficiencies(stage, points.displacement_ratio, hydraulic)
-        return np.where(is_consistent(values, points.displacement_ratio), values.total, np.nan)
+@dataclass(frozen=True)
+class PublishedSolver:
+    """Answers of the published formulas.
+
+    Attributes:
+        stage: the gear train.
+        parameters: the hydraulic parameters.
+    """
+
+    stage: Stage
+    parameters: Parameters
+
+    def solve(self, points: OperatingPoints) -> Answer:
+        """eta_total of eq. (18), NaN where the formulas contradict themselves; speed of eq. (5)."""
+        stroke = points.displacement_ratio
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # An output at rest divides by zero; what comes of it is inconsistent and ends as NaN.
+            hydraulic = hydraulic_efficiency(self.stage, self.parameters, points)
+            values = efficiencies(self.stage, stroke, hydraulic)
+            total = np.where(is_consistent(values, stroke), values.total, np.nan)
+        return Answer(total, points.engine_speed * speed_ratio(self.stage, stroke))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,22 @@ class HydraulicParameters:
         """Return (leakage, motor_damping, pump_damping), shape (3,)."""
         return np.array(astuple(self))
 
+
+class Candidates(NamedTuple):
+    """Parameters of many candidates at once; arrays that broadcast with the points."""
+
+    leakage: NDArray[np.float64] | float
+    motor_damping: NDArray[np.float64] | float
+    pump_damping: NDArray[np.float64] | float
+
+    @classmethod
+    def of(cls, values: NDArray[np.float64]) -> Candidates:
+        """Take values (leakage, f_m, f_p) of shape (..., 3) apart, into arrays (..., 1)."""
+        return cls(values[..., :1], values[..., 1:2], values[..., 2:])
+
+
+Parameters = HydraulicParameters | Candidates
+"""What the physics reads: one transmission, or many candidates for it."""
 
 PARAMETER_RANGES = (LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING)
 PARAMETER_NAMES = tuple(field.name for field in fields(HydraulicParameters))

@@ -2,7 +2,7 @@
 """The range of every quantity that enters from outside: the one table that checks read.
 
 A range is a gate against wrong units and broken sensors, not a statement about validity of the
-model: for that see `hmcvt_core.domain`.
+model: for that see `hmcvt_core.model.domain`.
 """
 
 from __future__ import annotations
@@ -111,10 +111,3 @@ REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])
 
 ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)
 """Working speeds of the paper's engine (section 4.2), rad/s."""
-
-
-def in_range(displacement_ratio: float, engine_speed: float, load_torque: float) -> bool:
-    """Tell whether one operating point is in range: `Range.check` for plain floats, no more."""
-    return (DISPLACEMENT_RATIO.low <= displacement_ratio <= DISPLACEMENT_RATIO.high
-            and ENGINE_SPEED.low <= engine_speed <= ENGINE_SPEED.high
-            and LOAD_TORQUE.low <= load_torque <= LOAD_TORQUE.high)

@@ -16,12 +16,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
+from .mapping import get, number, section
 
 MEMBERS = ("sun", "ring", "carrier")
 _CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
-_HUGE = 1e300  # an integer in a file may be too large for a float
 
 
 @dataclass(frozen=True)
@@ -177,27 +178,27 @@ class Stage:
         Raises:
             InputError: a field is missing or wrong; it is named.
         """
-        stages = _mapping(data, "stages")
+        stages = section(data, "stages")
         if name is None:
             if len(stages) != 1:
                 raise InputError(f"stages holds {', '.join(map(str, stages))}: say which one")
             name = str(next(iter(stages)))
-        paths = _mapping(stages, name, "stages.")
+        paths = section(stages, name, "stages.")
         where = f"stages.{name}."
-        rows = _mapping(data, "planetary_rows")
-        row = _get(paths, "planetary_row", where)
+        rows = section(data, "planetary_rows")
+        row = get(paths, "planetary_row", where)
         made = {key: _path(data, paths, key, where)
                 for key in ("mechanical", "pump", "motor", "output")}
-        member = {key: str(_get(_mapping(paths, key, where), "member", f"{where}{key}."))
+        member = {key: str(get(section(paths, key, where), "member", f"{where}{key}."))
                   for key in ("mechanical", "motor", "output")}
         return cls(
             name=name,
-            planetary_constant=_number(rows, row, "planetary_rows."),
+            planetary_constant=number(rows, row, "planetary_rows."),
             mechanical=made["mechanical"], mechanical_member=member["mechanical"],
             pump=made["pump"],
             motor=made["motor"], motor_member=member["motor"],
             output=made["output"], output_member=member["output"],
-            pump_motor=_pump_motor(_mapping(data, "pump_motor")),
+            pump_motor=_pump_motor(section(data, "pump_motor")),
         )
 
     def to_mapping(self) -> dict[str, Any]:
@@ -228,6 +229,13 @@ class Stage:
         }
 
 
+def speed_ratio(stage: Stage, displacement_ratio: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Output speed / engine speed without slip, eq. (5) [-]."""
+    units = stage.pump_motor
+    motor = displacement_ratio * units.pump_displacement / units.motor_displacement
+    return stage.mechanical_speed_ratio + stage.motor_speed_ratio * motor / stage.pump.ratio
+
+
 def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:
     """Coefficients of eq. (4) written as: sum of coefficient x speed = 0."""
     return {"sun": 1.0, "ring": planetary_constant, "carrier": -(1.0 + planetary_constant)}
@@ -239,17 +247,17 @@ def _speed_share(planetary_constant: float, member: str, output_member: str) -> 
 
 
 def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: str) -> Path:
-    ratios = _mapping(data, "gear_pairs")
+    ratios = section(data, "gear_pairs")
     efficiency = data.get("gear_efficiency", 0.98)
-    entry = _mapping(paths, key, where)
-    names = _get(entry, "gear_pairs", f"{where}{key}.")
+    entry = section(paths, key, where)
+    names = get(entry, "gear_pairs", f"{where}{key}.")
     if not isinstance(names, list):
         raise InputError(f"{where}{key}.gear_pairs = {names!r} is not a list")
     pairs = []
     for name in names:
-        ratio = _number(ratios, name, "gear_pairs.")
-        eta = (_number(efficiency, name, "gear_efficiency.") if isinstance(efficiency, Mapping)
-               else _number({"gear_efficiency": efficiency}, "gear_efficiency", ""))
+        ratio = number(ratios, name, "gear_pairs.")
+        eta = (number(efficiency, name, "gear_efficiency.") if isinstance(efficiency, Mapping)
+               else number({"gear_efficiency": efficiency}, "gear_efficiency"))
         pairs.append(GearPair(str(name), ratio, eta))
     direction = entry.get("direction", 1)
     _require(direction in (1, -1), f"{where}{key}.direction", direction, "1 or -1")
@@ -259,42 +267,15 @@ def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: st
 def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
     where = "pump_motor."
     return PumpMotor(
-        _number(data, "pump_displacement_cm3_per_rev", where) * _CM3_PER_REV,
-        _number(data, "motor_displacement_cm3_per_rev", where) * _CM3_PER_REV,
-        _number(data, "pump_friction", where) if "pump_friction" in data else 0.01,
-        _number(data, "motor_friction", where) if "motor_friction" in data else 0.01,
+        number(data, "pump_displacement_cm3_per_rev", where) * _CM3_PER_REV,
+        number(data, "motor_displacement_cm3_per_rev", where) * _CM3_PER_REV,
+        number(data, "pump_friction", where) if "pump_friction" in data else 0.01,
+        number(data, "motor_friction", where) if "motor_friction" in data else 0.01,
     )
 
 
 def _round(value: float) -> float:
     return float(np.format_float_positional(value, precision=12, fractional=False))
-
-
-def _get(data: Mapping[Any, Any], key: Any, where: str) -> Any:
-    if not isinstance(key, (str, int, float)):
-        raise InputError(f"{where}{key!r} is not a name")
-    for candidate in (key, str(key)):
-        if candidate in data:
-            return data[candidate]
-    # YAML reads the pair name 2 as a number; a file may write it either way.
-    by_text = {str(existing): value for existing, value in data.items()}
-    if str(key) in by_text:
-        return by_text[str(key)]
-    raise InputError(f"{where}{key} is missing; there is {', '.join(by_text) or 'nothing'}")
-
-
-def _mapping(data: Mapping[Any, Any], key: Any, where: str = "") -> Mapping[Any, Any]:
-    value = _get(data, key, where)
-    if not isinstance(value, Mapping):
-        raise InputError(f"{where}{key} = {value!r} is not a mapping")
-    return value
-
-
-def _number(data: Mapping[Any, Any], key: Any, where: str) -> float:
-    value = _get(data, key, where)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < _HUGE:
-        raise InputError(f"{where}{key} = {value!r} is not a finite number")
-    return float(value)
 
 
 def _require(holds: bool, field: str, value: object, allowed: str) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from hmcvt_core.files.resources import data_path
 from hmcvt_core.physics import published
+from hmcvt_core.transmission.stage import speed_ratio
 
 from . import paper
 from .bench import stage, table2
@@ -26,7 +27,7 @@ def items() -> list[Item]:
     strokes = np.unique(table2().displacement_ratio)
     tests = {eps: ", ".join(str(i + 1) for i in np.flatnonzero(table2().displacement_ratio == eps))
              for eps in strokes.tolist()}
-    ratios = published.speed_ratio(stage(), strokes)
+    ratios = speed_ratio(stage(), strokes)
     splits = published.hydraulic_split_ratio(stage(), strokes)
     found = []
     for eps, ratio in zip(strokes.tolist(), ratios.tolist(), strict=True):

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.physics import published
-from hmcvt_core.physics.power_balance import OperatingPoints
+from hmcvt_core.transmission.points import OperatingPoints
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_core.transmission.stage import speed_ratio
 
 from . import paper
 from .item import NOT_REPRODUCIBLE, Item, claim
@@ -74,7 +75,7 @@ def _surface(figure: int, power: float, model: EfficiencyModel) -> Surface:
             values = published.efficiencies(model.stage, stroke, hydraulic)
             bare, denominator = values.total, values.split_ratio / values.engine_share
     return Surface(figure, model.formulation, power, speed,
-                   published.speed_ratio(model.stage, stroke), stroke, served, bare, denominator)
+                   speed_ratio(model.stage, stroke), stroke, served, bare, denominator)
 
 
 def items(found: list[Surface]) -> list[Item]:

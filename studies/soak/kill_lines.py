@@ -79,7 +79,7 @@ def _saved(folder: Path, *versions: int) -> bool:
 def _refit(folder: Path, number: int) -> None:
     store = ModelStore(BASE, folder)
     path = store.new_path()
-    model(number).save(path)
+    hmcvt.save_model(model(number), path)
     store.adopt(path)
 
 
@@ -104,11 +104,12 @@ STEPS = {
     "repair of a torn log": Step(_three_and_torn, _log, _repaired),
     "log set aside": Step(_three_samples, lambda folder: _log(folder).set_aside(), _set_aside),
     "parameter file saved": Step(
-        lambda _: None, lambda folder: model(0).save(folder / "model.yaml"),
+        lambda _: None, lambda folder: hmcvt.save_model(model(0), folder / "model.yaml"),
         lambda folder: not (folder / "model.yaml").exists() or _saved(folder, 0)),
     "saved over another": Step(
-        lambda folder: model(0).save(folder / "model.yaml"),
-        lambda folder: model(1).save(folder / "model.yaml"), lambda folder: _saved(folder, 0, 1)),
+        lambda folder: hmcvt.save_model(model(0), folder / "model.yaml"),
+        lambda folder: hmcvt.save_model(model(1), folder / "model.yaml"),
+        lambda folder: _saved(folder, 0, 1)),
     "refit adopted": Step(lambda folder: _refit(folder, 0), lambda folder: _refit(folder, 1),
                           lambda folder: _in_service(folder, 0, 1)),
     "refit reverted": Step(_two_refits, lambda folder: ModelStore(BASE, folder).revert(),

@@ -257,7 +257,7 @@ def _fill(state: Path) -> None:
     store = ModelStore(BASE, state)
     while len(_stack(state)) < _REFITS:
         path = store.new_path()
-        model(int(path.stem)).save(path)
+        hmcvt.save_model(model(int(path.stem)), path)
         store.adopt(path)
 
 

@@ -113,7 +113,7 @@ def _save(folder: Path, tell: Tell) -> None:
     path = folder / "model.yaml"
     for number in range(LIMIT):
         tell("begin", number)
-        model(number).save(path)
+        hmcvt.save_model(model(number), path)
         tell("done", number)
 
 
@@ -127,7 +127,7 @@ def _adopt(folder: Path, tell: Tell) -> None:
         tell("begin", expected[-1])
         if len(expected) > len(stack):
             path = store.new_path()
-            model(number).save(path)
+            hmcvt.save_model(model(number), path)
             store.adopt(path)
         else:
             store.revert()

@@ -19,7 +19,7 @@ HEADER = "displacement_ratio,engine_speed,load_torque,efficiency\n"
 
 def saved(path, *effects):
     model = hmcvt_library.load_model(HM4)
-    replace(model, effects=effects).save(path)
+    hmcvt_library.save_model(replace(model, effects=effects), path)
     return path
 
 

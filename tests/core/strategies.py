@@ -43,6 +43,8 @@ parameters = st.builds(
     st.floats(0.0, 1.0),
     st.floats(1e-3, 1.0),
 )
+moderate = st.builds(HydraulicParameters, st.floats(1e-13, 3e-11), st.floats(0.0, 0.3),
+                     st.floats(0.0, 0.5))
 engine_speeds = st.floats(20.0, 300.0)
 load_torques = st.floats(1.0, 3.0).map(lambda exponent: 10.0**exponent)
 strokes = st.floats(-1.0, 1.0)

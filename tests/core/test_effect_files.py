@@ -35,7 +35,7 @@ def test_number_without_a_dot_is_read():
 
 def test_file_is_named(model, tmp_path):
     path = tmp_path / "model.yaml"
-    replace(model, effects=(ChargePump(1e4),)).save(path)
+    hmcvt.save_model(replace(model, effects=(ChargePump(1e4),)), path)
     message = rf"^{path}: effects\[0\].parameters.torque.value = 10000 is outside"
     with pytest.raises(hmcvt.InputError, match=message):
         hmcvt.load_model(path)

@@ -6,20 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from hmcvt_core import EfficiencyModel, HydraulicParameters, PumpMotor
 from hmcvt_core.model.model import STALLED
+from hmcvt_core.physics.balance import power_flow
 from hmcvt_core.physics.effects import Effect
-from hmcvt_core.physics.power_balance import OperatingPoints, power_flow
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
+from hmcvt_core.transmission.points import OperatingPoints
 
 from .reference import steady_states
-from .strategies import engine_speeds, load_torques, parameters, stages, strokes
+from .strategies import engine_speeds, load_torques, moderate, parameters, stages, strokes
 
 STROKES = np.linspace(-1.0, 1.0, 81)
-moderate = st.builds(HydraulicParameters, st.floats(1e-13, 3e-11), st.floats(0.0, 0.3),
-                     st.floats(0.0, 0.5))
 TYPICAL = HydraulicParameters(3e-11, 0.2, 0.08)  # about what Table 2 gives
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.candidates import Bench
 from hmcvt_core.diagnosis.observations import Observations
-from hmcvt_core.physics.power_balance import OperatingPoints
+from hmcvt_core.transmission.points import OperatingPoints
 
 STAGE = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
 BASE = hmcvt.EfficiencyModel(STAGE, hmcvt.HydraulicParameters(2e-11, 0.12, 0.2))

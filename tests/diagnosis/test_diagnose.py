@@ -269,7 +269,7 @@ def test_residuals_are_of_samples_left_out(diagnoses):
 def test_the_model_of_the_cause_is_saved_loaded_and_better(diagnoses, name, tmp_path):
     found = diagnoses[name]
     path = tmp_path / "diagnosed.yaml"
-    found.causes[0].model.save(path)
+    hmcvt.save_model(found.causes[0].model, path)
     model = hmcvt.load_model(path)
     assert [effect.name for effect in model.effects] == [CLEAR[name][0]]
     assert model.provenance["source"] == "hmcvt diagnose"

@@ -11,11 +11,12 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.hypothesis import forms_of
 from hmcvt_core.diagnosis.ranking import CONTRACT_EFFECTS
+from hmcvt_core.physics.balance import power_flow
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
 from hmcvt_core.physics.effects.base import Effect, size
 from hmcvt_core.physics.effects.drag import ChargePump, Churning
 from hmcvt_core.physics.effects.oil import walther_log_viscosity
-from hmcvt_core.physics.power_balance import OperatingPoints, power_flow
+from hmcvt_core.transmission.points import OperatingPoints
 
 from .campaigns import BASE, NOISE, campaign, random_points
 
@@ -141,7 +142,7 @@ def test_plain_data_round_trip(kind):
 def test_parameter_file_round_trip(kind, tmp_path):
     path = tmp_path / "with_effect.yaml"
     model = replace(BASE, effects=(_at(kind, 0.7)[-1], Churning(3.0)))
-    model.save(path)
+    hmcvt.save_model(model, path)
     again = hmcvt.load_model(path)
     assert again.effects == model.effects
     assert again.fingerprint == model.fingerprint

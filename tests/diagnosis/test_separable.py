@@ -13,7 +13,7 @@ from hmcvt_core.diagnosis.evidence import log_mean
 from hmcvt_core.diagnosis.hypothesis import forms_of
 from hmcvt_core.physics.effects import library
 from hmcvt_core.physics.effects.drag import ChargePump, Churning
-from hmcvt_core.physics.power_balance import OperatingPoints
+from hmcvt_core.transmission.points import OperatingPoints
 
 from .campaigns import (
     BASE,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from hmcvt_core import load_model, read_bench
+from hmcvt_core import load_model, read_bench, save_model
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 
 from .fleets import ROOT, finish, fleet, results, start
@@ -111,7 +111,7 @@ def test_changed_setting_is_done_again(quick, tmp_path, option):
     stage["pump_motor"]["pump_friction"] = 0.02
     (tmp_path / "other.yaml").write_text(yaml.safe_dump(stage))
     base = load_model(ROOT / "params" / "hm4.yaml")
-    replace(base, effects=(EngineTorqueGain(gain=0.002),)).save(tmp_path / "based.yaml")
+    save_model(replace(base, effects=(EngineTorqueGain(gain=0.002),)), tmp_path / "based.yaml")
     values = [tmp_path / word if word.endswith(".yaml") else word for word in option]
     assert run(*values) == NAMES
     assert run(*values) == []

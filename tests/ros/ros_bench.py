@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.published import speed_ratio
+from hmcvt_core.transmission.stage import speed_ratio
 from hmcvt_ros.inputs import OperatingPoint
 from hmcvt_ros.messages import bench_sample_to_message
 

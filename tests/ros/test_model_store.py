@@ -21,7 +21,7 @@ def base(paper_file):
 def refit(store: ModelStore, leakage: float) -> str:
     changed = replace(store.model, parameters=replace(store.model.parameters, leakage=leakage))
     path = store.new_path()
-    changed.save(path)
+    hmcvt.save_model(changed, path)
     return store.adopt(path).fingerprint
 
 
@@ -52,7 +52,7 @@ def test_refit_of_another_model_file_is_not_taken_up(paper_file, base, tmp_path)
     refit(ModelStore(paper_file, tmp_path), 1e-12)
     other_file = tmp_path / "other.yaml"
     other = replace(base, parameters=replace(base.parameters, leakage=9e-12))
-    other.save(other_file)
+    hmcvt.save_model(other, other_file)
     store = ModelStore(other_file, tmp_path)
     assert store.model.fingerprint == other.fingerprint
     assert "another model_file" in store.complaint
@@ -91,7 +91,7 @@ def test_damaged_candidate_changes_nothing(paper_file, tmp_path):
 
 def test_published_formulas_are_not_served(paper_file, base, tmp_path):
     file = tmp_path / "published.yaml"
-    replace(base, formulation="published").save(file)
+    hmcvt.save_model(replace(base, formulation="published"), file)
     with pytest.raises(hmcvt.InputError, match=r"published.yaml: formulation 'published' is not"):
         ModelStore(file, tmp_path)
     store = ModelStore(paper_file, tmp_path)
@@ -102,7 +102,7 @@ def test_published_formulas_are_not_served(paper_file, base, tmp_path):
 
 def test_error_of_a_meter_is_not_served(base, tmp_path):
     file = tmp_path / "diagnosed.yaml"
-    replace(base, effects=(EngineTorqueGain(-0.1), ChargePump(5.0))).save(file)
+    hmcvt.save_model(replace(base, effects=(EngineTorqueGain(-0.1), ChargePump(5.0))), file)
     served = ModelStore(file, tmp_path).model
     assert served.effects == (ChargePump(5.0),)
     assert hmcvt.load_model(file).efficiency(0.5, 150.0, 200.0) == pytest.approx(

@@ -23,7 +23,7 @@ def test_the_node_serves_a_diagnosed_model(start_node, tmp_path):
     samples = hmcvt.BenchSamples(ratio, speed, torque, efficiency, output_speed=output)
     found = hmcvt.diagnose(hmcvt.EfficiencyModel(stage, parameters), samples, noise=0.003)
     path = tmp_path / "diagnosed.yaml"
-    found.model.save(path)
+    hmcvt.save_model(found.model, path)
     assert [effect.name for effect in hmcvt.load_model(path).effects] == ["planetary_mesh"]
 
     answer = start_node(path).player.hold(GOOD)

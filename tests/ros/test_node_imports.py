@@ -32,5 +32,5 @@ def loaded(tmp_path_factory):
     "scipy.optimize", "scipy.stats", "scipy.interpolate", "matplotlib", "pymoo", "distributed",
     "rosbags", "click"])
 def test_node_does_without(loaded, name):
-    assert "hmcvt_core.closed_form" in loaded
+    assert "hmcvt_core.physics.steady_state" in loaded
     assert name not in loaded

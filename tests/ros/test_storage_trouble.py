@@ -198,7 +198,8 @@ def test_model_that_cannot_be_adopted_leaves_the_one_before(paper_file, tmp_path
     store = ModelStore(paper_file, tmp_path)
     first, second = store.new_path(), tmp_path / "models" / "0002.yaml"
     for path, leakage in ((first, 1e-12), (second, 2e-12)):
-        replace(store.model, parameters=replace(store.model.parameters, leakage=leakage)).save(path)
+        parameters = replace(store.model.parameters, leakage=leakage)
+        hmcvt.save_model(replace(store.model, parameters=parameters), path)
     before = store.adopt(first)
     state = (tmp_path / "in_service.json").read_bytes()
     with file_limit(50):

@@ -7,13 +7,13 @@ To add one, write a class in a module of this folder (or anywhere that is import
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import pkgutil
 from collections.abc import Mapping
 from typing import Any
 
 from ...errors import InputError
+from ...transmission.mapping import number
 from .base import Effect, EffectParameter, ShaftState
 
 __all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "effect_to_mapping",
@@ -85,22 +85,14 @@ def _known(name: str, form: str, where: str) -> type[Effect]:
 
 
 def _value(parameter: EffectParameter, entry: object, where: str) -> float:
-    unit = parameter.unit
+    place = where
     if isinstance(entry, Mapping):
-        unit = entry.get("unit", unit)
-        value, where = entry.get("value"), f"{where}.value"
-    else:
-        value = entry
-    if unit != parameter.unit:
-        raise InputError(f"{where.removesuffix('.value')}.unit = {unit!r}; "
-                         f"needs {parameter.unit!r}")
-    # YAML 1.1 reads 3e-11 without a dot as text; a person may well write it so.
-    if isinstance(value, str):
-        with contextlib.suppress(ValueError):
-            value = float(value)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
-        raise InputError(f"{where} = {value!r} is not a finite number")
+        unit, place = entry.get("unit", parameter.unit), f"{where}.value"
+        if unit != parameter.unit:
+            raise InputError(f"{where}.unit = {unit!r}; needs {parameter.unit!r}")
+        entry = entry.get("value")
+    value = number({place: entry}, place)
     if not parameter.low <= value <= parameter.high:
-        raise InputError(f"{where} = {value:g} is outside {parameter.low:g} to "
+        raise InputError(f"{place} = {value:g} is outside {parameter.low:g} to "
                          f"{parameter.high:g} {parameter.unit}".removesuffix(" -"))
-    return float(value)
+    return value

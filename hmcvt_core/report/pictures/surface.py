@@ -62,7 +62,7 @@ def draw_surface(
 
 
 def _tight_ratio(model: EfficiencyModel, stroke: Array) -> Array:
-    from ...physics.published import speed_ratio
+    from ...transmission.stage import speed_ratio
 
     return speed_ratio(model.stage, stroke)
 

@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""The power balance with effects: the whole power flow, shaft by shaft.
+
+The problem has one unknown, the motor speed u:
+
+.. math:: u = \varepsilon\omega_p V_p/V_m - q(\Delta p)/V_m \;(13), \qquad
+          \Delta p = \Delta p(u, T_{out}) \;(14), \quad T_{out} = P_{out}/\omega_{out}(u) \;(4)
+
+`steady_state` solves it with the losses of the equations alone. Effects bend the terms; secant
+steps from that solution then find u, in each regime of the motor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..transmission.parameters import Candidates, Parameters
+from ..transmission.points import Answer, OperatingPoints
+from ..transmission.stage import Path, Stage, member_speed_coefficients
+from .effects.base import Effect, ShaftState, Value
+from .steady_state import ArraySolver
+
+Array = NDArray[np.float64]
+_ITERATIONS = 40
+_HOLDING_STEPS = 5  # the flow is nearly linear in the friction
+_TOLERANCE = 1e-12  # of the unknown, relative to its scale
+_SETTLED = 1e-6  # the same, where the last digits of the terms are noise
+
+
+@dataclass(frozen=True)
+class PowerFlow:
+    """Steady state at operating points; arrays of one shape, NaN where there is none.
+
+    Attributes:
+        state: speeds and pressure.
+        load_power: power that the bench reads at the output [W].
+        output_power: power that really leaves [W].
+        output_torque: torque on the output shaft including drag [N m].
+        row_motor_torque: torque of the row on the motor path, referred to the motor [N m].
+        row_mechanical_torque: torque of the row on the mechanical path, referred to the engine.
+        pump_pressure: pressure over the pump [Pa].
+        pump_torque: T_p of eq. (15) with every drag [N m]; negative where it drives the engine.
+        engine_power: power that the engine gives [W].
+        direction: +1 where power flows from motor to row, -1 back, between where it stands.
+    """
+
+    state: ShaftState
+    load_power: Array
+    output_power: Array
+    output_torque: Array
+    row_motor_torque: Array
+    row_mechanical_torque: Array
+    pump_pressure: Array
+    pump_torque: Array
+    engine_power: Array
+    direction: Array
+
+
+class _Torques(NamedTuple):
+    """What one pass over the shafts finds for an assumed motor speed."""
+
+    state: ShaftState
+    output_power: Array
+    output_torque: Array
+    row_motor_torque: Array
+    row_mechanical_torque: Array
+    mechanical_torque: Array  # of the engine
+    pump_pressure: Array
+    leakage_flow: Array
+
+
+@dataclass(frozen=True)
+class BalanceSolver:
+    """Answers of the balance with effects.
+
+    Attributes:
+        stage: the gear train.
+        parameters: the hydraulic parameters at identification viscosity.
+        effects: what acts besides; each at its own place.
+    """
+
+    stage: Stage
+    parameters: Parameters
+    effects: tuple[Effect, ...] = ()
+
+    def solve(self, points: OperatingPoints) -> Answer:
+        """Efficiency and output speed that a bench reads, through its meters."""
+        flow = power_flow(self.stage, self.parameters, points, self.effects)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            efficiency = np.asarray(flow.load_power / flow.engine_power)
+            # Of powers, not of meters: an effect on a meter comes after.
+            for effect in self.effects:
+                efficiency = effect.reading(efficiency, flow.state)
+            speed = flow.state.output_speed
+            for effect in self.effects:
+                speed = effect.output_speed_reading(speed)
+            return Answer(efficiency, speed)
+
+    def displacement_ratio(
+        self, engine_speed: Array, output_speed: Array, load_torque: Array
+    ) -> Array:
+        """Displacement ratio that makes an output speed, as `ArraySolver.displacement_ratio`."""
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            first = ArraySolver(self.stage, self.parameters).displacement_ratio(
+                engine_speed, output_speed, load_torque)
+            shafts = _Shafts(self.stage, self.parameters, self.effects,
+                             OperatingPoints(first, engine_speed, load_torque))
+            return shafts.stroke_for(output_speed)
+
+
+def power_flow(
+    stage: Stage,
+    parameters: Parameters,
+    points: OperatingPoints,
+    effects: Sequence[Effect] = (),
+) -> PowerFlow:
+    """Solve the steady state of eqs (4), (13)-(15) at operating points.
+
+    Args:
+        stage: the gear train.
+        parameters: the hydraulic parameters at identification viscosity.
+        points: arrays of one shape.
+        effects: what acts besides; each at its own place.
+
+    Returns:
+        The steady state, NaN where the load cannot be carried (the leakage takes all the flow).
+    """
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        # NaN is the answer where nothing can be delivered: see the docstring.
+        shafts = _Shafts(stage, parameters, tuple(effects), points)
+        return shafts.flow_at(*shafts.motor_speed())
+
+
+class _Shafts:
+    """One call's constants; the functions of the unknown read them."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        parameters: Parameters,
+        effects: tuple[Effect, ...],
+        points: OperatingPoints,
+    ) -> None:
+        self.stage, self.effects, self.points = stage, effects, points
+        self.viscosity: Value = 1.0
+        if points.oil_temperature is not None:
+            for effect in effects:
+                self.viscosity = self.viscosity * effect.viscosity_ratio(points.oil_temperature)
+        self.leakage = parameters.leakage / self.viscosity
+        self.motor_damping = parameters.motor_damping * self.viscosity
+        self.pump_damping = parameters.pump_damping * self.viscosity
+        self.solver = ArraySolver(
+            stage, Candidates(self.leakage, self.motor_damping, self.pump_damping))
+        self.engine_speed = points.engine_speed
+        self.pump_speed = points.engine_speed / stage.pump.ratio
+        self.load_power = points.load_torque * points.engine_speed
+        self.sense = np.sign(stage.motor_speed_ratio)
+        row = member_speed_coefficients(stage.planetary_constant)
+        self.sun_share = abs(row["sun"] / row[stage.output_member]) / stage.output.ratio
+        self.stroke = self.true_stroke(points.displacement_ratio)
+
+    def true_stroke(self, displacement_ratio: Array) -> Array:
+        """Displacement ratio that the swash plate really has."""
+        for effect in self.effects:
+            displacement_ratio = effect.true_displacement_ratio(displacement_ratio)
+        return displacement_ratio
+
+    # --- the unknown -------------------------------------------------------------------------
+
+    def motor_speed(self) -> tuple[Array, Array]:
+        """Return motor speed and direction (the part of friction in use where it stands)."""
+        solver, engine_speed = self.solver, self.engine_speed
+        motoring, pumping, _ = solver.motor_speeds(
+            solver.full_flow * self.stroke, engine_speed, self.points.load_torque)
+        motoring, pumping = motoring * engine_speed, pumping * engine_speed
+        if self.effects:
+            motoring, pumping = self._with_effects(motoring, pumping)
+        speed = solver.selected(motoring, pumping, self.points.load_torque / engine_speed)
+        standing = speed == 0.0
+        held = self._holding(speed) if standing.any() else 0.0
+        return speed, np.where(standing, held, np.sign(speed))
+
+    def _holding(self, speed: Array) -> Array:
+        """Part of the friction, -1 to 1, that holds a standing motor in balance with the flow."""
+        part, before = -np.ones_like(speed), np.ones_like(speed)
+        surplus = self._flow(self.torques(speed, before, self.stroke))
+        for _ in range(_HOLDING_STEPS):
+            flow = self._flow(self.torques(speed, part, self.stroke))
+            step = np.nan_to_num(flow * (part - before) / (flow - surplus))  # 0 / 0: settled
+            before, surplus = part, flow
+            part = np.clip(part - step, -1.0, 1.0)
+        return part
+
+    def _with_effects(self, motoring: Array, pumping: Array) -> tuple[Array, Array]:
+        likely = np.where(motoring + pumping >= 0.0, 1.0, -1.0)
+        speed = self._settled(np.where(likely > 0.0, motoring, pumping), likely)
+        other = speed
+        if (speed * likely <= 0.0).any():
+            other = self._settled(np.where(likely > 0.0, pumping, motoring), -likely)
+        return (np.where(likely > 0.0, speed, other), np.where(likely > 0.0, other, speed))
+
+    def _settled(self, speed: Array, direction: Array) -> Array:
+        """Motor speed with every effect, from a first estimate."""
+        pressure = None
+
+        def flow(speed: Array) -> Array:
+            nonlocal pressure
+            found = self.torques(speed, direction, self.stroke, pressure)
+            pressure = found.state.pressure
+            return self._flow(found)
+
+        return _fixed_point(flow, speed, self.pump_speed)
+
+    def stroke_for(self, output_speed: Array) -> Array:
+        """Commanded displacement ratio that makes an output speed, from the points' own."""
+        solver = self.solver
+        speed = (output_speed - solver.mechanical_ratio * self.engine_speed) / (
+            solver.hydraulic_ratio)  # (4)
+        direction = np.where(speed > 0.0, 1.0, -1.0)
+        pressure = None
+
+        def corrected(commanded: Array) -> Array:
+            nonlocal pressure
+            stroke = self.true_stroke(commanded)
+            found = self.torques(speed, direction, stroke, pressure)
+            pressure = found.state.pressure
+            excess = self._flow(found, stroke) - speed
+            return np.asarray(commanded - excess / (solver.full_flow * self.engine_speed))
+
+        return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
+
+    def _flow(self, found: _Torques, stroke: Array | None = None) -> Array:
+        """Motor speed that the flow gives, eq. (13)."""
+        stroke = self.stroke if stroke is None else stroke
+        return np.asarray(self.solver.full_flow * stroke * self.engine_speed
+                          - found.leakage_flow / self.stage.pump_motor.motor_displacement)
+
+    # --- the shafts ---------------------------------------------------------------------------
+
+    def torques(
+        self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
+    ) -> _Torques:
+        """Go from the load back to the pressure and from it to the leakage."""
+        ratio, hydraulic = self.solver.mechanical_ratio, self.solver.hydraulic_ratio
+        output_speed = ratio * self.engine_speed + hydraulic * speed  # (4)
+        output_speed = np.where(output_speed > 0.0, output_speed, np.nan)
+        power = self.load_power
+        for effect in self.effects:
+            power = effect.true_load_power(power, output_speed)
+        if pressure is None:
+            pressure = self._pressure(power / output_speed * hydraulic, speed, direction)
+        state = self._state(speed, output_speed, stroke, pressure)
+        output_torque = power / output_speed + self._sum("output_drag", state)
+        row_torque = self._geared(self.stage.output, output_torque, output_speed, 1.0)
+        # Ideal row: virtual work shares the output torque by the speed ratios.
+        row_motor, row_mechanical = row_torque * hydraulic, row_torque * ratio
+        if self.effects:
+            motor_share, mechanical_share = self._row_shares(state)
+            row_motor, row_mechanical = row_motor * motor_share, row_mechanical * mechanical_share
+        motor_torque = self._geared(self.stage.motor, row_motor, speed, direction)
+        mechanical = self._geared(self.stage.mechanical, row_mechanical, self.engine_speed, 1.0)
+        drag = self._sum("motor_drag", state)
+        pressure = self._pressure(motor_torque + drag * direction, speed, direction)
+        state = state._replace(pressure=pressure)
+        # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
+        lost = self.leakage * pressure + self._sum("leakage_flow", state)
+        return _Torques(state, power, output_torque, row_motor, row_mechanical, mechanical,
+                        pressure + self._sum("pressure_drop", state), np.asarray(lost))
+
+    def _state(
+        self, speed: Array, output_speed: Array, stroke: Array, pressure: Array
+    ) -> ShaftState:
+        """Return what effects may read."""
+        units = self.stage.pump_motor
+        return ShaftState(
+            self.engine_speed, self.pump_speed, output_speed, speed, stroke * self.sense, pressure,
+            self.viscosity, _sun_against_carrier(self.stage, self.engine_speed, self.sense * speed),
+            self.load_power / output_speed * self.sun_share, self.load_power,
+            max(units.pump_displacement, units.motor_displacement),
+        )
+
+    def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
+        # Eq. (14); friction resists the motion, also where the pressure is reversed.
+        units, torque = self.stage.pump_motor, torque + self.motor_damping * speed
+        friction = units.motor_friction * direction * np.sign(torque)
+        return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
+
+    def _sum(self, hook: str, state: ShaftState) -> Value:
+        total: Value = 0.0
+        for effect in self.effects:
+            total = total + getattr(effect, hook)(state)
+        return total
+
+    def _geared(self, path: Path, torque: Array, speed: Array, direction: Value) -> Array:
+        if not self.effects:
+            return np.asarray(torque / path.efficiency**direction)
+        return through_gears(path, torque, speed, direction, self.effects)[-1]
+
+    def _row_shares(self, state: ShaftState) -> tuple[Value, Value]:
+        """Torque of motor and mechanical member against an ideal row, with mesh loss."""
+        lost = self._sum("planetary_loss", state)
+        if not np.any(lost):
+            return 1.0, 1.0
+        stage = self.stage
+        k = stage.planetary_constant
+        ideal = member_speed_coefficients(k)
+        # Output torque acts on the row against its motion; the sun's share has its sign by (4).
+        sun_torque = -stage.output.direction * np.sign(ideal["sun"] / ideal[stage.output_member])
+        drives = sun_torque * np.tanh(state.sun_speed / 2.0)
+        real = {"sun": 1.0, "ring": k * (1.0 - lost) ** drives}
+        real["carrier"] = -(real["sun"] + real["ring"])
+        output = real[stage.output_member] / ideal[stage.output_member]
+        return (real[stage.motor_member] / ideal[stage.motor_member] / output,
+                real[stage.mechanical_member] / ideal[stage.mechanical_member] / output)
+
+    # --- the answer -----------------------------------------------------------------------------
+
+    def flow_at(self, speed: Array, direction: Array) -> PowerFlow:
+        """Return the whole power flow at a motor speed found."""
+        found = self.torques(speed, direction, self.stroke)
+        for _ in range(_ITERATIONS if self.effects else 0):
+            # Friction that an effect ties to the pressure settles in a few passes.
+            before = found.state.pressure
+            found = self.torques(speed, direction, self.stroke, before)
+            if not (np.abs(found.state.pressure - before) > _TOLERANCE * np.abs(before)).any():
+                break
+        state, units = found.state, self.stage.pump_motor
+        ideal = found.pump_pressure * units.pump_displacement * state.displacement_ratio
+        # Eq. (15) in the steady state, with friction that takes torque.
+        pump_torque = (ideal + units.pump_friction * np.abs(ideal)
+                       + self.pump_damping * self.pump_speed + self._sum("pump_drag", state))
+        at_engine = self._geared(self.stage.pump, pump_torque / self.stage.pump.ratio,
+                                 self.engine_speed, np.sign(pump_torque))
+        torque = at_engine + found.mechanical_torque + self._sum("engine_drag", state)
+        power = np.asarray(torque * self.engine_speed)
+        return PowerFlow(
+            state, self.load_power, found.output_power, found.output_torque,
+            found.row_motor_torque, found.row_mechanical_torque,
+            found.pump_pressure, np.asarray(pump_torque),
+            np.where(power > 0.0, power, np.nan), direction,
+        )
+
+
+def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value) -> Array:
+    """Solve x = function(x) by secant steps, element by element; NaN where they do not settle."""
+    previous, value = first, function(first)
+    shortfall, x = value - first, value
+    for _ in range(_ITERATIONS):
+        error = function(x) - x
+        open_ = np.abs(error) > _TOLERANCE * scale
+        if not open_.any():
+            return x
+        slope = (error - shortfall) / (x - previous)
+        # The function answers x weakly: a slope far from -1 is noise of the last digits.
+        slope = np.where((slope < -0.2) & (slope > -5.0), slope, -1.0)
+        previous, shortfall = x, error
+        x = np.where(open_, x - error / slope, x)
+    return np.where(open_ & (np.abs(error) > _SETTLED * scale), np.nan, x)
+
+
+def through_gears(
+    path: Path, torque: Array, speed: Array, direction: Value, effects: Sequence[Effect]
+) -> list[Array]:
+    """Torque before and after each gear pair of a path, from its output end back [N m].
+
+    Args:
+        path: pairs that lose power.
+        torque: at the output end, referred to the shaft that turns at `speed`.
+        speed: of that shaft [rad/s].
+        direction: +1 where power flows towards the output end, -1 where back, between at rest.
+        effects: what adds to the mesh loss.
+    """
+    torques = [torque]
+    for pair in reversed(path.gear_pairs):
+        passed: Value = pair.efficiency
+        for effect in effects:
+            passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
+        torques.append(np.asarray(torques[-1] / passed**direction))
+    return torques
+
+
+def _sun_against_carrier(stage: Stage, engine_speed: Array, motor_speed: Array) -> Array:
+    speeds: dict[str, Array] = {
+        stage.mechanical_member: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
+        stage.motor_member: stage.motor.direction * motor_speed / stage.motor.ratio,
+    }
+    coefficients = member_speed_coefficients(stage.planetary_constant)
+    total = (coefficients[stage.mechanical_member] * speeds[stage.mechanical_member]
+             + coefficients[stage.motor_member] * speeds[stage.motor_member])
+    speeds[stage.output_member] = -total / coefficients[stage.output_member]
+    return np.asarray(speeds["sun"] - speeds["carrier"])

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scalar solve, the array solve, the balance and the optimum: they say the same."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from hmcvt_core import EfficiencyModel
+from hmcvt_core.physics.balance import BalanceSolver
+from hmcvt_core.transmission.points import OperatingPoints
+
+from .strategies import engine_speeds, load_torques, moderate, parameters, stages, strokes
+
+STROKES = np.linspace(-1.0, 1.0, 201)
+LIMITS = (78.54, 230.38)
+
+
+@settings(max_examples=200)
+@given(stages(), parameters, engine_speeds, load_torques)
+def test_point_array_and_balance_agree(stage, found, engine_speed, load_torque):
+    model = EfficiencyModel(stage, found)
+    points = OperatingPoints(*np.broadcast_arrays(STROKES, engine_speed, load_torque))
+    many, shafts = model.answer_at(points), BalanceSolver(stage, found).solve(points)
+    for name in ("efficiency", "output_speed"):
+        one = [getattr(model, name)(stroke, engine_speed, load_torque)
+               for stroke in STROKES.tolist()]
+        np.testing.assert_array_equal(getattr(many, name), one)  # to the last digit
+        np.testing.assert_allclose(getattr(shafts, name), one, rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 1, 8191, 8192, 8193, 20_000])
+def test_no_point_is_lost_between_chunks(model, count):
+    stroke = np.linspace(-1.0, 1.0, count)
+    found = model.efficiency(stroke, 150.0, 150.0)
+    assert found.shape == (count,)
+    some = slice(None, None, max(count // 50, 1))
+    expected = [model.efficiency(value, 150.0, 150.0) for value in stroke[some].tolist()]
+    np.testing.assert_array_equal(found[some], expected)
+
+
+@given(stages(), parameters, engine_speeds, load_torques)
+def test_stroke_that_an_output_speed_needs(stage, found, engine_speed, load_torque):
+    model = EfficiencyModel(stage, found)
+    points = OperatingPoints(*np.broadcast_arrays(STROKES[::8], engine_speed, load_torque))
+    speed = model.output_speed_at(points)
+    turning = np.abs(speed / engine_speed / stage.mechanical_speed_ratio - 1.0) > 1e-6
+    for solver in (model._solver, BalanceSolver(stage, found)):
+        needed = solver.displacement_ratio(points.engine_speed, speed, points.load_torque)
+        again = model.output_speed_at(points._replace(
+            displacement_ratio=np.clip(needed, -1.0, 1.0)))
+        np.testing.assert_allclose(again[turning], speed[turning], rtol=1e-9)
+        # A motor at rest needs no more than the stroke that keeps it there.
+        assert (np.abs(needed) <= np.abs(points.displacement_ratio) + 1e-6)[~turning
+                                                                          & (speed > 0.0)].all()
+
+
+@settings(max_examples=150)
+@given(stages(), moderate, engine_speeds, load_torques)
+def test_no_stroke_is_better_than_the_best(stage, found, engine_speed, load_torque):
+    model = EfficiencyModel(stage, found)
+    grid = np.linspace(-1.0, 1.0, 4001)
+    brute = np.nan_to_num(model.efficiency(grid, engine_speed, load_torque)).max()
+    for best in (model.optimal_displacement_ratio(engine_speed, load_torque),
+                 model.optimal_displacement_ratio([engine_speed], load_torque)):
+        assert np.nan_to_num(best.efficiency) >= brute - 1e-6
+
+
+@settings(max_examples=100)
+@given(stages(), moderate, engine_speeds, load_torques, strokes)
+def test_no_pair_is_better_than_the_best(stage, found, engine_speed, load_torque, stroke):
+    model = EfficiencyModel(stage, found)
+    target = model.output_speed(stroke, engine_speed, load_torque)
+    if not 0.1 < target < 1000.0:
+        return
+    power = engine_speed * load_torque
+    best = model.optimal_displacement_ratio(
+        engine_speed, load_torque, hold="output_speed", output_speed=target,
+        engine_speed_limits=LIMITS)
+    brute = best_on_the_line(model, target, power)
+    assert np.nan_to_num(best.efficiency) >= brute - 1e-6
+    if np.isfinite(best.efficiency):
+        assert LIMITS[0] <= best.engine_speed <= LIMITS[1]
+        reached = model.output_speed(best.displacement_ratio, best.engine_speed, best.load_torque)
+        assert reached == pytest.approx(target, rel=1e-6)
+
+
+def best_on_the_line(model, target, power):
+    """Best efficiency over engine speeds; the stroke of each from a fine grid and bisection."""
+    speed = np.linspace(*LIMITS, 401)
+    torque = np.clip(power / speed, 1.0, 5000.0)
+    sense = np.sign(model.stage.motor_speed_ratio)
+    low, high = np.full(speed.shape, -1.0), np.full(speed.shape, 1.0)  # times the sense
+    for _ in range(50):
+        middle = (low + high) / 2.0
+        fast = model.output_speed(sense * middle, speed, torque) >= target
+        low, high = np.where(fast, low, middle), np.where(fast, middle, high)
+    reached = model.output_speed(sense * high, speed, torque)
+    efficiency = model.efficiency(sense * high, speed, torque)
+    held = (np.abs(reached / target - 1.0) < 1e-7) & (torque == power / speed)
+    return np.nan_to_num(np.where(held, efficiency, 0.0)).max()
