@@ -40,7 +40,7 @@ from .two_part import HydraulicRoots, hydraulic_roots, starting_points
 Array = NDArray[np.float64]
 Progress = Callable[[AnnealingState], None]
 
-SIDE_BY_SIDE = Schedule(chains=40, moves=5)
+SIDE_BY_SIDE = Schedule(chains=40, moves=6)
 """The improved annealing of section 4.1, as chains side by side: ends within 1 % of the lowest
 objective by itself (docs/theory.md)."""
 
@@ -129,8 +129,8 @@ def _paper_stage() -> Stage:
 
 def _filled(starts: Array, chains: int, seed: int | None) -> Array:
     """One row per chain: starts for half of them, then random points."""
-    rng = np.random.default_rng(seed)
-    fill = rng.uniform(*SEARCH_BOUNDS.T, size=(chains, len(SEARCH_BOUNDS)))
+    low, high = SEARCH_BOUNDS.T
+    fill = np.random.default_rng(seed).uniform(low, high, (chains, len(low)))
     return np.concatenate([starts[: max(1, chains // 2)], fill])[:chains]
 
 

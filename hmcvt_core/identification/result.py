@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
+from ..model.parameter_file import save_model
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
 from .two_part import HydraulicRoots
 
@@ -72,7 +73,7 @@ class Identification:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the parameter file, whole or not at all."""
-        self.model.save(path)
+        save_model(self.model, path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the outcome as plain data for JSON."""

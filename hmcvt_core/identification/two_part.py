@@ -51,7 +51,8 @@ def hydraulic_roots(stage: Stage, samples: BenchSamples) -> list[HydraulicRoots]
 
 
 def _roots(stage: Stage, displacement_ratio: float, efficiency: float) -> HydraulicRoots:
-    consistent, rejected = [], []
+    consistent: list[float] = []
+    rejected: list[float] = []
     stroke = np.array(displacement_ratio)
 
     def gap(hydraulic: Array | float) -> Array:
