@@ -44,7 +44,7 @@ SIDE_BY_SIDE = Schedule(chains=40, moves=6)
 """The improved annealing of section 4.1, as chains side by side: ends within 1 % of the lowest
 objective by itself (docs/theory.md)."""
 
-_FINISHED = 3  # chain ends that least squares finishes: a second valley may be as deep
+_FINISHED = 4  # chain ends that a local search finishes: a second valley may be as deep
 
 
 def identify(
@@ -63,7 +63,7 @@ def identify(
 
     `power_balance` minimises the mean of weighted squares (weights from `efficiency_std`, else the
     paper's 1.12 %); `published` maximises RSQ, eq. (21), in the paper's two parts. The annealing
-    finds the parameters, least squares gives them their last digits.
+    finds the parameters, a local search gives them their last digits.
 
     Args:
         samples: at least one bench sample.

@@ -383,7 +383,7 @@ def test_report_reads(fitted):
     for needle in ("power_balance, stage HM4: fitted to 5 samples",
                    "which is assumed", "error of the fit           2.02 %",
                    "error of the prediction    1.60 % (3 samples held back)",
-                   f"(the annealing by itself reached {fitted.annealing_objective:.6g}; least",
+                   f"(the annealing by itself reached {fitted.annealing_objective:.6g}; a local",
                    "note: leakage is not"):
         assert needle in text
     assert len(text.splitlines()) > 12
