@@ -10,7 +10,12 @@ from typing import Any
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.identification.cross_validation import FEWEST, CrossValidation, cross_validate
+from hmcvt_core.identification.cross_validation import (
+    FEWEST,
+    QUICK,
+    CrossValidation,
+    cross_validate,
+)
 from hmcvt_core.model.agreement import RelativeError, predicted_at
 from hmcvt_ros.json_text import json_text
 from hmcvt_ros.numbered_files import keep_newest, next_name
@@ -36,12 +41,15 @@ def reidentify(request: Mapping[str, Any]) -> dict[str, Any]:
                                f"= {request['min_samples']}")
     served, seed = hmcvt.load_model(request["model"]), request["seed"]
 
-    def fitted(part: hmcvt.BenchSamples) -> hmcvt.Identification:
+    def fitted(
+        part: hmcvt.BenchSamples, schedule: hmcvt.Schedule | None = None
+    ) -> hmcvt.Identification:
         return hmcvt.identify(part, stage=served.stage, formulation=served.formulation,
-                              effects=served.effects, seed=seed)
+                              effects=served.effects, schedule=schedule, seed=seed)
 
     fit = fitted(samples)
-    compared = cross_validate(samples, fit.model, served, lambda part: fitted(part).model, seed)
+    compared = cross_validate(
+        samples, fit.model, served, lambda part: fitted(part, QUICK).model, seed)
     result = {
         "samples": len(samples),
         "source": samples.source,

@@ -32,7 +32,8 @@ class Identification:
         prediction_error: the same over the samples held back at which the model has an answer, or
             None.
         objective: value reached; `objective_name` says of what.
-        annealing_objective: value that the annealing reached by itself, before the finish.
+        annealing_objective: value that the annealing reached by itself, before the finish; NaN
+            where some sample had no answer there.
         history: best objective after each temperature step, then after the finish.
         evaluations: candidates evaluated by the annealing.
         stop_reason: of the annealing.

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification import Schedule
-from hmcvt_core.identification.cross_validation import FOLDS, cross_validate, folds
+from hmcvt_core.identification.cross_validation import FOLDS, QUICK, cross_validate, folds
 
-QUICK = Schedule(chains=4, moves=5)  # least squares finishes it
 NOISE = 0.011  # relative, about that of the paper's bench
 
 
