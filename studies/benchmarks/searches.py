@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways to identify the parameters: ours, ours in parts, and those of three libraries.
 
-All minimise the same function, `Problem.weighted_squares`, within the same bounds. It takes one
+All minimise the same function, `Problem.objective`, within the same bounds. It takes one
 candidate or many at once, and each search gets it in the way it can use best. Settings are the
 libraries' own unless said otherwise; nobody is told the value to reach.
 """
@@ -22,9 +22,9 @@ from scipy import optimize
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification import annealing
-from hmcvt_core.identification.polish import least_squares_polish
-from hmcvt_core.identification.problem import BOUNDS, Problem
+from hmcvt_core.identification.problem import Problem
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
+from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class Recorder:
                 note(np.mean(found**2, axis=-1))
                 return found
 
-            def weighted_squares(self, scaled: Array) -> Array:
+            def objective(self, scaled: Array) -> Array:
                 found = np.asarray(np.mean(super().residuals(scaled) ** 2, axis=-1))
                 note(found)
                 return found
@@ -102,7 +102,7 @@ def base() -> hmcvt.EfficiencyModel:
 def lowest_known(samples: hmcvt.BenchSamples) -> float:
     """Return the lowest value that least squares finds from many points."""
     points = BOUNDS[:, 0] + np.diff(BOUNDS)[:, 0] * np.random.default_rng(0).random((64, 3))
-    return least_squares_polish(Problem.of(base(), samples), points)[1]
+    return Problem(base(), samples).finish(points)[1]
 
 
 # --- ours -----------------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ def _identify(schedule: annealing.Schedule | None, kind: type[Problem],
 
 def _anneal(schedule: annealing.Schedule, kind: type[Problem], samples: hmcvt.BenchSamples,
             seed: int) -> None:
-    annealing.minimise(kind.of(base(), samples).weighted_squares, BOUNDS, schedule=schedule,
+    annealing.minimise(kind(base(), samples).objective, BOUNDS, schedule=schedule,
                        seed=seed)
 
 
@@ -125,33 +125,33 @@ def _anneal(schedule: annealing.Schedule, kind: type[Problem], samples: hmcvt.Be
 
 def _one_at_a_time(problem: Problem) -> Callable[[Array], float]:
     def value(scaled: Array) -> float:
-        found = float(problem.weighted_squares(scaled))
+        found = float(problem.objective(scaled))
         return NO_ANSWER if math.isnan(found) else found
 
     return value
 
 
 def _many_at_once(problem: Problem) -> Callable[[Array], Array]:
-    return lambda scaled: np.nan_to_num(problem.weighted_squares(scaled), nan=NO_ANSWER)
+    return lambda scaled: np.nan_to_num(problem.objective(scaled), nan=NO_ANSWER)
 
 
 def _dual_annealing(kind: type[Problem], samples: hmcvt.BenchSamples, seed: int) -> None:
-    optimize.dual_annealing(_one_at_a_time(kind.of(base(), samples)), BOUNDS, rng=seed)
+    optimize.dual_annealing(_one_at_a_time(kind(base(), samples)), BOUNDS, rng=seed)
 
 
 def _evolution(kind: type[Problem], samples: hmcvt.BenchSamples, seed: int) -> None:
-    optimize.differential_evolution(_one_at_a_time(kind.of(base(), samples)), BOUNDS, rng=seed)
+    optimize.differential_evolution(_one_at_a_time(kind(base(), samples)), BOUNDS, rng=seed)
 
 
 def _vectorised_evolution(kind: type[Problem], samples: hmcvt.BenchSamples, seed: int) -> None:
-    value = _many_at_once(kind.of(base(), samples))
+    value = _many_at_once(kind(base(), samples))
     optimize.differential_evolution(lambda columns: value(columns.T), BOUNDS, rng=seed,
                                     vectorized=True, updating="deferred")
 
 
 def _least_squares(starts: int, kind: type[Problem], samples: hmcvt.BenchSamples,
                    seed: int) -> None:
-    problem = kind.of(base(), samples)
+    problem = kind(base(), samples)
 
     def residuals(scaled: Array) -> Array:
         return np.nan_to_num(problem.residuals(scaled), nan=_FAR)
@@ -175,7 +175,7 @@ def _pymoo(name: str, kind: type[Problem], samples: hmcvt.BenchSamples, seed: in
     from pymoo.core.problem import Problem as Minimisation
     from pymoo.optimize import minimize
 
-    value = _many_at_once(kind.of(base(), samples))
+    value = _many_at_once(kind(base(), samples))
 
     class Identification(Minimisation):  # type: ignore[misc]
         def __init__(self) -> None:
@@ -190,7 +190,7 @@ def _pymoo(name: str, kind: type[Problem], samples: hmcvt.BenchSamples, seed: in
 def _cma(kind: type[Problem], samples: hmcvt.BenchSamples, seed: int) -> None:
     import cma
 
-    value, rng = _many_at_once(kind.of(base(), samples)), np.random.default_rng(seed)
+    value, rng = _many_at_once(kind(base(), samples)), np.random.default_rng(seed)
     # Its step is one for all variables: they are scaled to 0 to 1.
     width = np.diff(BOUNDS)[:, 0]
     strategy = cma.CMAEvolutionStrategy(rng.random(3), 0.3, {
@@ -202,7 +202,7 @@ def _cma(kind: type[Problem], samples: hmcvt.BenchSamples, seed: int) -> None:
 
 OURS, PAPER = "`hmcvt.identify`", "the paper's schedule"
 SINGLE_START = "SciPy `least_squares`, 1 random start"
-CHAINS = _MODULE.SCHEDULES["power_balance"]
+CHAINS = _MODULE.SIDE_BY_SIDE
 SEARCHES = (
     Search(OURS, "ours", partial(_identify, None)),
     Search(PAPER, "part", partial(_anneal, annealing.IMPROVED), 50),

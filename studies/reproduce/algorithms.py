@@ -25,13 +25,14 @@ from hmcvt_core.identification import identify
 from hmcvt_core.identification.annealing import (
     IMPROVED,
     STANDARD,
-    ConstantCooling,
-    ConstantDisturbance,
     Schedule,
     minimise,
+    never,
+    with_steps,
 )
-from hmcvt_core.identification.problem import BOUNDS, Problem
+from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.two_part import hydraulic_roots, starting_points
+from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 from . import paper
 from .bench import FITTED, problem, stage, table2
@@ -112,7 +113,7 @@ def run(task: Task) -> Run:
     """Run one algorithm once."""
     if task.algorithm == SERVED:
         return _served(task)
-    recorder = _Recorder(_problem().determination_loss)
+    recorder = _Recorder(_problem().objective)
     if task.algorithm in ANNEALING:
         schedule, two_part = _settings(task.algorithm, NEAR * task.lowest)
         start, spent = _part_one() if two_part else (None, 0.0)
@@ -130,12 +131,12 @@ def run(task: Task) -> Run:
 
 def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
     """Schedule, and whether it starts from part 1."""
-    improved = replace(IMPROVED, moves=paper.PARTICLES, threshold=threshold)
+    improved = replace(IMPROVED, shrink=with_steps, moves=paper.PARTICLES, threshold=threshold)
     return {
         IMPROVED_SA: (improved, True),
         WITHOUT[1]: (replace(improved, threshold=None), True),
-        WITHOUT[2]: (replace(improved, disturbance=ConstantDisturbance()), True),
-        WITHOUT[3]: (replace(improved, cooling=ConstantCooling()), True),
+        WITHOUT[2]: (replace(improved, shrink=never), True),
+        WITHOUT[3]: (replace(improved, cooling=STANDARD.cooling), True),
         WITHOUT[4]: (improved, False),
         STANDARD_SA: (replace(STANDARD, moves=paper.PARTICLES), False),
         COOLER: (replace(improved, initial_temperature=_COOLER[0], final_temperature=_COOLER[1]),
@@ -146,7 +147,7 @@ def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
 @functools.cache
 def _problem() -> Problem:
     model = problem("published").model
-    return Problem.of(model, table2().select(FITTED))
+    return Problem(model, table2().select(FITTED))
 
 
 @functools.cache
@@ -157,7 +158,7 @@ def _part_one() -> tuple[Array, float]:
         begun = time.process_time()
         starts = starting_points(_problem(), hydraulic_roots(stage(), _problem().samples))
         times.append(time.process_time() - begun)
-    values = _problem().determination_loss(starts)
+    values = _problem().objective(starts)
     return starts[int(np.nanargmin(values))], min(times)
 
 

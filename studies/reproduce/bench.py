@@ -19,10 +19,11 @@ from scipy.stats import qmc
 
 from hmcvt_core.files.bench import BenchSamples, read_bench
 from hmcvt_core.files.resources import data_path
-from hmcvt_core.identification.problem import BOUNDS, Problem
+from hmcvt_core.identification.problem import Problem
+from hmcvt_core.model.agreement import determination_loss, relative_errors
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import load_stage
-from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
+from hmcvt_core.transmission.parameters import PAPER_PARAMETERS, SEARCH_BOUNDS
 from hmcvt_core.transmission.stage import Stage
 
 from . import paper
@@ -53,23 +54,17 @@ def stage(gear_efficiency: float = paper.BEST_GEAR_EFFICIENCY) -> Stage:
 def problem(formulation: str, gear_efficiency: float = paper.BEST_GEAR_EFFICIENCY) -> Problem:
     """All eight tests as an identification problem."""
     model = EfficiencyModel(stage(gear_efficiency), PAPER_PARAMETERS[0.98], formulation)
-    return Problem.of(model, table2())
-
-
-def determination_loss(predicted: Array, measured: Array) -> Array:
-    """1 - RSQ, eq. (21)."""
-    spread = np.sum((predicted - measured.mean()) ** 2, axis=-1)
-    return np.asarray(np.sum((predicted - measured) ** 2, axis=-1) / spread)
+    return Problem(model, table2())
 
 
 def relative_squares(predicted: Array, measured: Array) -> Array:
     """Mean squared relative error: weighted squares with one relative deviation for all tests."""
-    return np.asarray(np.mean((predicted / measured - 1.0) ** 2, axis=-1))
+    return np.asarray(np.mean(relative_errors(predicted, measured) ** 2, axis=-1))
 
 
 def mean_error(predicted: Array, measured: Array) -> Array:
     """Mean |predicted - measured| / measured."""
-    return np.asarray(np.mean(np.abs(predicted / measured - 1.0), axis=-1))
+    return np.asarray(np.mean(relative_errors(predicted, measured), axis=-1))
 
 
 OBJECTIVES = {"power_balance": relative_squares, "published": determination_loss}
@@ -93,7 +88,7 @@ class Cloud:
     predicted: Array
 
     @classmethod
-    def of(cls, problem: Problem, box: Array = BOUNDS) -> Cloud:
+    def of(cls, problem: Problem, box: Array = SEARCH_BOUNDS) -> Cloud:
         """Spread points evenly (Sobol sequence, always the same)."""
         unit = qmc.Sobol(len(box), scramble=False).random_base2(_CLOUD_POWER)
         points = box[:, 0] + (box[:, 1] - box[:, 0]) * unit

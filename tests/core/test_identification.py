@@ -9,8 +9,10 @@ import pytest
 from scipy.optimize import least_squares
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification import identify_gear_efficiency
-from hmcvt_core.identification.annealing import Schedule
+from hmcvt_core.identification import Schedule
+from hmcvt_core.identification.problem import Problem
+from hmcvt_core.identification.two_part import hydraulic_roots
+from hmcvt_core.model.agreement import determination_loss, predicted_at, relative_errors
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 
 from .conftest import FIT, HELD_BACK
@@ -41,9 +43,8 @@ def test_power_balance_meets_the_targets(fitted, table2):
     assert fitted.prediction_error <= 0.0165
     assert fitted.fit_error == pytest.approx(0.0202, abs=5e-5)
     assert fitted.prediction_error == pytest.approx(0.0160, abs=5e-5)
-    assert relative_error(fitted.model, table2.select(FIT)) == pytest.approx(fitted.fit_error)
-    assert relative_error(fitted.model, table2.select(HELD_BACK)) == pytest.approx(
-        fitted.prediction_error, rel=1e-5)
+    assert relative_errors(predicted_at(fitted.model, table2.select(FIT)),
+                           table2.efficiency[FIT]).mean() == pytest.approx(fitted.fit_error)
 
 
 def test_published_meets_the_targets(fitted_published, table2):
@@ -59,27 +60,67 @@ def test_published_meets_the_targets(fitted_published, table2):
     rsq = 1.0 - (np.sum((predicted - measured) ** 2)
                  / np.sum((predicted - measured.mean()) ** 2))
     assert 1.0 - fitted_published.objective == pytest.approx(rsq, rel=1e-9)
+    assert determination_loss(predicted, measured) == pytest.approx(1.0 - rsq, rel=1e-9)
 
 
-def relative_error(model, samples):
-    predicted = model.efficiency(samples.displacement_ratio, samples.engine_speed,
-                                 samples.load_torque)
-    return np.mean(np.abs(predicted - samples.efficiency) / samples.efficiency)
+# Lowest weighted squares by least squares from 64 points (docs/benchmarks.md).
+LOWEST = {"five": 3.9710167, "eight": 3.1234263, "simulated": 2.1298878}
 
 
-@pytest.mark.parametrize("formulation", ["power_balance", "published"])
-def test_ten_seeds_agree(table2, formulation):
-    """Three digits of the objective; the local minimum that predicts test 3 as 63 % is missed."""
-    found = [hmcvt.identify(table2.select(FIT), formulation=formulation, seed=seed)
-             for seed in range(10)]
-    values = [fit.objective for fit in found]
-    assert max(values) / min(values) - 1.0 < 5e-4
+def campaign(name, table2):
+    if name == "simulated":
+        return hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
+    return table2.select(FIT) if name == "five" else table2
+
+
+@pytest.mark.parametrize("name", LOWEST)
+def test_annealing_arrives_by_itself(table2, name):
+    """Within 1 %, and least squares finishes it: every seed ends at the same parameters.
+
+    100 of 100 seeds do (docs/theory.md); with eq. (19) by steps, or fewer chains, some do not.
+    """
+    found = [hmcvt.identify(campaign(name, table2), seed=seed) for seed in range(8)]
+    assert max(fit.annealing_objective for fit in found) < 1.01 * LOWEST[name]
     for fit in found:
+        assert fit.objective == pytest.approx(LOWEST[name], rel=2e-8)
+        assert fit.annealing_objective == fit.history[-2] >= fit.history[-1] == fit.objective
+        np.testing.assert_allclose(fit.parameters.to_array(), found[0].parameters.to_array(),
+                                   rtol=1e-4)
+
+
+def test_published_misses_the_local_minimum(table2):
+    """Of 1 - RSQ, which predicts test 3 as 63 %."""
+    for seed in range(4):
+        fit = hmcvt.identify(table2.select(FIT), formulation="published", seed=seed)
+        assert fit.objective == pytest.approx(0.018479745, rel=1e-7)
+        assert fit.annealing_objective < 1.02 * fit.objective
         assert fit.model.efficiency(0.73, 78.54, 267.38) == pytest.approx(0.808, abs=0.02)
-        for name in PARAMETER_NAMES:
-            error = found[0].standard_errors[name]
-            assert getattr(fit.parameters, name) == pytest.approx(
-                getattr(found[0].parameters, name), abs=0.01 * error)
+
+
+def test_many_candidates_are_predicted_as_one_by_one(hm4, table2):
+    """However many rows at once, and in any shape."""
+    problem = Problem(hmcvt.EfficiencyModel(hm4, TRUTH), table2)
+    scaled = np.random.default_rng(0).uniform((-13, 0, 0), (-10, 1, 1.5), (3, 700, 3))
+    found = problem.predict(scaled)
+    assert found.shape == (3, 700, 8)
+    for i, j in ((0, 0), (1, 350), (2, 699)):
+        one = hmcvt.HydraulicParameters(10.0 ** scaled[i, j, 0], *scaled[i, j, 1:])
+        np.testing.assert_allclose(
+            found[i, j], predicted_at(replace(problem.model, parameters=one), table2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("leakage", [1e-13, 1e-10])
+def test_a_leakage_at_its_bound_is_found_there(hm4, leakage):
+    """And nowhere beyond, where rounding of the logarithm might put it."""
+    model = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(leakage, 0.1, 0.1))
+    rng = np.random.default_rng(0)
+    point = rng.uniform(-1, 1, 30), rng.uniform(90, 200, 30), rng.uniform(80, 250, 30)
+    # Beyond the bound: a bench that loses less, or more, than any leakage allowed.
+    told = model.efficiency(*point) * (1.005 if leakage < 1e-12 else 0.97)
+    found = hmcvt.identify(hmcvt.BenchSamples(*point, told), schedule=QUICK)
+    assert found.parameters.leakage == leakage
+    side = "lower bound 1e-13" if leakage < 1e-12 else "upper bound 1e-10"
+    assert any(side in sentence for sentence in found.warnings)
 
 
 def test_power_balance_optimum_is_a_minimum_for_scipy_too(fitted, hm4, table2):
@@ -119,8 +160,7 @@ def test_result_is_whole(fitted, table2):
     assert len(fitted.residuals) == 5
     assert fitted.correlation.shape == (3, 3)
     assert np.diag(fitted.correlation) == pytest.approx(1.0)
-    assert (np.diff(fitted.history) <= 1e-12).all()
-    assert fitted.history[-1] == fitted.objective
+    assert (np.diff(fitted.history) <= 0.0).all()
     assert (fitted.seed, fitted.stop_reason) == (0, "cooled")
     assert fitted.model.domain.engine_speed == (78.54, 146.61)
     again = hmcvt.identify(table2.select(FIT), seed=0)
@@ -134,10 +174,10 @@ def test_gear_efficiency_enumerated_as_in_table_3(table2):
     Table 3 and docs/theory.md call 0.98 best; with these readings 0.99 is, by the samples alone.
     """
     expected = {0.99: 0.73, 0.98: 1.43, 0.97: 2.08, 0.96: 3.18}
-    found = identify_gear_efficiency(
-        table2.select(FIT), list(expected), validation=table2.select(HELD_BACK),
-        formulation="published")
-    for fit, (gear_efficiency, percent) in zip(found, expected.items(), strict=True):
+    for gear_efficiency, percent in expected.items():
+        fit = hmcvt.identify(
+            table2.select(FIT), validation=table2.select(HELD_BACK), formulation="published",
+            gear_efficiency=gear_efficiency, schedule=QUICK)
         assert {pair.efficiency for pair in fit.model.stage.gear_pairs} == {gear_efficiency}
         overall = (5.0 * fit.fit_error + 3.0 * fit.prediction_error) / 8.0
         assert 100.0 * overall == pytest.approx(percent, abs=0.006)
@@ -175,8 +215,6 @@ def roots_of_equation_18(displacement_ratio, efficiency, gear=0.98):
     (5, 0.588, (0.040, 0.441)),
 ])
 def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, expected):
-    from hmcvt_core.identification.two_part import hydraulic_roots
-
     samples = table2.select([test - 1])
     assert samples.efficiency[0] == efficiency
     roots = hydraulic_roots(hm4, samples)[0]
@@ -345,6 +383,7 @@ def test_report_reads(fitted):
     for needle in ("power_balance, stage HM4: fitted to 5 samples",
                    "which is assumed", "error of the fit           2.02 %",
                    "error of the prediction    1.60 % (3 samples held back)",
+                   f"(the annealing by itself reached {fitted.annealing_objective:.6g}; a local",
                    "note: leakage is not"):
         assert needle in text
     assert len(text.splitlines()) > 12
@@ -355,6 +394,8 @@ def test_plain_data_is_json(fitted, fitted_published):
         again = json.loads(json.dumps(found.to_dict(), allow_nan=False))
         assert again["fit_error"] == found.fit_error
         assert again["parameters"]["leakage"]["unit"] == "m3/(s Pa)"
+        assert again["objective"] == {"name": found.objective_name, "value": found.objective}
+        assert again["annealing_objective"] == found.annealing_objective > found.objective
 
 
 def plain(value):
