@@ -7,20 +7,18 @@ import math
 import os
 import sys
 import time
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 import click
 
 from ..files.resources import data_path
-from ..fleet.cluster import on_cluster
+from ..fleet.executors import Place, on_cluster, on_processes
 from ..fleet.outliers import LEAST_LOGS, THRESHOLD
-from ..fleet.plan import find_logs, plan
-from ..fleet.processes import on_processes
-from ..fleet.results import locked
-from ..fleet.run import Entry, run
-from ..fleet.settings import Settings
-from ..fleet.study import Execute
+from ..fleet.results import find_logs, locked
+from ..fleet.run import Entry, run, split
+from ..fleet.study import Settings
 from ..fleet.summary import GAP, QUANTITIES, BrokenLog, Row, Summary
 from ..model.model import FORMULATIONS
 from ..model.parameter_file import load_model, load_stage
@@ -80,10 +78,9 @@ def command(
     _check(processes, scheduler, params, transmission, stage, no_diagnose, noise)
     settings = _settings(params, transmission, stage, gears,
                          formulation, not no_diagnose, noise, seed)
-    execute: Execute = partial(on_processes, processes=processes or _cores())
-    if scheduler is not None:
-        execute = partial(on_cluster, address=scheduler)
-    found = _run(Path(logs), Path(out), settings, execute)
+    place = (partial(on_processes, processes or _cores()) if scheduler is None
+             else partial(on_cluster, scheduler))
+    found = _run(Path(logs), Path(out), settings, place)
     if as_json:
         print_json(found.to_dict())
     else:
@@ -126,17 +123,14 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _run(logs: Path, out: Path, settings: Settings, execute: Execute) -> Summary:
+def _run(logs: Path, out: Path, settings: Settings, place: Place) -> Summary:
     # Before the folder for the results is made: a misspelt LOGS_DIR shall leave nothing behind.
     found = find_logs(logs, out)
     with locked(out):
-        planned = plan(found, settings)
-        counter = _Counter(len(planned.todo))
-        try:
-            entries = run(planned.todo, settings, execute, counter)
-        finally:
-            counter.close()
-    return Summary.of(planned.done, entries)
+        todo, done = split(found, settings)
+        with closing(_Counter(len(todo))) as counter:
+            entries = run(todo, settings, place, counter)
+    return Summary.of(done, entries)
 
 
 class _Counter:
