@@ -13,7 +13,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..errors import HmcvtError, InputError
 from ..version import __version__
 from .study import Broken, Outcome, Settings, Task, internal_failure, study
-from .threads import one_blas_thread
+from .threads import ONE_BLAS_THREAD
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -130,7 +130,8 @@ def _outcome(future: Future[Outcome]) -> Outcome | None:
 def on_processes(count: int) -> Iterator[Crew]:
     """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
     others = multiprocessing.active_children()
-    with one_blas_thread(), ProcessPoolExecutor(
+    # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
+    with _environment({**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}), ProcessPoolExecutor(
             count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
         try:
             yield Crew(pool, lambda: count)
@@ -142,7 +143,22 @@ def on_processes(count: int) -> Iterator[Crew]:
             raise
 
 
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
+
+
 def _end_with_the_run() -> None:
+    """Have a worker end when the run is gone, even killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
