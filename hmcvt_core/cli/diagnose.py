@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import click
 
 from ..diagnosis import Diagnosis, diagnose
@@ -45,11 +47,8 @@ def command(
     keep_inputs([params], [report])
     model, samples = model_from(params), read_bench(bench)
     held = None if holdout is None else read_bench(holdout)
-    progress = Progress("diagnosis")
-    try:
+    with closing(Progress("diagnosis")) as progress:
         found = diagnose(model, samples, held, noise=noise, seed=seed, progress=progress)
-    finally:
-        progress.close()
     if save_model is not None:
         found.model.save(save_model)
     if report is not None:

@@ -20,12 +20,11 @@ from ..fleet.results import find_logs, locked
 from ..fleet.run import Entry, run, split
 from ..fleet.study import Settings
 from ..fleet.summary import GAP, QUANTITIES, BrokenLog, Row, Summary
-from ..model.model import FORMULATIONS
 from ..model.parameter_file import load_model, load_stage
 from .common import (
-    Fractions,
     Progress,
     json_option,
+    model_options,
     noise_option,
     number,
     print_json,
@@ -51,25 +50,19 @@ Examples:
               help="Logs side by side on this machine.")
 @click.option("--scheduler", default=None, metavar="ADDRESS",
               help="Work on the Dask cluster with this scheduler instead.")
-@click.option("--no-diagnose", is_flag=True, help="Identify the parameters only.")
+@click.option("--no-diagnose", is_flag=True,
+              help="Identify the parameters only; published needs it.")
 @noise_option
 @click.option("--params", default=None, metavar="P.yaml",
               help="Take gear train and effects from this parameter file.")
-@click.option("--transmission", default=None, metavar="T.yaml",
-              help="Gear train; the paper's when left out.")
-@click.option("--stage", default=None, metavar="NAME", help="Stage of the transmission file.")
-@click.option("--gear-efficiency", "gears", type=Fractions(), multiple=True,
-              metavar="0.98[,0.97...]",
-              help="Of every gear pair; several are compared and the best is kept.")
-@click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
-              show_default=True, help="Equations to use; published needs --no-diagnose.")
+@model_options
 @seed_option
 @json_option
 @click.pass_context
 def command(
     ctx: click.Context, logs: str, out: str, processes: int | None, scheduler: str | None,
     no_diagnose: bool, noise: float | None, params: str | None, transmission: str | None,
-    stage: str | None, gears: tuple[list[float], ...], formulation: str, seed: int, as_json: bool,
+    stage: str | None, gears: list[float], formulation: str, seed: int, as_json: bool,
 ) -> None:
     """Identify and diagnose every bench log (.csv) in a folder and the folders below it.
 
@@ -104,7 +97,7 @@ def _check(
 
 def _settings(
     params: str | None, transmission: str | None, stage: str | None,
-    gears: tuple[list[float], ...], formulation: str, diagnosed: bool, noise: float | None,
+    gears: list[float], formulation: str, diagnosed: bool, noise: float | None,
     seed: int,
 ) -> Settings:
     if params is not None:
@@ -113,8 +106,7 @@ def _settings(
     else:
         train, effects = load_stage(transmission or data_path("params/transmission.yaml"),
                                     stage), ()
-    efficiencies = [value for part in gears for value in part]
-    trains = tuple(train.with_gear_efficiency(value) for value in efficiencies) or (train,)
+    trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
     return Settings(trains, formulation, effects, diagnosed, noise, seed)
 
 

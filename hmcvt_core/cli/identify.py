@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from contextlib import closing
 from typing import Any, NamedTuple
 
 import click
@@ -14,15 +14,13 @@ from ..files.bench import BenchSamples, read_bench
 from ..files.resources import data_path
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingState
-from ..model.model import FORMULATIONS
 from ..model.parameter_file import load_stage
 from .common import (
-    Fractions,
     OutputFile,
     Progress,
-    SampleNumbers,
     json_option,
     keep_inputs,
+    model_options,
     picture_option,
     print_json,
     seed_option,
@@ -40,6 +38,27 @@ class _Split(NamedTuple):
     held_numbers: tuple[int, ...] = ()
 
 
+_MOST_SAMPLES = 1_000_000
+
+
+def _sample_numbers(text: str) -> list[int]:
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        try:
+            low, high = int(first), int(last if dash else first)
+        except ValueError:
+            raise click.BadParameter(
+                f"{text!r} is not a list of sample numbers such as 1,2,4-6") from None
+        if not 1 <= low <= high <= _MOST_SAMPLES:
+            raise click.BadParameter(
+                f"{part!r}: sample numbers count up from 1 to at most {_MOST_SAMPLES}")
+        numbers += range(low, high + 1)
+    if len(set(numbers)) != len(numbers):
+        raise click.BadParameter(f"{text!r} names a sample twice")
+    return numbers
+
+
 @click.command("identify", epilog="""\b
 Examples:
   hmcvt identify data/table2.csv
@@ -47,18 +66,11 @@ Examples:
   hmcvt identify data/simulated.csv --hold-back 0.3
   hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""")
 @click.argument("bench", metavar="BENCH.csv")
-@click.option("--fit", type=SampleNumbers(), default=None, metavar="1,2,4-6",
+@click.option("--fit", type=_sample_numbers, default=None, metavar="1,2,4-6",
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
 @click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True), default=None,
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
-@click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
-              show_default=True, help="Equations to use.")
-@click.option("--gear-efficiency", "gears", type=Fractions(), multiple=True,
-              metavar="0.98[,0.97...]",
-              help="Of every gear pair; several are compared and the best is kept.")
-@click.option("--transmission", default=None, metavar="T.yaml",
-              help="Gear train; the paper's when left out.")
-@click.option("--stage", default=None, metavar="NAME", help="Stage of the transmission file.")
+@model_options
 @click.option("--out", type=OutputFile(), default=None, metavar="P.yaml",
               help="Write the parameter file.")
 @picture_option
@@ -66,7 +78,7 @@ Examples:
 @json_option
 def command(
     bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
-    gears: tuple[list[float], ...], transmission: str | None, stage: str | None, out: str | None,
+    gears: list[float], transmission: str | None, stage: str | None, out: str | None,
     picture: str | None, seed: int, as_json: bool,
 ) -> None:
     """Identify leakage and dampings from bench samples.
@@ -79,18 +91,13 @@ def command(
     samples = read_bench(bench)
     split = _split(samples, fit if hold_back is None else _drawn(len(samples), hold_back, seed))
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
-    progress = Progress("annealing")
+    with closing(Progress("annealing")) as progress:
+        def show(state: AnnealingState) -> None:
+            progress(f"step {state.generation}, objective {state.value:.6g}")
 
-    def show(state: AnnealingState) -> None:
-        progress(f"step {state.generation}, objective {state.value:.6g}")
-
-    efficiencies: Sequence[float | None] = [value for part in gears for value in part] or [None]
-    try:
         found = [identify(split.fitted, stage=train, formulation=formulation,
                           gear_efficiency=value, validation=split.held, seed=seed, progress=show)
-                 for value in efficiencies]
-    finally:
-        progress.close()
+                 for value in gears or (None,)]
     best = min(found, key=lambda item: item.objective)
     if out is not None:
         best.save(out)

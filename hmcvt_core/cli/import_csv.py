@@ -11,7 +11,7 @@ import click
 from ..files.bench import write_bench
 from ..files.raw_bench import UNITS, read_raw_bench
 from ..transmission.ranges import BENCH_COLUMNS
-from .common import OutputFile, json_option, keep_inputs, print_json, table
+from .common import OutputFile, add_options, json_option, keep_inputs, print_json, table
 
 _TEXTS = {
     "displacement_ratio": "Pump stroke.",
@@ -28,12 +28,10 @@ _TEXTS = {
 
 
 def _column_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    for quantity, text in reversed(_TEXTS.items()):
-        units = ", ".join(UNITS[quantity])
-        function = click.option(
-            f"--{quantity.replace('_', '-')}", quantity, default=None, metavar="COLUMN[:UNIT]",
-            help=f"{text} [{units}]".strip())(function)
-    return function
+    return add_options(function, *(
+        click.option(f"--{quantity.replace('_', '-')}", quantity, default=None,
+                     metavar="COLUMN[:UNIT]", help=f"{text} [{', '.join(UNITS[quantity])}]".strip())
+        for quantity, text in _TEXTS.items()))
 
 
 @click.command("import-csv", epilog="""\b

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from pathlib import Path
 
@@ -17,8 +15,6 @@ from ..files.bench import read_bench
 from ..model.efficiency_map import EfficiencyMap
 from ..transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from .common import (
-    POWER,
-    SPEED,
     OutputFile,
     json_option,
     keep_inputs,
@@ -27,10 +23,20 @@ from .common import (
     params_option,
     picture_option,
     print_json,
+    quantity,
+    speed,
 )
 
 _MOST_POINTS = 2_000_000
 _PICTURE_POWER = 40_000.0
+
+
+def power(text: str) -> float:
+    """Read a power in W; its name stands in --help."""
+    watts = quantity(text, {"kw": 1e3, "w": 1.0}, "power", "40000 (W) or 40kW")
+    if not 100.0 <= watts <= 1e6:
+        raise click.BadParameter(f"{text!r} is outside 100 W to 1000 kW")
+    return watts
 
 
 @click.command("map", epilog="""\b
@@ -40,14 +46,14 @@ Examples:
   hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
-@click.option("--engine-speed-limits", type=SPEED, nargs=2, default=ENGINE_SPEED_LIMITS,
+@click.option("--engine-speed-limits", type=speed, nargs=2, default=ENGINE_SPEED_LIMITS,
               help="Lowest and highest.  [default: 750rpm 2200rpm]")
 @click.option("--load-torque-limits", type=float, nargs=2, default=(50.0, 400.0),
               show_default=True, help="Lowest and highest in N m.")
 @click.option("--out", type=OutputFile(), default=None, metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
 @picture_option
-@click.option("--power", type=POWER, default=None,
+@click.option("--power", type=power, default=None,
               help="Output power of the picture, in W or like 40kW.  [default: 40kW]")
 @click.option("--bench", default=None, metavar="BENCH.csv",
               help="Bench tests to mark in the picture.")
@@ -72,7 +78,7 @@ def command(
     ENGINE_SPEED.check(engine_speed_limits, "--engine-speed-limits")
     LOAD_TORQUE.check(load_torque_limits, "--load-torque-limits")
     model = model_from(params)
-    note_oil_temperature(model, None)
+    note_oil_temperature(model)
     if picture is not None:
         from ..report.pictures import draw_surface, save
 
@@ -98,24 +104,21 @@ def command(
 
 
 def _require_load(power: float, engine_speeds: tuple[float, float]) -> None:
-    for speed in engine_speeds:
-        load = power / speed
+    for engine_speed in engine_speeds:
+        load = power / engine_speed
         if not LOAD_TORQUE.contains(load):
-            raise InputError(f"--power {1e-3 * power:g}kW at {speed / RPM:.0f} r/min is a load "
-                             f"torque of {load:.4g} N m; allowed {LOAD_TORQUE}")
+            raise InputError(f"--power {1e-3 * power:g}kW at {engine_speed / RPM:.0f} r/min is a "
+                             f"load torque of {load:.4g} N m; allowed {LOAD_TORQUE}")
 
 
 def _csv(found: EfficiencyMap) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(("displacement_ratio", "engine_speed", "load_torque", "efficiency",
-                     "inside_domain"))
+    lines = ["displacement_ratio,engine_speed,load_torque,efficiency,inside_domain"]
     inside = found.inside_domain
     for i, j, k in np.ndindex(found.efficiency.shape):
         # An empty cell: the load cannot be carried there.
         value = found.efficiency[i, j, k]
-        writer.writerow((f"{found.displacement_ratio[i]:.6g}", f"{found.engine_speed[j]:.6g}",
-                         f"{found.load_torque[k]:.6g}",
-                         f"{value:.6f}" if np.isfinite(value) else "",
-                         "" if inside is None else str(inside[i, j, k]).lower()))
-    return buffer.getvalue()
+        lines.append(f"{found.displacement_ratio[i]:.6g},{found.engine_speed[j]:.6g},"
+                     f"{found.load_torque[k]:.6g},"
+                     + (f"{value:.6f}," if np.isfinite(value) else ",")
+                     + ("" if inside is None else str(inside[i, j, k]).lower()))
+    return "\n".join(lines) + "\n"

@@ -12,7 +12,7 @@ from ..errors import HmcvtError
 from ..model.optimum import HOLDS, Optimum
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from .common import (
-    SPEED,
+    Point,
     inside_domain,
     json_option,
     model_from,
@@ -20,6 +20,7 @@ from .common import (
     params_option,
     print_domain,
     print_json,
+    speed,
 )
 
 
@@ -30,15 +31,15 @@ Examples:
                 --displacement-ratio -0.8
   hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
                 --output-speed 1250rpm --engine-speed-limits 900rpm 2100rpm --json""")
-@click.option("--engine-speed", type=SPEED, required=True, help="Now: rad/s or 1400rpm.")
+@click.option("--engine-speed", type=speed, required=True, help="Now: rad/s or 1400rpm.")
 @click.option("--load-torque", type=float, required=True,
               help="Now: output power / engine speed in N m.")
 @click.option("--hold", type=click.Choice(HOLDS), default="engine_speed", show_default=True,
               help="What must stay; output_speed looks for the best engine speed too.")
 @click.option("--displacement-ratio", type=float,
               help="Now; tells the output speed to hold and what there is to gain.")
-@click.option("--output-speed", type=SPEED, help="To hold: rad/s or 1400rpm.")
-@click.option("--engine-speed-limits", type=SPEED, nargs=2, default=None,
+@click.option("--output-speed", type=speed, help="To hold: rad/s or 1400rpm.")
+@click.option("--engine-speed-limits", type=speed, nargs=2, default=None,
               help="Lowest and highest engine speed.  [default: 750rpm 2200rpm]")
 @params_option
 @json_option
@@ -59,16 +60,16 @@ def command(
                          "no working point: the load cannot be carried at this engine speed")
     now = (math.nan if displacement_ratio is None
            else model.efficiency(displacement_ratio, engine_speed, load_torque))
-    note_oil_temperature(model, None)
-    point = (best.displacement_ratio, best.engine_speed, best.load_torque)
+    note_oil_temperature(model)
+    point = Point(best.displacement_ratio, best.engine_speed, best.load_torque)
     if as_json:
         print_json({**asdict(best), "efficiency_now": now,
-                    "inside_domain": inside_domain(model, *point)})
+                    "inside_domain": inside_domain(model, point)})
     else:
         _print(best, now)
-        print_domain(model, *point)
+        print_domain(model, point)
         if displacement_ratio is not None and model.domain is not None:
-            print_domain(model, displacement_ratio, engine_speed, load_torque, "now ")
+            print_domain(model, Point(displacement_ratio, engine_speed, load_torque), "now ")
 
 
 def _check(

@@ -10,6 +10,7 @@ import click
 from ..files.bench import read_bench
 from ..model.model import EfficiencyModel
 from .common import (
+    Point,
     inside_domain,
     json_option,
     model_from,
@@ -18,7 +19,7 @@ from .common import (
     point_options,
     print_domain,
     print_json,
-    require,
+    required,
 )
 from .samples import mean_error, sample_records, sample_table
 
@@ -33,38 +34,26 @@ Examples:
 @params_option
 @json_option
 def command(
-    bench: str | None, displacement_ratio: float | None, engine_speed: float | None,
-    load_torque: float | None, oil_temperature: float | None, params: str | None, as_json: bool,
+    bench: str | None, given: tuple[float | None, ...], params: str | None, as_json: bool
 ) -> None:
     """Predict the efficiency at one point, or at every sample of a file."""
-    point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
-    if bench is not None:
-        if any(value is not None for value in point):
-            raise click.UsageError("give a file or the options of one point, not both")
+    if bench is None:
+        # At a point there is no bench whose meters could read wrong.
+        _predict_point(required(given), model_from(params).without_meters(), as_json)
+    elif any(value is not None for value in given):
+        raise click.UsageError("give a file or the options of one point, not both")
+    else:
         _predict_file(model_from(params), bench, as_json)
-        return
-    require(displacement_ratio=displacement_ratio, engine_speed=engine_speed,
-            load_torque=load_torque)
-    assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
-    # At a point there is no bench whose meters could read wrong.
-    model = model_from(params).without_meters()
-    _predict_point(model, as_json, displacement_ratio, engine_speed, load_torque,
-                   oil_temperature)
 
 
-def _predict_point(
-    model: EfficiencyModel, as_json: bool, displacement_ratio: float, engine_speed: float,
-    load_torque: float, oil_temperature: float | None,
-) -> None:
-    point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
+def _predict_point(point: Point, model: EfficiencyModel, as_json: bool) -> None:
     found, refusal = model.predict(*point), model.refusal(*point)
-    note_oil_temperature(model, oil_temperature)
+    note_oil_temperature(model, point.oil_temperature)
     # Where there is no efficiency the shaft does not turn as any formula says.
     speed = model.output_speed(*point) if refusal is None else math.nan
     if as_json:
-        inside = inside_domain(model, displacement_ratio, engine_speed, load_torque)
-        print_json({**found._asdict(), "inside_domain": inside, "output_speed": speed,
-                    "refusal": refusal})
+        print_json({**found._asdict(), "inside_domain": inside_domain(model, point),
+                    "output_speed": speed, "refusal": refusal})
         return
     if refusal is not None:
         click.echo(f"no efficiency: {refusal}")
@@ -73,7 +62,7 @@ def _predict_point(
                   else f"+- {found.standard_error:.4f}")
         click.echo(f"efficiency     {found.efficiency:.4f} {spread}")
         click.echo(f"output speed   {speed:.2f} rad/s")
-    print_domain(model, displacement_ratio, engine_speed, load_torque)
+    print_domain(model, point)
 
 
 def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
