@@ -9,6 +9,7 @@ import click
 
 from ..diagnosis import Diagnosis, diagnose
 from ..files.bench import read_bench
+from ..model import parameter_file
 from .common import (
     OutputFile,
     Progress,
@@ -50,7 +51,7 @@ def command(
     with closing(Progress("diagnosis")) as progress:
         found = diagnose(model, samples, held, noise=noise, seed=seed, progress=progress)
     if save_model is not None:
-        found.model.save(save_model)
+        parameter_file.save_model(found.model, save_model)
     if report is not None:
         from ..report.html_report import write_html
 

@@ -21,6 +21,7 @@ from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.strict_json import plain
 from ..model.model import EfficiencyModel
+from ..model.parameter_file import save_model
 from .study import Settings, Study
 
 SCHEMA = "hmcvt-fleet-result/1"
@@ -121,11 +122,11 @@ def save(log: Log, study: Study, settings: Settings) -> dict[str, Any]:
 
 def _save_parameters(log: Log, model: EfficiencyModel) -> None:
     if not _superseded(log):
-        model.save(log.parameters)  # keeps what a person may have put there
+        save_model(model, log.parameters)  # keeps what a person may have put there
         return
     fresh = log.parameters.with_name(f".{log.parameters.name}.new")
     fresh.unlink(missing_ok=True)
-    model.save(fresh)
+    save_model(model, fresh)
     fresh.replace(log.parameters)
 
 
