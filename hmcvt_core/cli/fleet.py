@@ -21,16 +21,7 @@ from ..fleet.run import Entry, run, split
 from ..fleet.study import Settings
 from ..fleet.summary import GAP, QUANTITIES, BrokenLog, Row, Summary
 from ..model.parameter_file import load_model, load_stage
-from .common import (
-    Progress,
-    json_option,
-    model_options,
-    noise_option,
-    number,
-    print_json,
-    seed_option,
-    table,
-)
+from . import common
 
 SOME_BROKEN = 3
 """Exit code when the work is done but some logs have no result."""
@@ -52,12 +43,12 @@ Examples:
               help="Work on the Dask cluster with this scheduler instead.")
 @click.option("--no-diagnose", is_flag=True,
               help="Identify the parameters only; published needs it.")
-@noise_option
+@common.noise_option
 @click.option("--params", default=None, metavar="P.yaml",
               help="Take gear train and effects from this parameter file.")
-@model_options
-@seed_option
-@json_option
+@common.model_options
+@common.seed_option
+@common.json_option
 @click.pass_context
 def command(
     ctx: click.Context, logs: str, out: str, processes: int | None, scheduler: str | None,
@@ -75,7 +66,7 @@ def command(
              else partial(on_cluster, scheduler))
     found = _run(Path(logs), Path(out), settings, place)
     if as_json:
-        print_json(found.to_dict())
+        common.print_json(found.to_dict())
     else:
         click.echo(_report(found))
     ctx.exit(SOME_BROKEN if found.broken else 0)
@@ -131,7 +122,7 @@ class _Counter:
     def __init__(self, logs: int) -> None:
         self.logs, self.finished, self.broken = logs, 0, 0
         self.start = self.told = time.monotonic()
-        self.line = Progress("fleet")
+        self.line = common.Progress("fleet")
 
     def __call__(self, entry: Entry) -> None:
         """Count a log."""
@@ -176,7 +167,8 @@ def _report(found: Summary) -> str:
 def _rows(found: Summary) -> str:
     head = ("log", "leakage [m3/(s Pa)]", "motor damping [N m s/rad]", "pump damping [N m s/rad]",
             "gap [points]", "verdict", "leading cause", "outlier (z)")
-    return table(head, [_row(row, found.outlying(place)) for place, row in enumerate(found.rows)])
+    return common.table(head, [_row(row, found.outlying(place))
+                               for place, row in enumerate(found.rows)])
 
 
 def _row(row: Row, outlying: dict[str, float]) -> tuple[str, ...]:
@@ -184,7 +176,7 @@ def _row(row: Row, outlying: dict[str, float]) -> tuple[str, ...]:
     apart = ", ".join(f"{name} {z:+.1f}" for name, z in outlying.items())
     values = row.values
     return (row.log, f"{values['leakage']:.3e}", f"{values['motor_damping']:.4f}",
-            f"{values['pump_damping']:.4f}", number(100 * values.get(GAP, math.nan), ".2f"),
+            f"{values['pump_damping']:.4f}", common.number(100 * values.get(GAP, math.nan), ".2f"),
             row.verdict or "-", cause, apart or "-")
 
 
@@ -196,7 +188,7 @@ def _fleet(found: Summary) -> str:
                      f"{factor * scores.deviation:.3g} "
                      + ("decades" if scores.logarithmic else unit),
                      "yes" if math.isfinite(scores.z[0]) else "no"))
-    return (table(("fleet", "median", "1.4826 MAD", "judged"), rows) + "\n"
+    return (common.table(("fleet", "median", "1.4826 MAD", "judged"), rows) + "\n"
             f"outlier: |z| > {THRESHOLD}, z = (value - median) / (1.4826 MAD), leakage by its "
             f"logarithm;\nnot judged: fewer than {LEAST_LOGS} logs, or at least half of them equal")
 

@@ -15,17 +15,7 @@ from ..files.resources import data_path
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingState
 from ..model.parameter_file import load_stage
-from .common import (
-    OutputFile,
-    Progress,
-    json_option,
-    keep_inputs,
-    model_options,
-    picture_option,
-    print_json,
-    seed_option,
-    table,
-)
+from . import common
 from .samples import sample_records, sample_table
 
 
@@ -70,12 +60,12 @@ Examples:
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
 @click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True), default=None,
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
-@model_options
-@click.option("--out", type=OutputFile(), default=None, metavar="P.yaml",
+@common.model_options
+@click.option("--out", type=common.OutputFile(), default=None, metavar="P.yaml",
               help="Write the parameter file.")
-@picture_option
-@seed_option
-@json_option
+@common.picture_option
+@common.seed_option
+@common.json_option
 def command(
     bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
     gears: list[float], transmission: str | None, stage: str | None, out: str | None,
@@ -87,11 +77,11 @@ def command(
     """
     if fit is not None and hold_back is not None:
         raise click.UsageError("--fit and --hold-back both choose the samples: give one")
-    keep_inputs([bench, transmission], [out, picture])
+    common.keep_inputs([bench, transmission], [out, picture])
     samples = read_bench(bench)
     split = _split(samples, fit if hold_back is None else _drawn(len(samples), hold_back, seed))
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
-    with closing(Progress("annealing")) as progress:
+    with closing(common.Progress("annealing")) as progress:
         def show(state: AnnealingState) -> None:
             progress(f"step {state.generation}, objective {state.value:.6g}")
 
@@ -107,8 +97,8 @@ def command(
         save(lambda figure: draw_fit(figure, best, split.held), picture)
     if as_json:
         tried = [_record(item, split) for item in found]
-        print_json(tried[0] if len(tried) == 1
-                   else {"best": tried[found.index(best)], "tried": tried})
+        common.print_json(tried[0] if len(tried) == 1
+                          else {"best": tried[found.index(best)], "tried": tried})
         return
     if len(found) > 1:
         click.echo(_comparison(found))
@@ -154,5 +144,5 @@ def _comparison(found: list[Identification]) -> str:
         held = "" if item.prediction_error is None else f"{100 * item.prediction_error:.2f} %"
         rows.append((f"{_gear_efficiency(item)[0]:g}", f"{item.objective:.6g}",
                      f"{100 * item.fit_error:.2f} %", held))
-    return table(("gear efficiency", found[0].objective_name, "fit error", "prediction error"),
-                 rows)
+    head = ("gear efficiency", found[0].objective_name, "fit error", "prediction error")
+    return common.table(head, rows)

@@ -11,17 +11,7 @@ import click
 from ..errors import HmcvtError
 from ..model.optimum import HOLDS, Optimum
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
-from .common import (
-    Point,
-    inside_domain,
-    json_option,
-    model_from,
-    note_oil_temperature,
-    params_option,
-    print_domain,
-    print_json,
-    speed,
-)
+from . import common
 
 
 @click.command("optimum", epilog="""\b
@@ -31,18 +21,18 @@ Examples:
                 --displacement-ratio -0.8
   hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
                 --output-speed 1250rpm --engine-speed-limits 900rpm 2100rpm --json""")
-@click.option("--engine-speed", type=speed, required=True, help="Now: rad/s or 1400rpm.")
+@click.option("--engine-speed", type=common.speed, required=True, help="Now: rad/s or 1400rpm.")
 @click.option("--load-torque", type=float, required=True,
               help="Now: output power / engine speed in N m.")
 @click.option("--hold", type=click.Choice(HOLDS), default="engine_speed", show_default=True,
               help="What must stay; output_speed looks for the best engine speed too.")
 @click.option("--displacement-ratio", type=float,
               help="Now; tells the output speed to hold and what there is to gain.")
-@click.option("--output-speed", type=speed, help="To hold: rad/s or 1400rpm.")
-@click.option("--engine-speed-limits", type=speed, nargs=2, default=None,
+@click.option("--output-speed", type=common.speed, help="To hold: rad/s or 1400rpm.")
+@click.option("--engine-speed-limits", type=common.speed, nargs=2, default=None,
               help="Lowest and highest engine speed.  [default: 750rpm 2200rpm]")
-@params_option
-@json_option
+@common.params_option
+@common.json_option
 def command(
     engine_speed: float, load_torque: float, hold: str, displacement_ratio: float | None,
     output_speed: float | None, engine_speed_limits: tuple[float, float] | None,
@@ -50,7 +40,7 @@ def command(
 ) -> None:
     """Find the displacement ratio that wastes least."""
     _check(hold, displacement_ratio, output_speed, engine_speed_limits)
-    model = model_from(params).without_meters()
+    model = common.model_from(params).without_meters()
     best = model.optimal_displacement_ratio(
         engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,
         output_speed=output_speed, engine_speed_limits=engine_speed_limits or ENGINE_SPEED_LIMITS)
@@ -60,16 +50,17 @@ def command(
                          "no working point: the load cannot be carried at this engine speed")
     now = (math.nan if displacement_ratio is None
            else model.efficiency(displacement_ratio, engine_speed, load_torque))
-    note_oil_temperature(model)
-    point = Point(best.displacement_ratio, best.engine_speed, best.load_torque)
+    common.note_oil_temperature(model)
+    point = common.Point(best.displacement_ratio, best.engine_speed, best.load_torque)
     if as_json:
-        print_json({**asdict(best), "efficiency_now": now,
-                    "inside_domain": inside_domain(model, point)})
+        common.print_json({**asdict(best), "efficiency_now": now,
+                           "inside_domain": common.inside_domain(model, point)})
     else:
         _print(best, now)
-        print_domain(model, point)
+        common.print_domain(model, point)
         if displacement_ratio is not None and model.domain is not None:
-            print_domain(model, Point(displacement_ratio, engine_speed, load_torque), "now ")
+            point = common.Point(displacement_ratio, engine_speed, load_torque)
+            common.print_domain(model, point, "now ")
 
 
 def _check(

@@ -14,15 +14,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager
 from itertools import chain, islice
 from typing import TYPE_CHECKING, NamedTuple
@@ -43,7 +35,7 @@ _AHEAD_PER_THREAD, _AHEAD_LEAST = 2, 32
 class Crew(NamedTuple):
     """Where logs are studied, and how many it may have in hand at the moment."""
 
-    executor: Executor
+    executor: futures.Executor
     room: Callable[[], int]
 
 
@@ -83,7 +75,7 @@ def _with_one_crew(
     tasks: Iterator[Task], settings: Settings, place: Place
 ) -> Iterator[tuple[Task, Outcome | None]]:
     """Study until there is no task left or a worker died; None for what was in hand then."""
-    in_hand: dict[Future[Outcome], Task] = {}
+    in_hand: dict[futures.Future[Outcome], Task] = {}
     finished: list[tuple[Task, Outcome | None]] = []
     works = True
     with place() as crew:
@@ -94,30 +86,32 @@ def _with_one_crew(
             yield from finished
             if not in_hand:
                 return
-            done = wait(in_hand, return_when=FIRST_COMPLETED).done
+            done = futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done
             finished = [(in_hand.pop(future), _outcome(future)) for future in done]
             works = works and all(outcome is not None for _, outcome in finished)
 
 
-def _hand_over(executor: Executor, task: Task, settings: Settings) -> Future[Outcome]:
+def _hand_over(
+    executor: futures.Executor, task: Task, settings: Settings
+) -> futures.Future[Outcome]:
     # A process started now inherits this: Ctrl-C is for the run alone, which ends its workers.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         return executor.submit(study, task.samples, settings)
-    except BrokenExecutor as error:  # a worker was killed while it had nothing to do
-        failed: Future[Outcome] = Future()
+    except futures.BrokenExecutor as error:  # a worker was killed while it had nothing to do
+        failed: futures.Future[Outcome] = futures.Future()
         failed.set_exception(error)
         return failed
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _outcome(future: Future[Outcome]) -> Outcome | None:
+def _outcome(future: futures.Future[Outcome]) -> Outcome | None:
     try:
         return future.result()
-    except BrokenExecutor:
+    except futures.BrokenExecutor:
         return None
-    except CancelledError:
+    except futures.CancelledError:
         raise HmcvtError("the Dask scheduler is lost; finished logs are kept, run again to go "
                          "on") from None
     except Exception as error:  # `study` raises none: the place failed over this log
@@ -131,7 +125,7 @@ def on_processes(count: int) -> Iterator[Crew]:
     """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
     others = multiprocessing.active_children()
     # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
-    with _environment({**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}), ProcessPoolExecutor(
+    with _environment({**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}), futures.ProcessPoolExecutor(
             count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
         try:
             yield Crew(pool, lambda: count)

@@ -23,6 +23,7 @@ from ..files.strict_json import plain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
 from .study import Settings, Study
+from .summary import Row
 
 SCHEMA = "hmcvt-fleet-result/1"
 _LOCK = ".hmcvt-fleet.lock"
@@ -104,8 +105,8 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def save(log: Log, study: Study, settings: Settings) -> dict[str, Any]:
-    """Write both files, each whole or not at all; return the result.
+def save(log: Log, study: Study, settings: Settings) -> Row:
+    """Write both files, each whole or not at all; return the row.
 
     Raises:
         OSError: the folder cannot be written or is full.
@@ -117,7 +118,7 @@ def save(log: Log, study: Study, settings: Settings) -> dict[str, Any]:
         "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),
         "identification": study.identification, "diagnosis": study.diagnosis})
     write_atomically(log.result, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    return result
+    return Row.of(result)
 
 
 def _save_parameters(log: Log, model: EfficiencyModel) -> None:
@@ -135,13 +136,17 @@ def _superseded(log: Log) -> bool:
     return _result(log).get("parameters_sha256") == sha256(log.parameters)
 
 
-def finished(log: Log, settings: Settings) -> dict[str, Any] | None:
-    """Return the result of a log, None when it is missing, damaged, or of other data."""
+def finished(log: Log, settings: Settings) -> Row | None:
+    """Return the row of a finished log, None when it is damaged, or of other data or settings."""
     result = _result(log)
     proof = {"schema": SCHEMA, "settings_sha256": settings.sha256, "log_sha256": sha256(log.path),
              "parameters_sha256": sha256(log.parameters)}
-    return result if all(value and result.get(name) == value
-                         for name, value in proof.items()) else None
+    if any(not value or result.get(name) != value for name, value in proof.items()):
+        return None
+    try:
+        return Row.of(result)
+    except (KeyError, TypeError, IndexError):
+        return None  # edited by hand
 
 
 def _result(log: Log) -> dict[str, Any]:

@@ -22,22 +22,9 @@ def split(logs: Iterable[Log], settings: Settings) -> tuple[list[Log], list[Row]
     Returns:
         The first, in their order, and the rows of the others.
     """
-    todo, done = [], []
-    for log in logs:
-        row = _row(log, settings)
-        if row is None:
-            todo.append(log)
-        else:
-            done.append(row)
-    return todo, done
-
-
-def _row(log: Log, settings: Settings) -> Row | None:
-    result = finished(log, settings)
-    try:
-        return None if result is None else Row.of(result)
-    except (KeyError, TypeError, IndexError):
-        return None  # edited by hand: made again
+    rows = {log: finished(log, settings) for log in logs}
+    return ([log for log, row in rows.items() if row is None],
+            [row for row in rows.values() if row is not None])
 
 
 def run(
@@ -77,7 +64,7 @@ def run(
         for name, outcome in outcomes:
             log = logs[name]
             finish(_broken(log, outcome.reason) if isinstance(outcome, Broken)
-                   else Row.of(save(log, outcome, settings)))
+                   else save(log, outcome, settings))
     return entries
 
 

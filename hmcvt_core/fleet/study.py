@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import traceback
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,6 @@ from ..errors import HmcvtError, InputError
 from ..files.bench import BenchSamples
 from ..identification import identify
 from ..model.model import EfficiencyModel
-from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..transmission.parameters import PAPER_PARAMETERS
 from ..transmission.ranges import EFFICIENCY_STD
@@ -59,14 +57,7 @@ class Settings:
     @cached_property
     def sha256(self) -> str:
         """Changes with every setting and with the version of hmcvt."""
-        text = json.dumps({
-            "version": __version__,
-            "stages": [stage.to_mapping() for stage in self.stages],
-            "formulation": self.formulation,
-            "effects": [effect_to_mapping(effect) for effect in self.effects],
-            "diagnosed": self.diagnosed, "noise": self.noise, "seed": self.seed,
-        }, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return hashlib.sha256(f"{__version__} {self!r}".encode()).hexdigest()
 
 
 class Task(NamedTuple):

@@ -89,7 +89,7 @@ def test_every_command_module_is_listed():
 
 def test_internal_failure_is_told_from_wrong_input():
     code = ("from hmcvt_core.cli import main, predict\n"
-            "predict.model_from = None\n"
+            "predict.common = None\n"
             f"main({['predict', *POINT]!r})")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT,
                           timeout=60)
