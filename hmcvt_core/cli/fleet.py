@@ -15,11 +15,10 @@ import click
 
 from ..files.resources import data_path
 from ..fleet.executors import Place, on_cluster, on_processes
-from ..fleet.outliers import LEAST_LOGS, THRESHOLD
 from ..fleet.results import find_logs, locked
 from ..fleet.run import Entry, run, split
 from ..fleet.study import Settings
-from ..fleet.summary import GAP, QUANTITIES, BrokenLog, Row, Summary
+from ..fleet.summary import GAP, LEAST_LOGS, QUANTITIES, THRESHOLD, BrokenLog, Row, Summary
 from ..model.parameter_file import load_model, load_stage
 from . import common
 

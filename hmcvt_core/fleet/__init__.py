@@ -5,6 +5,5 @@ study       one log: samples and settings in, outcome out
 executors   many logs side by side, on this machine or on a Dask cluster
 results     which logs there are, the files of a finished one; one run at a time in a folder
 run         from logs to results
-summary     the table over the fleet
-outliers    robust z scores over the fleet
+summary     the table over the fleet, with robust z scores
 """

@@ -175,7 +175,7 @@ GOOD_VALUES = {"displacement_ratio": [0.5], "engine_speed": [150.0], "load_torqu
     ({"efficiency": [0.8, 0.8]}, r"efficiency has shape \(2,\), displacement_ratio has 1 values"),
     ({"engine_speed": [math.nan], "source": "bag"}, r"bag: engine_speed\[0\] = nan is not finite"),
     ({"load_torque": None}, "load_torque is missing"),
-    (dict.fromkeys(GOOD_VALUES, []), "holds no samples")])
+    ({name: [] for name in GOOD_VALUES}, "holds no samples")])
 def test_samples_check_themselves(change, message):
     with pytest.raises(hmcvt.InputError, match=message):
         hmcvt.BenchSamples(**(GOOD_VALUES | change))

@@ -9,8 +9,14 @@ import numpy as np
 import pytest
 
 from hmcvt_core.cli.fleet import _Counter, _report
-from hmcvt_core.fleet.outliers import LEAST_LOGS, THRESHOLD, robust_scores
-from hmcvt_core.fleet.summary import BrokenLog, Row, Summary
+from hmcvt_core.fleet.summary import (
+    LEAST_LOGS,
+    THRESHOLD,
+    BrokenLog,
+    Row,
+    Summary,
+    robust_scores,
+)
 
 
 def test_scores_by_hand():
