@@ -20,6 +20,7 @@ from ..fleet.run import Entry, run, split
 from ..fleet.study import Settings
 from ..fleet.summary import GAP, LEAST_LOGS, QUANTITIES, THRESHOLD, BrokenLog, Row, Summary
 from ..model.parameter_file import load_model, load_stage
+from ..physics.effects import Effect
 from . import common
 
 SOME_BROKEN = 3
@@ -58,24 +59,7 @@ def command(
 
     Finished logs are skipped when the command is run again; a broken log does not stop the rest.
     """
-    _check(processes, scheduler, params, transmission, stage, no_diagnose, noise)
-    settings = _settings(params, transmission, stage, gears,
-                         formulation, not no_diagnose, noise, seed)
-    place = (partial(on_processes, processes or _cores()) if scheduler is None
-             else partial(on_cluster, scheduler))
-    found = _run(Path(logs), Path(out), settings, place)
-    if as_json:
-        common.print_json(found.to_dict())
-    else:
-        click.echo(_report(found))
-    ctx.exit(SOME_BROKEN if found.broken else 0)
-
-
-def _check(
-    processes: int | None, scheduler: str | None, params: str | None, transmission: str | None,
-    stage: str | None, no_diagnose: bool, noise: float | None,
-) -> None:
-    """Refuse options that would be ignored or contradict each other."""
+    # Refused: options that would be ignored or contradict each other.
     if processes is not None and scheduler is not None:
         raise click.UsageError("--processes is for this machine, --scheduler for a cluster: "
                                "give one")
@@ -83,26 +67,23 @@ def _check(
         raise click.UsageError("--params holds a gear train: leave --transmission and --stage out")
     if no_diagnose and noise is not None:
         raise click.UsageError("--noise is for the diagnosis, --no-diagnose leaves it out")
-
-
-def _settings(
-    params: str | None, transmission: str | None, stage: str | None,
-    gears: list[float], formulation: str, diagnosed: bool, noise: float | None,
-    seed: int,
-) -> Settings:
-    if params is not None:
+    if params is None:
+        train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
+        effects: tuple[Effect, ...] = ()
+    else:
         base = load_model(params)
         train, effects = base.stage, base.effects
-    else:
-        train, effects = load_stage(transmission or data_path("params/transmission.yaml"),
-                                    stage), ()
     trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
-    return Settings(trains, formulation, effects, diagnosed, noise, seed)
-
-
-def _cores() -> int:
-    """Cores that this process may use, which in a container are fewer than there are."""
-    return len(os.sched_getaffinity(0))
+    settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
+    # Cores that this process may use, which in a container are fewer than there are.
+    place = (partial(on_processes, processes or len(os.sched_getaffinity(0)))
+             if scheduler is None else partial(on_cluster, scheduler))
+    found = _run(Path(logs), Path(out), settings, place)
+    if as_json:
+        common.print_json(found.to_dict())
+    else:
+        click.echo(_report(found))
+    ctx.exit(SOME_BROKEN if found.broken else 0)
 
 
 def _run(logs: Path, out: Path, settings: Settings, place: Place) -> Summary:

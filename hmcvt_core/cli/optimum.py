@@ -39,7 +39,16 @@ def command(
     params: str | None, as_json: bool,
 ) -> None:
     """Find the displacement ratio that wastes least."""
-    _check(hold, displacement_ratio, output_speed, engine_speed_limits)
+    # Refused: options that would be ignored or contradict each other.
+    if hold == "engine_speed" and (output_speed is not None or engine_speed_limits is not None):
+        raise click.UsageError(
+            "--output-speed and --engine-speed-limits need --hold output_speed")
+    if displacement_ratio is not None and output_speed is not None:
+        raise click.UsageError("--displacement-ratio (now) and --output-speed both tell the "
+                               "output speed to hold: give one")
+    if hold == "output_speed" and displacement_ratio is None and output_speed is None:
+        raise click.UsageError("--hold output_speed needs --displacement-ratio (now) or "
+                               "--output-speed")
     model = common.model_from(params).without_meters()
     best = model.optimal_displacement_ratio(
         engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,
@@ -61,22 +70,6 @@ def command(
         if displacement_ratio is not None and model.domain is not None:
             point = common.Point(displacement_ratio, engine_speed, load_torque)
             common.print_domain(model, point, "now ")
-
-
-def _check(
-    hold: str, displacement_ratio: float | None, output_speed: float | None,
-    engine_speed_limits: tuple[float, float] | None,
-) -> None:
-    """Refuse options that would be ignored or contradict each other."""
-    if hold == "engine_speed" and (output_speed is not None or engine_speed_limits is not None):
-        raise click.UsageError(
-            "--output-speed and --engine-speed-limits need --hold output_speed")
-    if displacement_ratio is not None and output_speed is not None:
-        raise click.UsageError("--displacement-ratio (now) and --output-speed both tell the "
-                               "output speed to hold: give one")
-    if hold == "output_speed" and displacement_ratio is None and output_speed is None:
-        raise click.UsageError("--hold output_speed needs --displacement-ratio (now) or "
-                               "--output-speed")
 
 
 def _print(best: Optimum, now: float) -> None:
