@@ -33,20 +33,32 @@ COMMANDS = {
     "import-csv": "turn the table of your bench into bench samples",
 }
 
-
 GROUP = "hmcvt.commands"
 
 
 def _installed() -> dict[str, EntryPoint]:
     """Commands of other packages by name; a name of ours cannot be taken."""
-    return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in COMMANDS}
+    found = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+    return {entry.name: entry for entry in found if entry.name not in COMMANDS}
+
+
+def _load(entry: EntryPoint) -> click.Command:
+    """Load a command of another package, or raise an `HmcvtError`."""
+    try:
+        command = entry.load()
+    except Exception as error:  # whatever somebody else's module may raise
+        raise HmcvtError(f"command {entry.name} ({entry.value}) cannot be loaded: "
+                         f"{type(error).__name__}: {error}") from error
+    if not isinstance(command, click.Command):
+        raise HmcvtError(f"command {entry.name} ({entry.value}) is no click command")
+    return command
 
 
 class _Commands(click.Group):
-    """Loads a command's module only when it is asked for, so that --help stays fast."""
+    """Loads a command of ours only when it is asked for, so that --help stays fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*COMMANDS, *sorted(_installed())]
+        return [*COMMANDS, *_installed()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
@@ -54,11 +66,20 @@ class _Commands(click.Group):
             command: click.Command = module.command
             return command
         entry = _installed().get(cmd_name)
-        return None if entry is None else entry.load()
+        try:
+            return None if entry is None else _load(entry)
+        except HmcvtError:
+            if ctx.resilient_parsing:  # completion, perhaps of another command
+                return None
+            raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        others = [(name, f"from {entry.value.partition('.')[0]}")
-                  for name, entry in sorted(_installed().items())]
+        others = []
+        for name, entry in _installed().items():
+            try:
+                others.append((name, _load(entry).get_short_help_str(formatter.width)))
+            except HmcvtError:
+                others.append((name, f"(cannot be loaded: {entry.value})"))
         with formatter.section("Commands"):
             formatter.write_dl([*COMMANDS.items(), *others])
 

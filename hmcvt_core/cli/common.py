@@ -3,109 +3,28 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import click
 
 from ..files.resources import data_path
 from ..files.strict_json import plain
-from ..model.model import EfficiencyModel
+from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import Effect
 from ..transmission.ranges import RPM
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
-_MOST_SAMPLES = 1_000_000
-
-
-class Quantity(click.ParamType):  # type: ignore[type-arg]
-    """A number in the SI unit, or in one of the units written behind it.
-
-    Args:
-        name: what it is called.
-        units: size of each unit in the SI unit; one that ends like another stands before it.
-        example: how to write it.
-        limits: lowest and highest value allowed, and both as text; None leaves it to the physics.
-    """
-
-    def __init__(
-        self, name: str, units: Mapping[str, float], example: str,
-        limits: tuple[float, float, str] | None = None,
-    ) -> None:
-        self.name, self.units, self.example, self.limits = name, units, example, limits
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return the value in the SI unit."""
-        if isinstance(value, (int, float)):
-            return float(value)
-        text = str(value).strip().lower()
-        unit = next(filter(text.endswith, self.units), "")
-        try:
-            number = float(text.removesuffix(unit)) * self.units.get(unit, 1.0)
-        except ValueError:
-            self.fail(f"{value!r} is not a {self.name}: write {self.example}", param, ctx)
-        if self.limits is not None and not self.limits[0] <= number <= self.limits[1]:
-            self.fail(f"{value!r} is outside {self.limits[2]}", param, ctx)
-        return number
-
-
-SPEED = Quantity("speed", {"rpm": RPM, "r/min": RPM, "rad/s": 1.0}, "146.6 (rad/s) or 1400rpm")
-POWER = Quantity("power", {"kw": 1e3, "w": 1.0}, "40000 (W) or 40kW",
-                 (100.0, 1e6, "100 W to 1000 kW"))
-
-
-class SampleNumbers(click.ParamType):  # type: ignore[type-arg]
-    """Sample numbers from 1, such as `1,2,4-6`."""
-
-    name = "numbers"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[int]:
-        """Return the numbers in the order written."""
-        if isinstance(value, list):
-            return value
-        numbers: list[int] = []
-        for part in str(value).split(","):
-            first, dash, last = part.strip().partition("-")
-            try:
-                low, high = int(first), int(last if dash else first)
-            except ValueError:
-                self.fail(f"{value!r} is not a list of sample numbers such as 1,2,4-6", param, ctx)
-            if not 1 <= low <= high <= _MOST_SAMPLES:
-                self.fail(f"{part!r}: sample numbers count up from 1 to at most {_MOST_SAMPLES}",
-                          param, ctx)
-            numbers += range(low, high + 1)
-        if len(set(numbers)) != len(numbers):
-            self.fail(f"{value!r} names a sample twice", param, ctx)
-        return numbers
-
-
-class Fractions(click.ParamType):  # type: ignore[type-arg]
-    """Numbers such as `0.98,0.97`."""
-
-    name = "fractions"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[float]:
-        """Return the numbers in the order written."""
-        if isinstance(value, list):
-            return value
-        try:
-            return [float(part) for part in str(value).split(",")]
-        except ValueError:
-            self.fail(f"{value!r} is not a list of numbers such as 0.98,0.97", param, ctx)
 
 
 class OutputFile(click.ParamType):  # type: ignore[type-arg]
@@ -142,6 +61,36 @@ class PictureFile(OutputFile):
         return super().convert(value, param, ctx)
 
 
+def quantity(text: str | float, units: Mapping[str, float], name: str, example: str) -> float:
+    """Read a number in the SI unit, or in one of the units written behind it.
+
+    Args:
+        text: number with or without unit.
+        units: size of each unit in the SI unit; one that ends like another stands before it.
+        name: what it is called.
+        example: how to write it.
+    """
+    given = str(text).strip().lower()
+    unit = next(filter(given.endswith, units), "")
+    try:
+        return float(given.removesuffix(unit)) * units.get(unit, 1.0)
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not a {name}: write {example}") from None
+
+
+def speed(text: str | float) -> float:
+    """Read a speed in rad/s; a type of options, whose name stands in --help."""
+    return quantity(text, {"rpm": RPM, "r/min": RPM, "rad/s": 1.0}, "speed",
+                    "146.6 (rad/s) or 1400rpm")
+
+
+def _fractions(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not a list of numbers such as 0.98,0.97") from None
+
+
 picture_option = click.option(
     "--picture", type=PictureFile(), default=None, metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
@@ -159,16 +108,59 @@ noise_option = click.option(
          "column efficiency_std, else repeated points, else 1.12 % of the efficiency]")
 
 
-def point_options(function: Function) -> Function:
-    """Add the options of one operating point."""
-    for option in (
-        click.option("--oil-temperature", type=float, help="Oil temperature in deg C."),
-        click.option("--load-torque", type=float, help="Output power / engine speed in N m."),
-        click.option("--engine-speed", type=SPEED, help="In rad/s, or like 1400rpm."),
-        click.option("--displacement-ratio", type=float, help="Pump stroke, -1 to 1."),
-    ):
+def add_options(function: Function, *options: Callable[[Function], Function]) -> Function:
+    """Add options that stand in --help in this order."""
+    for option in reversed(options):
         function = option(function)
     return function
+
+
+def model_options(function: Function) -> Function:
+    """Add what is identified: formulation, gear train, and gear efficiencies `gears` to compare."""
+    return add_options(
+        function,
+        click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
+                     show_default=True, help="Equations to use."),
+        click.option("--gear-efficiency", "gears", type=_fractions, multiple=True,
+                     metavar="0.98[,0.97...]", callback=lambda *given: list(chain(*given[-1])),
+                     help="Of every gear pair; several are compared and the best is kept."),
+        click.option("--transmission", default=None, metavar="T.yaml",
+                     help="Gear train; the paper's when left out."),
+        click.option("--stage", default=None, metavar="NAME",
+                     help="Stage of the transmission file."))
+
+
+class Point(NamedTuple):
+    """An operating point."""
+
+    displacement_ratio: float
+    engine_speed: float
+    load_torque: float
+    oil_temperature: float | None = None
+
+
+def point_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of one operating point, which the command gets as a tuple `given`."""
+    @functools.wraps(function)
+    def command(**options: Any) -> None:
+        function(given=tuple(options.pop(name) for name in Point._fields), **options)
+
+    return add_options(
+        command,
+        click.option("--displacement-ratio", type=float, help="Pump stroke, -1 to 1."),
+        click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
+        click.option("--load-torque", type=float, help="Output power / engine speed in N m."),
+        click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
+
+
+def required(given: Sequence[float | None]) -> Point:
+    """Return the point given, or raise a usage error that names the options left out."""
+    ratio, engine_speed, load_torque, oil_temperature = given
+    if ratio is None or engine_speed is None or load_torque is None:
+        missing = [f"--{name.replace('_', '-')}" for name, value in
+                   zip(Point._fields[:3], given, strict=False) if value is None]
+        raise click.UsageError(f"{', '.join(missing)} is needed")
+    return Point(ratio, engine_speed, load_torque, oil_temperature)
 
 
 def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:
@@ -179,19 +171,12 @@ def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> 
             raise click.UsageError(f"{name}: is read by this command; write another file")
 
 
-def require(**values: Any) -> None:
-    """Raise a usage error that names the options left out."""
-    missing = [f"--{name.replace('_', '-')}" for name, value in values.items() if value is None]
-    if missing:
-        raise click.UsageError(f"{', '.join(missing)} is needed")
-
-
 def model_from(path: str | None) -> EfficiencyModel:
     """Load the model asked for, or the shipped one."""
     return load_model(data_path("params/hm4.yaml") if path is None else path)
 
 
-def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None) -> None:
+def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None = None) -> None:
     """Say on stderr that a temperature given does nothing, or that one is assumed."""
     used = any(type(effect).viscosity_ratio is not Effect.viscosity_ratio
                for effect in model.effects)
@@ -203,24 +188,17 @@ def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None) 
                    "its identification, 60 deg C", err=True)
 
 
-def inside_domain(
-    model: EfficiencyModel, displacement_ratio: float, engine_speed: float, load_torque: float
-) -> bool | None:
+def inside_domain(model: EfficiencyModel, point: Point) -> bool | None:
     """Tell whether a point lies within the data of the model; None if it does not know them."""
-    if model.domain is None:
-        return None
-    return not model.domain.departures(displacement_ratio, engine_speed, load_torque)
+    return None if model.domain is None else not model.domain.departures(*point[:3])
 
 
-def print_domain(
-    model: EfficiencyModel, displacement_ratio: float, engine_speed: float, load_torque: float,
-    which: str = "",
-) -> None:
+def print_domain(model: EfficiencyModel, point: Point, which: str = "") -> None:
     """Say where a point leaves the data that the model comes from."""
     if model.domain is None:
         click.echo("the model does not say what range of data it comes from")
         return
-    left = model.domain.departures(displacement_ratio, engine_speed, load_torque)
+    left = model.domain.departures(*point[:3])
     if left:
         click.echo(f"{which}outside the range of the data that the model was identified from:")
     for departure in left:

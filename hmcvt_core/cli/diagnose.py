@@ -3,22 +3,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import click
 
 from ..diagnosis import Diagnosis, diagnose
 from ..files.bench import read_bench
 from ..model import parameter_file
-from .common import (
-    OutputFile,
-    Progress,
-    json_option,
-    keep_inputs,
-    model_from,
-    noise_option,
-    params_option,
-    print_json,
-    seed_option,
-)
+from . import common
 
 
 @click.command("diagnose", epilog="""\b
@@ -27,30 +19,27 @@ Examples:
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
   hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""")
 @click.argument("bench", metavar="BENCH.csv")
-@params_option
+@common.params_option
 @click.option("--holdout", default=None, metavar="H.csv",
               help="Samples to measure the shrinkage on; cross-validation when left out.")
-@noise_option
-@click.option("--report", "report", type=OutputFile(), default=None, metavar="R.html",
+@common.noise_option
+@click.option("--report", "report", type=common.OutputFile(), default=None, metavar="R.html",
               help="Write the report page.")
-@click.option("--save-model", type=OutputFile(), default=None, metavar="P.yaml",
+@click.option("--save-model", type=common.OutputFile(), default=None, metavar="P.yaml",
               help="Write the model with the leading cause in it.")
-@seed_option
-@json_option
+@common.seed_option
+@common.json_option
 def command(
     bench: str, params: str | None, holdout: str | None, noise: float | None,
     report: str | None, save_model: str | None, seed: int, as_json: bool,
 ) -> None:
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
-    keep_inputs([bench, holdout], [report, save_model])
-    keep_inputs([params], [report])
-    model, samples = model_from(params), read_bench(bench)
+    common.keep_inputs([bench, holdout], [report, save_model])
+    common.keep_inputs([params], [report])
+    model, samples = common.model_from(params), read_bench(bench)
     held = None if holdout is None else read_bench(holdout)
-    progress = Progress("diagnosis")
-    try:
+    with closing(common.Progress("diagnosis")) as progress:
         found = diagnose(model, samples, held, noise=noise, seed=seed, progress=progress)
-    finally:
-        progress.close()
     if save_model is not None:
         parameter_file.save_model(found.model, save_model)
     if report is not None:
@@ -58,7 +47,7 @@ def command(
 
         write_html(found, report)
     if as_json:
-        print_json(found.to_dict())
+        common.print_json(found.to_dict())
         return
     click.echo(found.report())
     if save_model is not None:

@@ -7,33 +7,21 @@ import math
 import os
 import sys
 import time
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 import click
 
 from ..files.resources import data_path
-from ..fleet.cluster import on_cluster
-from ..fleet.outliers import LEAST_LOGS, THRESHOLD
-from ..fleet.plan import find_logs, plan
-from ..fleet.processes import on_processes
-from ..fleet.results import locked
-from ..fleet.run import Entry, run
-from ..fleet.settings import Settings
-from ..fleet.study import Execute
-from ..fleet.summary import GAP, QUANTITIES, BrokenLog, Row, Summary
-from ..model.model import FORMULATIONS
+from ..fleet.executors import Place, on_cluster, on_processes
+from ..fleet.results import find_logs, locked
+from ..fleet.run import Entry, run, split
+from ..fleet.study import Settings
+from ..fleet.summary import GAP, LEAST_LOGS, QUANTITIES, THRESHOLD, BrokenLog, Row, Summary
 from ..model.parameter_file import load_model, load_stage
-from .common import (
-    Fractions,
-    Progress,
-    json_option,
-    noise_option,
-    number,
-    print_json,
-    seed_option,
-    table,
-)
+from ..physics.effects import Effect
+from . import common
 
 SOME_BROKEN = 3
 """Exit code when the work is done but some logs have no result."""
@@ -53,49 +41,25 @@ Examples:
               help="Logs side by side on this machine.")
 @click.option("--scheduler", default=None, metavar="ADDRESS",
               help="Work on the Dask cluster with this scheduler instead.")
-@click.option("--no-diagnose", is_flag=True, help="Identify the parameters only.")
-@noise_option
+@click.option("--no-diagnose", is_flag=True,
+              help="Identify the parameters only; published needs it.")
+@common.noise_option
 @click.option("--params", default=None, metavar="P.yaml",
               help="Take gear train and effects from this parameter file.")
-@click.option("--transmission", default=None, metavar="T.yaml",
-              help="Gear train; the paper's when left out.")
-@click.option("--stage", default=None, metavar="NAME", help="Stage of the transmission file.")
-@click.option("--gear-efficiency", "gears", type=Fractions(), multiple=True,
-              metavar="0.98[,0.97...]",
-              help="Of every gear pair; several are compared and the best is kept.")
-@click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
-              show_default=True, help="Equations to use; published needs --no-diagnose.")
-@seed_option
-@json_option
+@common.model_options
+@common.seed_option
+@common.json_option
 @click.pass_context
 def command(
     ctx: click.Context, logs: str, out: str, processes: int | None, scheduler: str | None,
     no_diagnose: bool, noise: float | None, params: str | None, transmission: str | None,
-    stage: str | None, gears: tuple[list[float], ...], formulation: str, seed: int, as_json: bool,
+    stage: str | None, gears: list[float], formulation: str, seed: int, as_json: bool,
 ) -> None:
     """Identify and diagnose every bench log (.csv) in a folder and the folders below it.
 
     Finished logs are skipped when the command is run again; a broken log does not stop the rest.
     """
-    _check(processes, scheduler, params, transmission, stage, no_diagnose, noise)
-    settings = _settings(params, transmission, stage, gears,
-                         formulation, not no_diagnose, noise, seed)
-    execute: Execute = partial(on_processes, processes=processes or _cores())
-    if scheduler is not None:
-        execute = partial(on_cluster, address=scheduler)
-    found = _run(Path(logs), Path(out), settings, execute)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        click.echo(_report(found))
-    ctx.exit(SOME_BROKEN if found.broken else 0)
-
-
-def _check(
-    processes: int | None, scheduler: str | None, params: str | None, transmission: str | None,
-    stage: str | None, no_diagnose: bool, noise: float | None,
-) -> None:
-    """Refuse options that would be ignored or contradict each other."""
+    # Refused: options that would be ignored or contradict each other.
     if processes is not None and scheduler is not None:
         raise click.UsageError("--processes is for this machine, --scheduler for a cluster: "
                                "give one")
@@ -103,40 +67,33 @@ def _check(
         raise click.UsageError("--params holds a gear train: leave --transmission and --stage out")
     if no_diagnose and noise is not None:
         raise click.UsageError("--noise is for the diagnosis, --no-diagnose leaves it out")
-
-
-def _settings(
-    params: str | None, transmission: str | None, stage: str | None,
-    gears: tuple[list[float], ...], formulation: str, diagnosed: bool, noise: float | None,
-    seed: int,
-) -> Settings:
-    if params is not None:
+    if params is None:
+        train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
+        effects: tuple[Effect, ...] = ()
+    else:
         base = load_model(params)
         train, effects = base.stage, base.effects
+    trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
+    settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
+    # Cores that this process may use, which in a container are fewer than there are.
+    place = (partial(on_processes, processes or len(os.sched_getaffinity(0)))
+             if scheduler is None else partial(on_cluster, scheduler))
+    found = _run(Path(logs), Path(out), settings, place)
+    if as_json:
+        common.print_json(found.to_dict())
     else:
-        train, effects = load_stage(transmission or data_path("params/transmission.yaml"),
-                                    stage), ()
-    efficiencies = [value for part in gears for value in part]
-    trains = tuple(train.with_gear_efficiency(value) for value in efficiencies) or (train,)
-    return Settings(trains, formulation, effects, diagnosed, noise, seed)
+        click.echo(_report(found))
+    ctx.exit(SOME_BROKEN if found.broken else 0)
 
 
-def _cores() -> int:
-    """Cores that this process may use, which in a container are fewer than there are."""
-    return len(os.sched_getaffinity(0))
-
-
-def _run(logs: Path, out: Path, settings: Settings, execute: Execute) -> Summary:
+def _run(logs: Path, out: Path, settings: Settings, place: Place) -> Summary:
     # Before the folder for the results is made: a misspelt LOGS_DIR shall leave nothing behind.
     found = find_logs(logs, out)
     with locked(out):
-        planned = plan(found, settings)
-        counter = _Counter(len(planned.todo))
-        try:
-            entries = run(planned.todo, settings, execute, counter)
-        finally:
-            counter.close()
-    return Summary.of(planned.done, entries)
+        todo, done = split(found, settings)
+        with closing(_Counter(len(todo))) as counter:
+            entries = run(todo, settings, place, counter)
+    return Summary.of(done, entries)
 
 
 class _Counter:
@@ -145,7 +102,7 @@ class _Counter:
     def __init__(self, logs: int) -> None:
         self.logs, self.finished, self.broken = logs, 0, 0
         self.start = self.told = time.monotonic()
-        self.line = Progress("fleet")
+        self.line = common.Progress("fleet")
 
     def __call__(self, entry: Entry) -> None:
         """Count a log."""
@@ -190,7 +147,8 @@ def _report(found: Summary) -> str:
 def _rows(found: Summary) -> str:
     head = ("log", "leakage [m3/(s Pa)]", "motor damping [N m s/rad]", "pump damping [N m s/rad]",
             "gap [points]", "verdict", "leading cause", "outlier (z)")
-    return table(head, [_row(row, found.outlying(place)) for place, row in enumerate(found.rows)])
+    return common.table(head, [_row(row, found.outlying(place))
+                               for place, row in enumerate(found.rows)])
 
 
 def _row(row: Row, outlying: dict[str, float]) -> tuple[str, ...]:
@@ -198,7 +156,7 @@ def _row(row: Row, outlying: dict[str, float]) -> tuple[str, ...]:
     apart = ", ".join(f"{name} {z:+.1f}" for name, z in outlying.items())
     values = row.values
     return (row.log, f"{values['leakage']:.3e}", f"{values['motor_damping']:.4f}",
-            f"{values['pump_damping']:.4f}", number(100 * values.get(GAP, math.nan), ".2f"),
+            f"{values['pump_damping']:.4f}", common.number(100 * values.get(GAP, math.nan), ".2f"),
             row.verdict or "-", cause, apart or "-")
 
 
@@ -210,7 +168,7 @@ def _fleet(found: Summary) -> str:
                      f"{factor * scores.deviation:.3g} "
                      + ("decades" if scores.logarithmic else unit),
                      "yes" if math.isfinite(scores.z[0]) else "no"))
-    return (table(("fleet", "median", "1.4826 MAD", "judged"), rows) + "\n"
+    return (common.table(("fleet", "median", "1.4826 MAD", "judged"), rows) + "\n"
             f"outlier: |z| > {THRESHOLD}, z = (value - median) / (1.4826 MAD), leakage by its "
             f"logarithm;\nnot judged: fewer than {LEAST_LOGS} logs, or at least half of them equal")
 

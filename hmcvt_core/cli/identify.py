@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from contextlib import closing
 from typing import Any, NamedTuple
 
 import click
@@ -14,20 +14,8 @@ from ..files.bench import BenchSamples, read_bench
 from ..files.resources import data_path
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingState
-from ..model.model import FORMULATIONS
 from ..model.parameter_file import load_stage
-from .common import (
-    Fractions,
-    OutputFile,
-    Progress,
-    SampleNumbers,
-    json_option,
-    keep_inputs,
-    picture_option,
-    print_json,
-    seed_option,
-    table,
-)
+from . import common
 from .samples import sample_records, sample_table
 
 
@@ -40,6 +28,27 @@ class _Split(NamedTuple):
     held_numbers: tuple[int, ...] = ()
 
 
+_MOST_SAMPLES = 1_000_000
+
+
+def _sample_numbers(text: str) -> list[int]:
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        try:
+            low, high = int(first), int(last if dash else first)
+        except ValueError:
+            raise click.BadParameter(
+                f"{text!r} is not a list of sample numbers such as 1,2,4-6") from None
+        if not 1 <= low <= high <= _MOST_SAMPLES:
+            raise click.BadParameter(
+                f"{part!r}: sample numbers count up from 1 to at most {_MOST_SAMPLES}")
+        numbers += range(low, high + 1)
+    if len(set(numbers)) != len(numbers):
+        raise click.BadParameter(f"{text!r} names a sample twice")
+    return numbers
+
+
 @click.command("identify", epilog="""\b
 Examples:
   hmcvt identify data/table2.csv
@@ -47,26 +56,19 @@ Examples:
   hmcvt identify data/simulated.csv --hold-back 0.3
   hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""")
 @click.argument("bench", metavar="BENCH.csv")
-@click.option("--fit", type=SampleNumbers(), default=None, metavar="1,2,4-6",
+@click.option("--fit", type=_sample_numbers, default=None, metavar="1,2,4-6",
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
 @click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True), default=None,
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
-@click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
-              show_default=True, help="Equations to use.")
-@click.option("--gear-efficiency", "gears", type=Fractions(), multiple=True,
-              metavar="0.98[,0.97...]",
-              help="Of every gear pair; several are compared and the best is kept.")
-@click.option("--transmission", default=None, metavar="T.yaml",
-              help="Gear train; the paper's when left out.")
-@click.option("--stage", default=None, metavar="NAME", help="Stage of the transmission file.")
-@click.option("--out", type=OutputFile(), default=None, metavar="P.yaml",
+@common.model_options
+@click.option("--out", type=common.OutputFile(), default=None, metavar="P.yaml",
               help="Write the parameter file.")
-@picture_option
-@seed_option
-@json_option
+@common.picture_option
+@common.seed_option
+@common.json_option
 def command(
     bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
-    gears: tuple[list[float], ...], transmission: str | None, stage: str | None, out: str | None,
+    gears: list[float], transmission: str | None, stage: str | None, out: str | None,
     picture: str | None, seed: int, as_json: bool,
 ) -> None:
     """Identify leakage and dampings from bench samples.
@@ -75,22 +77,17 @@ def command(
     """
     if fit is not None and hold_back is not None:
         raise click.UsageError("--fit and --hold-back both choose the samples: give one")
-    keep_inputs([bench, transmission], [out, picture])
+    common.keep_inputs([bench, transmission], [out, picture])
     samples = read_bench(bench)
     split = _split(samples, fit if hold_back is None else _drawn(len(samples), hold_back, seed))
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
-    progress = Progress("annealing")
+    with closing(common.Progress("annealing")) as progress:
+        def show(state: AnnealingState) -> None:
+            progress(f"step {state.generation}, objective {state.value:.6g}")
 
-    def show(state: AnnealingState) -> None:
-        progress(f"step {state.generation}, objective {state.value:.6g}")
-
-    efficiencies: Sequence[float | None] = [value for part in gears for value in part] or [None]
-    try:
         found = [identify(split.fitted, stage=train, formulation=formulation,
                           gear_efficiency=value, validation=split.held, seed=seed, progress=show)
-                 for value in efficiencies]
-    finally:
-        progress.close()
+                 for value in gears or (None,)]
     best = min(found, key=lambda item: item.objective)
     if out is not None:
         best.save(out)
@@ -100,8 +97,8 @@ def command(
         save(lambda figure: draw_fit(figure, best, split.held), picture)
     if as_json:
         tried = [_record(item, split) for item in found]
-        print_json(tried[0] if len(tried) == 1
-                   else {"best": tried[found.index(best)], "tried": tried})
+        common.print_json(tried[0] if len(tried) == 1
+                          else {"best": tried[found.index(best)], "tried": tried})
         return
     if len(found) > 1:
         click.echo(_comparison(found))
@@ -147,5 +144,5 @@ def _comparison(found: list[Identification]) -> str:
         held = "" if item.prediction_error is None else f"{100 * item.prediction_error:.2f} %"
         rows.append((f"{_gear_efficiency(item)[0]:g}", f"{item.objective:.6g}",
                      f"{100 * item.fit_error:.2f} %", held))
-    return table(("gear efficiency", found[0].objective_name, "fit error", "prediction error"),
-                 rows)
+    head = ("gear efficiency", found[0].objective_name, "fit error", "prediction error")
+    return common.table(head, rows)

@@ -11,7 +11,7 @@ import click
 from ..files.bench import write_bench
 from ..files.raw_bench import UNITS, read_raw_bench
 from ..transmission.ranges import BENCH_COLUMNS
-from .common import OutputFile, json_option, keep_inputs, print_json, table
+from . import common
 
 _TEXTS = {
     "displacement_ratio": "Pump stroke.",
@@ -28,12 +28,10 @@ _TEXTS = {
 
 
 def _column_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    for quantity, text in reversed(_TEXTS.items()):
-        units = ", ".join(UNITS[quantity])
-        function = click.option(
-            f"--{quantity.replace('_', '-')}", quantity, default=None, metavar="COLUMN[:UNIT]",
-            help=f"{text} [{units}]".strip())(function)
-    return function
+    return common.add_options(function, *(
+        click.option(f"--{quantity.replace('_', '-')}", quantity, default=None,
+                     metavar="COLUMN[:UNIT]", help=f"{text} [{', '.join(UNITS[quantity])}]".strip())
+        for quantity, text in _TEXTS.items()))
 
 
 @click.command("import-csv", epilog="""\b
@@ -44,12 +42,12 @@ Examples:
   hmcvt import-csv raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
       --load-torque M --efficiency eta:%""")
 @click.argument("raw", metavar="RAW.csv")
-@click.option("--out", type=OutputFile(), required=True, metavar="BENCH.csv",
+@click.option("--out", type=common.OutputFile(), required=True, metavar="BENCH.csv",
               help="Write the bench samples.")
 @_column_options
 @click.option("--header-row", type=click.IntRange(1, 10_000), default=None, metavar="LINE",
               help="Line of the header, from 1; lines above it are left out.")
-@json_option
+@common.json_option
 def command(
     raw: str, out: str, header_row: int | None, as_json: bool, **given: str | None
 ) -> None:
@@ -59,18 +57,18 @@ def command(
     no column holds efficiency or load torque they are computed from torques and speeds of the
     shafts. Other columns are kept. A row of units below the header is left out.
     """
-    keep_inputs([raw], [out])
+    common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
     samples = read_raw_bench(raw, columns, header_row=header_row)
     write_bench(out, samples)
     found = [(column, values) for column in BENCH_COLUMNS
              if (values := getattr(samples, column.name)) is not None]
     if as_json:
-        print_json({"samples": len(samples), "out": out, "columns": {
+        common.print_json({"samples": len(samples), "out": out, "columns": {
             column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
             for column, values in found}})
         return
-    click.echo(table(("column", "unit", "lowest", "highest"),
-                     [(column.name, column.unit, f"{values.min():.4g}", f"{values.max():.4g}")
-                      for column, values in found]))
+    click.echo(common.table(("column", "unit", "lowest", "highest"), [
+        (column.name, column.unit, f"{values.min():.4g}", f"{values.max():.4g}")
+        for column, values in found]))
     click.echo(f"{len(samples)} bench samples written to {out}")

@@ -11,16 +11,7 @@ import click
 from ..errors import HmcvtError
 from ..model.optimum import HOLDS, Optimum
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
-from .common import (
-    SPEED,
-    inside_domain,
-    json_option,
-    model_from,
-    note_oil_temperature,
-    params_option,
-    print_domain,
-    print_json,
-)
+from . import common
 
 
 @click.command("optimum", epilog="""\b
@@ -30,52 +21,25 @@ Examples:
                 --displacement-ratio -0.8
   hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
                 --output-speed 1250rpm --engine-speed-limits 900rpm 2100rpm --json""")
-@click.option("--engine-speed", type=SPEED, required=True, help="Now: rad/s or 1400rpm.")
+@click.option("--engine-speed", type=common.speed, required=True, help="Now: rad/s or 1400rpm.")
 @click.option("--load-torque", type=float, required=True,
               help="Now: output power / engine speed in N m.")
 @click.option("--hold", type=click.Choice(HOLDS), default="engine_speed", show_default=True,
               help="What must stay; output_speed looks for the best engine speed too.")
 @click.option("--displacement-ratio", type=float,
               help="Now; tells the output speed to hold and what there is to gain.")
-@click.option("--output-speed", type=SPEED, help="To hold: rad/s or 1400rpm.")
-@click.option("--engine-speed-limits", type=SPEED, nargs=2, default=None,
+@click.option("--output-speed", type=common.speed, help="To hold: rad/s or 1400rpm.")
+@click.option("--engine-speed-limits", type=common.speed, nargs=2, default=None,
               help="Lowest and highest engine speed.  [default: 750rpm 2200rpm]")
-@params_option
-@json_option
+@common.params_option
+@common.json_option
 def command(
     engine_speed: float, load_torque: float, hold: str, displacement_ratio: float | None,
     output_speed: float | None, engine_speed_limits: tuple[float, float] | None,
     params: str | None, as_json: bool,
 ) -> None:
     """Find the displacement ratio that wastes least."""
-    _check(hold, displacement_ratio, output_speed, engine_speed_limits)
-    model = model_from(params).without_meters()
-    best = model.optimal_displacement_ratio(
-        engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,
-        output_speed=output_speed, engine_speed_limits=engine_speed_limits or ENGINE_SPEED_LIMITS)
-    if math.isnan(best.efficiency):
-        raise HmcvtError("no working point: the output speed and power cannot be held within the "
-                         "engine speed limits" if hold == "output_speed" else
-                         "no working point: the load cannot be carried at this engine speed")
-    now = (math.nan if displacement_ratio is None
-           else model.efficiency(displacement_ratio, engine_speed, load_torque))
-    note_oil_temperature(model, None)
-    point = (best.displacement_ratio, best.engine_speed, best.load_torque)
-    if as_json:
-        print_json({**asdict(best), "efficiency_now": now,
-                    "inside_domain": inside_domain(model, *point)})
-    else:
-        _print(best, now)
-        print_domain(model, *point)
-        if displacement_ratio is not None and model.domain is not None:
-            print_domain(model, displacement_ratio, engine_speed, load_torque, "now ")
-
-
-def _check(
-    hold: str, displacement_ratio: float | None, output_speed: float | None,
-    engine_speed_limits: tuple[float, float] | None,
-) -> None:
-    """Refuse options that would be ignored or contradict each other."""
+    # Refused: options that would be ignored or contradict each other.
     if hold == "engine_speed" and (output_speed is not None or engine_speed_limits is not None):
         raise click.UsageError(
             "--output-speed and --engine-speed-limits need --hold output_speed")
@@ -85,6 +49,27 @@ def _check(
     if hold == "output_speed" and displacement_ratio is None and output_speed is None:
         raise click.UsageError("--hold output_speed needs --displacement-ratio (now) or "
                                "--output-speed")
+    model = common.model_from(params).without_meters()
+    best = model.optimal_displacement_ratio(
+        engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,
+        output_speed=output_speed, engine_speed_limits=engine_speed_limits or ENGINE_SPEED_LIMITS)
+    if math.isnan(best.efficiency):
+        raise HmcvtError("no working point: the output speed and power cannot be held within the "
+                         "engine speed limits" if hold == "output_speed" else
+                         "no working point: the load cannot be carried at this engine speed")
+    now = (math.nan if displacement_ratio is None
+           else model.efficiency(displacement_ratio, engine_speed, load_torque))
+    common.note_oil_temperature(model)
+    point = common.Point(best.displacement_ratio, best.engine_speed, best.load_torque)
+    if as_json:
+        common.print_json({**asdict(best), "efficiency_now": now,
+                           "inside_domain": common.inside_domain(model, point)})
+    else:
+        _print(best, now)
+        common.print_domain(model, point)
+        if displacement_ratio is not None and model.domain is not None:
+            point = common.Point(displacement_ratio, engine_speed, load_torque)
+            common.print_domain(model, point, "now ")
 
 
 def _print(best: Optimum, now: float) -> None:

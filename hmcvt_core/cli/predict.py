@@ -9,18 +9,9 @@ import click
 
 from ..files.bench import read_bench
 from ..model.model import EfficiencyModel
-from .common import (
-    inside_domain,
-    json_option,
-    model_from,
-    note_oil_temperature,
-    params_option,
-    point_options,
-    print_domain,
-    print_json,
-    require,
-)
-from .samples import mean_error, sample_records, sample_table
+from ..model.relative_error import RelativeError
+from . import common
+from .samples import sample_records, sample_table
 
 
 @click.command("predict", epilog="""\b
@@ -29,42 +20,30 @@ Examples:
   hmcvt predict data/table2.csv
   hmcvt predict data/table2.csv --params params/paper.yaml --json""")
 @click.argument("bench", metavar="[BENCH.csv]", required=False)
-@point_options
-@params_option
-@json_option
+@common.point_options
+@common.params_option
+@common.json_option
 def command(
-    bench: str | None, displacement_ratio: float | None, engine_speed: float | None,
-    load_torque: float | None, oil_temperature: float | None, params: str | None, as_json: bool,
+    bench: str | None, given: tuple[float | None, ...], params: str | None, as_json: bool
 ) -> None:
     """Predict the efficiency at one point, or at every sample of a file."""
-    point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
-    if bench is not None:
-        if any(value is not None for value in point):
-            raise click.UsageError("give a file or the options of one point, not both")
-        _predict_file(model_from(params), bench, as_json)
-        return
-    require(displacement_ratio=displacement_ratio, engine_speed=engine_speed,
-            load_torque=load_torque)
-    assert displacement_ratio is not None and engine_speed is not None and load_torque is not None
-    # At a point there is no bench whose meters could read wrong.
-    model = model_from(params).without_meters()
-    _predict_point(model, as_json, displacement_ratio, engine_speed, load_torque,
-                   oil_temperature)
+    if bench is None:
+        # At a point there is no bench whose meters could read wrong.
+        _predict_point(common.required(given), common.model_from(params).without_meters(), as_json)
+    elif any(value is not None for value in given):
+        raise click.UsageError("give a file or the options of one point, not both")
+    else:
+        _predict_file(common.model_from(params), bench, as_json)
 
 
-def _predict_point(
-    model: EfficiencyModel, as_json: bool, displacement_ratio: float, engine_speed: float,
-    load_torque: float, oil_temperature: float | None,
-) -> None:
-    point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
+def _predict_point(point: common.Point, model: EfficiencyModel, as_json: bool) -> None:
     found, refusal = model.predict(*point), model.refusal(*point)
-    note_oil_temperature(model, oil_temperature)
+    common.note_oil_temperature(model, point.oil_temperature)
     # Where there is no efficiency the shaft does not turn as any formula says.
     speed = model.output_speed(*point) if refusal is None else math.nan
     if as_json:
-        inside = inside_domain(model, displacement_ratio, engine_speed, load_torque)
-        print_json({**found._asdict(), "inside_domain": inside, "output_speed": speed,
-                    "refusal": refusal})
+        common.print_json({**found._asdict(), "inside_domain": common.inside_domain(model, point),
+                           "output_speed": speed, "refusal": refusal})
         return
     if refusal is not None:
         click.echo(f"no efficiency: {refusal}")
@@ -73,21 +52,21 @@ def _predict_point(
                   else f"+- {found.standard_error:.4f}")
         click.echo(f"efficiency     {found.efficiency:.4f} {spread}")
         click.echo(f"output speed   {speed:.2f} rad/s")
-    print_domain(model, displacement_ratio, engine_speed, load_torque)
+    common.print_domain(model, point)
 
 
 def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
     samples = read_bench(bench)
     records = sample_records(model, samples)
     if as_json:
-        print_json(records)
+        common.print_json(records)
         return
     click.echo(sample_table(records))
-    mean, none = mean_error(records), sum(math.isnan(entry["error"]) for entry in records)
-    if mean is not None:
-        click.echo(f"mean |error|  {100 * mean:.2f} %")
-    if none:
-        click.echo(f"the model has no answer at {none} of {len(records)} samples")
+    error = RelativeError.of_model(model, samples)
+    if error.without_answer < len(records):
+        click.echo(f"mean |error|  {100 * error.mean:.2f} %")
+    if error.without_answer:
+        click.echo(f"the model has no answer at {error.without_answer} of {len(records)} samples")
     if samples.sha256 == model.provenance.get("data_sha256"):
         used = model.provenance.get("samples", "some")
         click.echo(f"the model was identified from {used} of these samples: others say more of it")

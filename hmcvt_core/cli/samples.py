@@ -6,8 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
 from .common import number, table
@@ -52,9 +50,3 @@ def sample_table(records: Sequence[dict[str, Any]]) -> str:
         f"{entry['measured']:.4f}", number(entry["predicted"], ".4f"),
         number(entry["standard_error"], ".4f"), number(100 * entry["error"], "+.2f", " %"),
         _DOMAIN[entry["inside_domain"]]) for entry in records])
-
-
-def mean_error(records: Sequence[dict[str, Any]]) -> float | None:
-    """Mean |predicted - measured| / measured over the samples with an answer [-], or None."""
-    errors = [abs(entry["error"]) for entry in records if np.isfinite(entry["error"])]
-    return float(np.mean(errors)) if errors else None

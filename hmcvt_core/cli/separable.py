@@ -7,7 +7,7 @@ import click
 
 from ..benches.plan import read_plan
 from ..diagnosis import separable
-from .common import json_option, model_from, noise_option, params_option, print_json
+from . import common
 
 
 @click.command("separable", epilog="""\b
@@ -15,12 +15,12 @@ Examples:
   hmcvt separable data/table2.csv
   hmcvt separable plan.csv --noise 0.004 --output-speed""")
 @click.argument("plan", metavar="PLAN.csv")
-@noise_option
+@common.noise_option
 @click.option("--output-speed", "output_speed", is_flag=True,
               help="As if the output speed were read too.")
 @click.option("--matrix", "matrix", is_flag=True, help="Print every pair as a number too.")
-@params_option
-@json_option
+@common.params_option
+@common.json_option
 def command(
     plan: str, noise: float | None, output_speed: bool, matrix: bool, params: str | None,
     as_json: bool,
@@ -30,9 +30,9 @@ def command(
     PLAN.csv needs displacement_ratio, engine_speed and load_torque; an efficiency in it is not
     used. Column oil_temperature counts as read, column output_speed too.
     """
-    model = model_from(params)
+    model = common.model_from(params)
     found = separable(model, read_plan(plan, model, output_speed), noise=noise)
     if as_json:
-        print_json(found.to_dict())
+        common.print_json(found.to_dict())
     else:
         click.echo(found.report(matrix))

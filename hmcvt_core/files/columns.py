@@ -21,7 +21,6 @@ from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Range
 Array = NDArray[np.float64]
 _MAX_BYTES = 256 * 1024 * 1024
 _NAMES = frozenset(column.name for column in BENCH_COLUMNS)
-_SPECIAL = ("nan", "inf", "infinity")
 _DECIMAL_COMMA = re.compile(r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")
 
 
@@ -68,7 +67,10 @@ def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Colum
     """
     cells = decimal_points(read_cells(path, required, column_name), _NAMES)
     columns, rows, source = dict(cells.columns), cells.rows, cells.source
-    _refuse_units(columns, rows, source, required)
+    first = [columns[name][0] for name in required]
+    if holds_units(first):
+        raise InputError(f"{source}: row {rows[0]}: {', '.join(first)} are no numbers; remove a "
+                         f"row of units ({required[1]} is in rad/s, {required[2]} in N m)")
     known = {}
     for column in BENCH_COLUMNS:
         if column.name in columns:
@@ -208,15 +210,17 @@ def column_name(cell: str) -> str:
     return plain if plain in _NAMES else cell.strip()
 
 
-def _refuse_units(
-    cells: dict[str, list[str]], rows: list[int], source: str, required: Sequence[str]
-) -> None:
-    """Name a row below the header that holds no number at all where numbers belong."""
-    first = [cells[name][0] for name in required]
-    if all(cell and not any(map(str.isdigit, cell)) and cell.lower().strip("+-") not in _SPECIAL
-           for cell in first):
-        raise InputError(f"{source}: row {rows[0]}: {', '.join(first)} are no numbers; remove a "
-                         f"row of units ({required[1]} is in rad/s, {required[2]} in N m)")
+def holds_units(cells: Sequence[str]) -> bool:
+    """Whether a row, the cells of number columns, holds words alone: it names their units."""
+    return any(cells) and not any(map(_is_number, cells))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def numbers(

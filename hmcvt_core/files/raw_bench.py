@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, EFFICIENCY, LOAD_TORQUE, RPM, Range
 from .bench import BenchSamples
-from .columns import Cells, column_name, decimal_points, numbers, read_cells, require_range
+from .columns import (
+    Cells,
+    column_name,
+    decimal_points,
+    holds_units,
+    numbers,
+    read_cells,
+    require_range,
+)
 
 Array = NDArray[np.float64]
 
@@ -79,7 +87,10 @@ def read_raw_bench(
     for quantity, column in chosen.items():
         if names.count(column.name) > 1:
             raise InputError(f"{quantity}: column {column.name!r} is named twice")
-    cells = decimal_points(_without_units(cells, names), names)
+    if holds_units([cells.columns[name][0] for name in names]):
+        cells = cells._replace(columns={name: column[1:] for name, column in cells.columns.items()},
+                               rows=cells.rows[1:])
+    cells = decimal_points(cells, names)
     values = {}
     for quantity, column in chosen.items():
         values[quantity] = column.factor * numbers(
@@ -138,23 +149,6 @@ def _column(quantity: str, text: str, cells: Cells) -> _Column:
         raise InputError(f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}")
     raise InputError(f"{cells.source}: {quantity}: column {name if colon else whole!r} is missing; "
                      f"there is {', '.join(cells.columns)}")
-
-
-def _without_units(cells: Cells, names: Sequence[str]) -> Cells:
-    """Leave out a first row that holds words but no number in the columns: it names their units."""
-    first = [cells.columns[name][0] for name in names]
-    if not any(first) or any(map(_is_number, first)):
-        return cells
-    return cells._replace(columns={name: column[1:] for name, column in cells.columns.items()},
-                          rows=cells.rows[1:])
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _derive(values: dict[str, Array], cells: Cells) -> None:

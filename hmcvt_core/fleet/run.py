@@ -1,23 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the plan to the results: logs are read, studied elsewhere, and their files written here."""
+"""From logs to results: logs are read, studied elsewhere, and their files written here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 
 from ..errors import HmcvtError, InputError
 from ..files.bench import read_bench
-from .results import Log, save
-from .settings import Settings
-from .study import Broken, Execute, Outcome, Task
+from .executors import Place, study_all
+from .results import Log, finished, save
+from .study import Broken, Settings, Task
 from .summary import BrokenLog, Row
 
 Entry = Row | BrokenLog
 
 
+def split(logs: Iterable[Log], settings: Settings) -> tuple[list[Log], list[Row]]:
+    """Tell the logs to be studied from those finished before with the same data and settings.
+
+    Returns:
+        The first, in their order, and the rows of the others.
+    """
+    rows = {log: finished(log, settings) for log in logs}
+    return ([log for log, row in rows.items() if row is None],
+            [row for row in rows.values() if row is not None])
+
+
 def run(
-    todo: Sequence[Log], settings: Settings, execute: Execute, progress: Callable[[Entry], None]
+    todo: Sequence[Log], settings: Settings, place: Place, progress: Callable[[Entry], None]
 ) -> list[Entry]:
     """Study logs and write the files of each as soon as it is finished.
 
@@ -26,7 +37,7 @@ def run(
     Args:
         todo: logs to be studied.
         settings: for all of them.
-        execute: where the work is done.
+        place: where the work is done.
         progress: called with each entry once its files are written.
 
     Raises:
@@ -49,9 +60,11 @@ def run(
             else:
                 yield task
 
-    with closing(execute(tasks(), settings)) as outcomes:
+    with closing(study_all(tasks(), settings, place)) as outcomes:
         for name, outcome in outcomes:
-            finish(_entry(logs[name], outcome, settings))
+            log = logs[name]
+            finish(_broken(log, outcome.reason) if isinstance(outcome, Broken)
+                   else save(log, outcome, settings))
     return entries
 
 
@@ -61,12 +74,6 @@ def _read(log: Log) -> Task:
     if log.path.exists() and not log.path.is_file():
         raise InputError("is not a file")  # a pipe would be read for ever
     return Task(log.name, read_bench(log.path))
-
-
-def _entry(log: Log, outcome: Outcome, settings: Settings) -> Entry:
-    if isinstance(outcome, Broken):
-        return _broken(log, outcome.reason)
-    return Row.of(save(log, outcome, settings))
 
 
 def _broken(log: Log, reason: str) -> BrokenLog:

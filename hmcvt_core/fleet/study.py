@@ -1,19 +1,63 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One log: samples in, outcome out; no file is touched, so it can run anywhere."""
+"""One log: samples and settings in, outcome out; no file is touched, so it can run anywhere."""
 
 from __future__ import annotations
 
+import hashlib
 import traceback
-from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from ..diagnosis import diagnose
-from ..errors import HmcvtError
+from ..errors import HmcvtError, InputError
 from ..files.bench import BenchSamples
 from ..identification import identify
 from ..model.model import EfficiencyModel
-from .settings import Settings
+from ..physics.effects.base import Effect
+from ..transmission.parameters import PAPER_PARAMETERS
+from ..transmission.ranges import EFFICIENCY_STD
+from ..transmission.stage import Stage
+from ..version import __version__
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """Settings of `identify` and `diagnose`, the same for every log.
+
+    Attributes:
+        stages: gear trains to compare; the one with the lowest objective is kept.
+        formulation: `power_balance` or `published`.
+        effects: effects with fixed parameters that act besides.
+        diagnosed: whether the gap is diagnosed too.
+        noise: standard deviation of the efficiency [-]; None for what the log states.
+        seed: of every random number.
+
+    Raises:
+        InputError: a setting is out of range, or two do not go together.
+    """
+
+    stages: tuple[Stage, ...]
+    formulation: str = "power_balance"
+    effects: tuple[Effect, ...] = ()
+    diagnosed: bool = True
+    noise: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        # Told once, before the work, not by every log.
+        for stage in self.stages:
+            EfficiencyModel(stage, PAPER_PARAMETERS[0.98], self.formulation, self.effects)
+        if self.diagnosed and self.formulation != "power_balance":
+            raise InputError("diagnosis needs formulation power_balance, "
+                             f"not {self.formulation!r}")
+        if self.noise is not None:
+            EFFICIENCY_STD.check(self.noise, "noise")
+
+    @cached_property
+    def sha256(self) -> str:
+        """Changes with every setting and with the version of hmcvt."""
+        return hashlib.sha256(f"{__version__} {self!r}".encode()).hexdigest()
 
 
 class Task(NamedTuple):
@@ -48,12 +92,6 @@ class Broken:
 
 
 Outcome = Study | Broken
-Outcomes = Generator[tuple[str, Outcome], None, None]
-Execute = Callable[[Iterator[Task], Settings], Outcomes]
-"""Studies tasks side by side; gives name and outcome of each in the order they finish.
-
-Tasks are taken one by one as there is room, so that a fleet need not fit into memory.
-"""
 
 
 def study(samples: BenchSamples, settings: Settings) -> Outcome:

@@ -38,7 +38,8 @@ def _steady_options(function: Callable[..., Any]) -> Callable[..., Any]:
 Examples:
   hmcvt import-bag run1 --out samples.csv
   hmcvt import-bag run1.mcap --out samples.csv --topic shafts --namespace tractor1
-  hmcvt import-bag run1 --out samples.csv --min-duration 8 --torque-scatter 0.03 --json""")
+  hmcvt import-bag run1 --out samples.csv --min-duration 8 --torque-scatter 0.03 --json""",
+               short_help="turn a recorded bag (rosbag2) into bench samples")
 @click.argument("bag", metavar="BAG")
 @click.option("--out", type=OutputFile(), required=True, metavar="S.csv",
               help="Write the bench samples.")

@@ -9,8 +9,6 @@ import sys
 
 import pytest
 
-from hmcvt_core.cli import COMMANDS
-
 from .running import ROOT
 
 BASH = shutil.which("bash")
@@ -27,19 +25,11 @@ def environment(tmp_path):
             "PATH": f"{command.parent}{os.pathsep}{os.environ['PATH']}"}
 
 
-def test_bash_source_prints_a_script(environment):
-    done = subprocess.run(["hmcvt"], env={**environment, "_HMCVT_COMPLETE": "bash_source"},
-                          capture_output=True, text=True, timeout=30)
-    assert done.returncode == 0 and "complete " in done.stdout and done.stderr == ""
-
-
 @pytest.mark.skipif(BASH is None, reason="needs bash")
 @pytest.mark.parametrize(("words", "offered"), [
-    (("hmcvt", ""), set(COMMANDS)),
-    (("hmcvt", "re"), {"reproduce"}),
-    (("hmcvt", "identify", "--form"), {"--formulation"}),
+    (("hmcvt", "import-"), {"import-csv", "import-bag"}),
     (("hmcvt", "identify", "--formulation", ""), {"power_balance", "published"}),
-    (("hmcvt", "optimum", "--hold", "o"), {"output_speed"}),
+    (("hmcvt", "optimum", "--ho"), {"--hold"}),
 ])
 def test_bash_completes(environment, words, offered):
     page = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")

@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """`--json` prints one JSON value alone, whatever else a command writes.
 
-`fleet` and `reproduce` are run with it by tests/fleet and tests/reproduce; `node` prints nothing.
+`fleet` is run with it by tests/fleet; `node` prints nothing.
 """
 
 import importlib.util
-import json
 import shutil
 
-import click
 import pytest
 
-from hmcvt_core.cli import COMMANDS, cli
-from studies.blind.conditions import cases
+from hmcvt_core.cli import COMMANDS
 
-from .running import POINT, ROOT, TABLE2, process, write_raw_bench
+from .running import HM4, POINT, ROOT, TABLE2, process, write_raw_bench
 
-ELSEWHERE = {"fleet": "fleet/test_results.py", "reproduce": "reproduce/test_command.py"}
 CASES = {
     "identify": (TABLE2, "--fit", "1,2,4-6", "--out", "p.yaml", "--picture", "fit.png"),
     "identify, compared": (TABLE2, "--gear-efficiency", "0.98,0.97", "--out", "p.yaml"),
@@ -45,14 +41,7 @@ def workplace(tmp_path, monkeypatch):
 
 
 def test_every_command_is_covered():
-    covered = {case.partition(",")[0] for case in CASES} | {"blind"} | set(ELSEWHERE)
-    assert covered == set(COMMANDS) - {"node"}
-    for name in covered:
-        options = {option for parameter in cli.get_command(click.Context(cli), name).params
-                   for option in parameter.opts}
-        assert "--json" in options, name
-    for path in ELSEWHERE.values():
-        assert '"--json"' in (ROOT / "tests" / path).read_text(encoding="utf-8")
+    assert {case.partition(",")[0] for case in CASES} == {*COMMANDS, "import-bag"} - {"fleet"}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -65,7 +54,7 @@ def test_one_value_alone(hmcvt, workplace, case):
 
         import hmcvt_core
 
-        model = hmcvt_core.load_model(ROOT / "params" / "hm4.yaml")
+        model = hmcvt_core.load_model(HM4)
         bench = run_bench(model, [(0.5, 120.0, 200.0), (-0.5, 90.0, 250.0)])
         write_bag(workplace / "run1", bench_records(bench))
     done = hmcvt(name, *arguments, "--json")
@@ -79,22 +68,11 @@ def test_one_value_alone(hmcvt, workplace, case):
             assert path.stat().st_size > 0, option
 
 
-def test_blind(hmcvt, workplace, monkeypatch):
-    # One campaign of the trial: all of them take minutes. It is diagnosed in another process.
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr("hmcvt_core.cli.blind.cases", lambda *_: cases(1, 1, ("reference",))[:1])
-    done = hmcvt("blind", "--seeds", "1", "--part", "reference", "--jobs", "1", "--out", "b.md",
-                 "--json")
-    assert (done.code, done.err) == (0, "")
-    assert done.json["campaigns"] == 1 and "reference" in done.json
-    assert (workplace / "b.md").read_text(encoding="utf-8").startswith("# Blind trial")
-
-
 def test_a_process_prints_the_same(workplace):
     shutil.copy(TABLE2, workplace / "bench.csv")
     done = process("identify", "bench.csv", "--out", "p.yaml", "--json", cwd=workplace,
                    env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"})
     assert (done.code, done.err) == (0, "")
-    assert json.loads(done.out)["parameters"]
+    assert done.json["parameters"]
     # No line beside the value: it begins and ends the output.
     assert done.out[0] == "{" and done.out.endswith("}\n")

@@ -11,7 +11,7 @@ import hmcvt_core as hmcvt_library
 from hmcvt_core.physics.effects.oil import OilTemperature
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 
-from .running import HM4, POINT, TABLE2, assert_refused
+from .running import HM4, POINT, TABLE2
 
 TABLE = Path(TABLE2)
 HEADER = "displacement_ratio,engine_speed,load_torque,efficiency\n"
@@ -21,11 +21,6 @@ def saved(path, *effects):
     model = hmcvt_library.load_model(HM4)
     hmcvt_library.save_model(replace(model, effects=effects), path)
     return path
-
-
-@pytest.mark.parametrize("numbers", ["4-", "-4", "1,4-", "-"])
-def test_open_range_of_samples_is_refused(hmcvt, numbers):
-    assert_refused(hmcvt("identify", TABLE2, "--fit", numbers), f"'{numbers}'", "1,2,4-6")
 
 
 def nan_in(text):
@@ -98,9 +93,3 @@ def test_error_of_a_meter_is_in_predictions_for_a_bench_alone(hmcvt, tmp_path):
     for true, read in zip(*(hmcvt("predict", TABLE2, "--params", path, "--json").json
                             for path in (HM4, off)), strict=True):
         assert read["predicted"] == pytest.approx(true["predicted"] / 0.9, rel=1e-6)
-
-
-def test_results_of_a_trial_need_a_folder(hmcvt, tmp_path):
-    absent = tmp_path / "absent"
-    assert_refused(hmcvt("blind", "--results", absent / "x.jsonl"), "--results", "not a folder")
-    assert not absent.exists()

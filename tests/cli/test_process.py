@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command as a citizen of the shell: exit codes, files, pipes, signals, completion."""
+"""The command as a citizen of the shell: exit codes, files, pipes, signals, other packages."""
 
 import array
 import fcntl
 import io
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -14,36 +15,69 @@ import time
 from pathlib import Path
 
 import pytest
+from click import shell_completion
 
 import hmcvt_core
-from hmcvt_core.cli import COMMANDS, common
+from hmcvt_core.cli import COMMANDS, cli, common
 
-from .running import COMMAND, POINT, ROOT, assert_refused, process
+from .running import COMMAND, POINT, ROOT, TABLE2, assert_refused, process
 
 SMALL_MAP = ("map", "--steps", "11", "5", "5")
 
 
-def test_bare_command_shows_help():
-    done = process()
+def test_bare_command_shows_help(hmcvt):
+    done = hmcvt()
     assert done.code == 2 and done.out == ""
     assert "Usage: hmcvt" in done.err
-    assert all(name in done.err for name in COMMANDS)
+    assert all(f"\n  {name} " in done.err for name in COMMANDS)
+    assert hmcvt("--help").out == hmcvt("-h").out == done.err
+    assert hmcvt("--version").out.split() == ["hmcvt,", "version", hmcvt_core.__version__]
 
 
-def test_help_and_version():
-    done = process("--help")
-    assert (done.code, done.err) == (0, "")
-    assert done.out == process("-h").out
-    assert process("--version").out.split() == ["hmcvt,", "version", hmcvt_core.__version__]
-
-
-def test_help_loads_no_command():
+def test_help_loads_no_command_of_ours_and_names_those_of_ros():
     code = ("import sys; from hmcvt_core.cli import cli\n"
             "cli.main(['--help'], standalone_mode=False)\n"
             "print(*(name for name in sys.modules if name.startswith('hmcvt_core.cli.')))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT,
                           check=True, timeout=60)
-    assert done.stdout.splitlines()[-1] == ""
+    assert set(done.stdout.splitlines()[-1].split()) <= {"hmcvt_core.cli.common"}
+    assert re.search(r"^  import-bag  turn a recorded bag \(rosbag2\) into bench samples$",
+                     done.stdout, re.MULTILINE)
+
+
+@pytest.fixture
+def other_package(tmp_path, monkeypatch):
+    """An installed package that adds commands, one that works and some that do not."""
+    info = tmp_path / "other-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[hmcvt.commands]\ngreet = other:greet\nabsent = other:absent\n"
+        "needy = other_needy:command\nplain = other:__name__\npredict = other:greet\n")
+    (tmp_path / "other.py").write_text(
+        "import click\n@click.command(short_help='say hello')\n"
+        "@click.option('--loud', is_flag=True)\n"
+        "def greet(loud):\n    click.echo('HELLO' if loud else 'hello')\n")
+    (tmp_path / "other_needy.py").write_text("import a_module_that_is_not_there")
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def test_commands_of_another_package(hmcvt, other_package):
+    assert hmcvt("greet", "--loud").out == "HELLO\n"
+    # A name of ours cannot be taken.
+    assert hmcvt("predict", *POINT).out.startswith("efficiency ")
+    shown = hmcvt("--help")
+    assert (shown.code, shown.err) == (0, "")
+    for line in ("greet       say hello", "needy       (cannot be loaded: other_needy:command)",
+                 "absent      (cannot be loaded: other:absent)"):
+        assert f"\n  {line}\n" in shown.out
+    assert_refused(hmcvt("needy"), "command needy (other_needy:command) cannot be loaded: "
+                   "ModuleNotFoundError: No module named 'a_module_that_is_not_there'")
+    assert_refused(hmcvt("plain"), "command plain (other:__name__) is no click command")
+    assert_refused(hmcvt("unknown"), "No such command 'unknown'", "hmcvt --help")
+    completed = shell_completion.BashComplete(cli, {}, "hmcvt", "_HMCVT_COMPLETE")
+    offered = {item.value for item in completed.get_completions([], "")}
+    assert {"greet", *COMMANDS} <= offered and not {"needy", "absent", "plain"} & offered
 
 
 def test_every_command_module_is_listed():
@@ -55,7 +89,7 @@ def test_every_command_module_is_listed():
 
 def test_internal_failure_is_told_from_wrong_input():
     code = ("from hmcvt_core.cli import main, predict\n"
-            "predict.model_from = None\n"
+            "predict.common = None\n"
             f"main({['predict', *POINT]!r})")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT,
                           timeout=60)
@@ -75,13 +109,6 @@ def test_write_that_fails_half_way_leaves_the_old_file(tmp_path):
     assert list(tmp_path.iterdir()) == [out]
 
 
-def test_failed_identification_leaves_no_file(tmp_path):
-    out = tmp_path / "p.yaml"
-    done = process("identify", "data/table2.csv", "--out", out, preexec_fn=_limit_file_size)
-    assert_refused(done, f"{out}: File too large")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_folder_that_is_not_there_is_told_before_the_work(hmcvt, tmp_path):
     # The bench file does not exist either: had the work begun, that would be the complaint.
     out = tmp_path / "none" / "p.yaml"
@@ -98,9 +125,26 @@ def test_link_stays_a_link(hmcvt, tmp_path):
     assert target.read_text() == hmcvt(*SMALL_MAP).out
 
 
-def test_pipe_as_output_file():
+def test_pipe_as_output_file(hmcvt):
     done = process(*SMALL_MAP, "--out", "/dev/stdout")
-    assert done.code == 0 and done.out == process(*SMALL_MAP).out
+    assert done.code == 0 and done.out == hmcvt(*SMALL_MAP).out
+
+
+@pytest.mark.parametrize("arguments", [
+    ("identify", "{}", "--out", "{}"), ("identify", "{}", "--picture", "{}"),
+    ("diagnose", "{}", "--report", "{}"), ("diagnose", TABLE2, "--holdout", "{}",
+                                           "--save-model", "{}"),
+    ("diagnose", TABLE2, "--params", "{}", "--report", "{}"),
+    ("map", "--picture", "m.svg", "--bench", "{}", "--out", "{}"),
+    ("import-csv", "{}", "--out", "{}", "--engine-speed", "n")], ids=" ".join)
+def test_what_a_command_reads_is_not_written_over(hmcvt, tmp_path, arguments):
+    path, link = tmp_path / "bench.svg", tmp_path / "link.svg"
+    path.write_bytes(Path(TABLE2).read_bytes())
+    link.symlink_to(path)
+    given = [str(word).format(path) for word in arguments]
+    given[len(given) - 1 - given[::-1].index(str(path))] = str(link)
+    assert_refused(hmcvt(*given), f"{link}: is read by this command; write another file")
+    assert path.read_bytes() == Path(TABLE2).read_bytes()
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full (Linux)")
@@ -110,7 +154,11 @@ def test_full_disk():
                               text=True, cwd=ROOT, timeout=60)
     assert done.returncode == 2
     assert done.stderr == "hmcvt: error: output: No space left on device\n"
-    assert_refused(process(*SMALL_MAP, "--out", "/dev/full"), "/dev/full: No space left")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full (Linux)")
+def test_full_disk_under_an_output_file(hmcvt):
+    assert_refused(hmcvt(*SMALL_MAP, "--out", "/dev/full"), "/dev/full: No space left")
 
 
 def test_reader_that_leaves():
@@ -147,17 +195,6 @@ def test_interrupt(tmp_path):
         out, err = running.communicate(timeout=60)
     assert running.returncode == 130
     assert out == "" and err.split("\n") == ["", "hmcvt: error: interrupted", ""]
-
-
-@pytest.mark.parametrize(("words", "expected"), [
-    ("hmcvt pre", "predict"), ("hmcvt optimum --ho", "--hold"),
-    ("hmcvt optimum --hold out", "output_speed")])
-def test_shell_completion(words, expected):
-    done = subprocess.run(
-        COMMAND, capture_output=True, text=True, cwd=ROOT, timeout=60,
-        env={**os.environ, "_HMCVT_COMPLETE": "bash_complete", "COMP_WORDS": words,
-             "COMP_CWORD": str(len(words.split()) - 1)})
-    assert expected in done.stdout and done.stderr == ""
 
 
 class _Terminal(io.StringIO):

@@ -79,16 +79,19 @@ def test_worked_example_of_the_diagnosis(hmcvt, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     printed, steps = [], blocks(example)
     assert len(steps) >= 6
+    told = []
     for block in steps:
         printed = follow(hmcvt, block, printed)
+        told += printed
     assert (tmp_path / "better.yaml").is_file()
+    assert "model with charge_pump (54 %, not certain) written to better.yaml" in told
 
 
 def test_effect_of_the_page_is_found():
     page = (DOCS / "add-an-effect.md").read_text(encoding="utf-8")
     code, = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     # In a process of its own: a class stays in the library for good.
-    printed = run(f"{code}\nfrom hmcvt_core.effects import library\n"
+    printed = run(f"{code}\nfrom hmcvt_core.physics.effects import library\n"
                   "print(*(effect.name for effect in library()))\n"
                   "import hmcvt_core as h\nfrom dataclasses import replace\n"
                   "model = h.load_model(h.data_path('params/hm4.yaml'))\n"

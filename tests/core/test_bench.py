@@ -105,7 +105,6 @@ def test_spellings_that_are_read(tmp_path, text):
     ("0.5,150,200,80", r"row 3: efficiency = 80 is outside 0.01 to 1 \(a fraction, not percent\)"),
     ("1.3,150,200,0.8", r"row 3: displacement_ratio = 1.3 is outside -1 to 1 \(a fraction of full"),
     ("0.5,150,-200,0.8", r"row 3: load_torque = -200 is outside 1 to 5000 N m"),
-    ("0.5,150,200,0", r"row 3: efficiency = 0 is outside 0.01 to 1"),
     ("0.5,150,5000.0000001,0.8", r"row 3: load_torque = 5000.0000001 is outside 1 to 5000 N m"),
     ("0.5,fast,200,0.8", r"row 3: engine_speed 'fast' is not a number"),
     ("0.5,150,,0.8", r"row 3: load_torque is empty"),
@@ -127,7 +126,6 @@ def test_bad_row_is_named(tmp_path, row, message):
     ("displacement_ratio,engine_speed,efficiency\n0.5,150,0.8",
      r"row 1: column load_torque is missing; there is displacement_ratio, engine_speed, effici"),
     ("0.5,150,200,0.8\n", r"row 1: column displacement_ratio, .* is missing; there is 0.5, 150"),
-    (HEADER.replace(",", ";") + "\n", r"holds a header but no samples"),
     (f"{HEADER}\n-,rad/s,N m,-\n{GOOD}", r"row 2: -, rad/s, N m, - are no numbers; remove a row"),
     (f"{HEADER},oil_temperature\n{GOOD},60\n{GOOD},\n",
      r"row 3: oil_temperature is empty: fill it in, or leave the column out"),
@@ -138,10 +136,7 @@ def test_bad_row_is_named(tmp_path, row, message):
     ("Efficiency,efficiency\n", r"row 1: column 'efficiency' stands there twice"),
     (f"{HEADER}\n{GOOD}".encode("utf-16"), r"not UTF-8 text at byte 0: save it as 'CSV UTF-8'"),
     (f"{HEADER},\u00f6l\n{GOOD},1".encode("latin-1"), r"not UTF-8 text at byte 55: save it as"),
-    (HEADER + ",efficiency\n", r"row 1: column 'efficiency' stands there twice"),
     ('"displacement\nratio",b\n1,2', r"row 1: column .* is missing; there is displacement ratio"),
-    (bytes(range(256)), r"not UTF-8 text at byte 128"),
-    (b"\xff\xfed\x00", r"not UTF-8 text at byte 0"),
     (b"\x00\x01\x02\x03", r"is missing"),
     ("x" * 200_000 + f"\n{GOOD}", r"not CSV: field larger than field limit"),
     (HEADER + ",oil_temperature\n" + GOOD + ",333", r"row 2: oil_temp.* \(is it in kelvin\?\)"),
@@ -152,12 +147,9 @@ def test_bad_file_is_named(tmp_path, text, message):
     assert_refused(written(tmp_path, text), message)
 
 
-def test_missing_file_and_directory(tmp_path):
+def test_files_that_are_not_read(tmp_path):
     assert_refused(tmp_path / "absent.csv", "No such file or directory")
     assert_refused(tmp_path, "Is a directory")
-
-
-def test_far_too_large_a_file_is_not_read(tmp_path):
     path = tmp_path / "huge.csv"
     with path.open("wb") as file:
         file.truncate(300 * 1024 * 1024)  # sparse
@@ -174,22 +166,24 @@ def assert_refused(path, message):
     assert len(text) <= 1000
 
 
-def test_samples_check_themselves():
-    good = {"displacement_ratio": [0.5], "engine_speed": [150.0], "load_torque": [200.0],
-            "efficiency": [0.8]}
-    with pytest.raises(hmcvt.InputError, match=r"samples: efficiency\[0\] = 80 is outside"):
-        hmcvt.BenchSamples(**{**good, "efficiency": [80.0]})
-    with pytest.raises(hmcvt.InputError, match=r"efficiency has shape \(2,\), displacement_ratio"):
-        hmcvt.BenchSamples(**{**good, "efficiency": [0.8, 0.8]})
-    with pytest.raises(hmcvt.InputError, match=r"bag: engine_speed\[0\] = nan is not finite"):
-        hmcvt.BenchSamples(**{**good, "engine_speed": [math.nan]}, source="bag")
-    with pytest.raises(hmcvt.InputError, match="load_torque is missing"):
-        hmcvt.BenchSamples(**{**good, "load_torque": None})
-    with pytest.raises(hmcvt.InputError, match="holds no samples"):
-        hmcvt.BenchSamples(*([],) * 4)
-    samples = hmcvt.BenchSamples(**good)
+GOOD_VALUES = {"displacement_ratio": [0.5], "engine_speed": [150.0], "load_torque": [200.0],
+               "efficiency": [0.8]}
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"efficiency": [80.0]}, r"samples: efficiency\[0\] = 80 is outside"),
+    ({"efficiency": [0.8, 0.8]}, r"efficiency has shape \(2,\), displacement_ratio has 1 values"),
+    ({"engine_speed": [math.nan], "source": "bag"}, r"bag: engine_speed\[0\] = nan is not finite"),
+    ({"load_torque": None}, "load_torque is missing"),
+    ({name: [] for name in GOOD_VALUES}, "holds no samples")])
+def test_samples_check_themselves(change, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        hmcvt.BenchSamples(**(GOOD_VALUES | change))
+
+
+def test_samples_cannot_be_changed():
     with pytest.raises(ValueError, match="read-only"):
-        samples.efficiency[0] = 0.9
+        hmcvt.BenchSamples(**GOOD_VALUES).efficiency[0] = 0.9
 
 
 def test_select_takes_indices_and_masks(table2):

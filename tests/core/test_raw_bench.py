@@ -125,25 +125,23 @@ def test_column_and_unit(tmp_path, header, text, expected):
     assert found.engine_speed.tolist() == [expected]
 
 
-@pytest.mark.parametrize("text", ["", " ", ":rpm"])
-def test_a_column_needs_a_name(tmp_path, text):
-    with pytest.raises(hmcvt.InputError, match="engine_speed: column '' is missing"):
-        read_raw_bench(raw(tmp_path), SHAFTS | {"engine_speed": text})
-
-
-@pytest.mark.parametrize(("quantity", "text", "units"), [
-    ("engine_speed", "n_e:Hz", "rad/s, rpm, r/min"), ("engine_torque", "M_e:lbft", "N m, Nm, kNm"),
-    ("displacement_ratio", "stroke:deg", "-, %")])
-def test_an_unknown_unit_is_told(tmp_path, quantity, text, units):
-    unit = text.partition(":")[2]
-    with pytest.raises(hmcvt.InputError, match=f"^{quantity}: '{unit}' is no unit of it; there is "
-                                               f"{units}"):
-        read_raw_bench(raw(tmp_path), SHAFTS | {quantity: text})
-
-
-def test_a_quantity_that_is_none_is_refused(tmp_path):
-    with pytest.raises(hmcvt.InputError, match="torque is no quantity of a bench; there is displ"):
-        read_raw_bench(raw(tmp_path), SHAFTS | {"torque": "M_e"})
+@pytest.mark.parametrize(("change", "message"), [
+    *[({"engine_speed": text}, "engine_speed: column '' is missing") for text in ("", " ", ":rpm")],
+    ({"engine_torque": "torque"}, "engine_torque: column 'torque' is missing; there is no, stroke"),
+    ({"engine_speed": "n_e:Hz"},
+     "^engine_speed: 'Hz' is no unit of it; there is rad/s, rpm, r/min"),
+    ({"displacement_ratio": "stroke:deg"},
+     "^displacement_ratio: 'deg' is no unit of it; there is -, %"),
+    ({"torque": "M_e"}, "torque is no quantity of a bench; there is displ"),
+    ({"efficiency": "remark"}, "efficiency and engine_torque say the same twice"),
+    ({"load_torque": "remark"}, "load_torque and output_torque say the same twice"),
+    ({"output_speed": "n_e:rpm"}, "column 'n_e' is named twice"),
+    ({"engine_speed": "n_e"}, r"row 2: engine_speed = 1400 .*; column 'n_e' is taken as rad/s: "
+     "another unit is written n_e:UNIT, one of rad/s, rpm"),
+])
+def test_a_column_that_does_not_fit_is_told(tmp_path, change, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        read_raw_bench(raw(tmp_path), SHAFTS | change)
 
 
 @pytest.mark.parametrize(("left", "message"), [
@@ -159,49 +157,22 @@ def test_what_is_missing_is_named(tmp_path, left, message):
     assert str(caught.value) == f"no column is named for {message}"
 
 
-@pytest.mark.parametrize("twice", [{"efficiency": "remark"}, {"load_torque": "remark"}])
-def test_what_is_told_twice_is_refused(tmp_path, twice):
-    columns = SHAFTS | twice
-    with pytest.raises(hmcvt.InputError, match="say the same twice"):
-        read_raw_bench(raw(tmp_path), columns)
-
-
-def test_one_column_for_two_quantities_is_refused(tmp_path):
-    columns = SHAFTS | {"output_speed": "n_e:rpm"}
-    with pytest.raises(hmcvt.InputError, match="column 'n_e' is named twice"):
-        read_raw_bench(raw(tmp_path), columns)
-
-
 @pytest.mark.parametrize(("row", "message"), [
     ("3,50,1400,250,1890,140,", "row 2: output_torque = 140000 is outside 0.1 to 20000 N m"),
     ("3,50,1400,0,1890,0.14,", "row 2: engine_torque = 0 is outside 0.1 to 20000 N m"),
-    ("3,50,1400,nan,1890,0.14,", "row 2: engine_torque = nan is not finite"),
     ("3,50,1400,2_50,1890,0.14,", "row 2: M_e '2_50' is not a number"),
     ("3,50,1400,,1890,0.14,", "row 2: M_e is empty$"),
     ("3,50,1400,250,0,0.14,", "row 2: output_speed = 0 is outside 0.1 to 1000 rad/s"),
-    ("3,50,14000,250,1890,0.14,", "row 2: engine_speed = 1466.08 is outside 10 to 320 rad/s"),
     ("3,0.5,1400,250,x,0.14,", "row 2: n_o 'x' is not a number"),
     ("3,500,1400,250,1890,0.14,", "row 2: displacement_ratio = 5 is outside -1 to 1"),
     ("3,50,1400,250,nan,0.14,", "row 2: output_speed = nan is not finite"),
-    ("3,50,1400,250,1890,-0.14,", "row 2: output_torque = -140 is outside"),
-    ("3,50,1400,-250,1890,0.14,", "row 2: engine_torque = -250 is outside"),
+    ("3,50,1400,250,1890,1.4,", "row 2: efficiency = .* is outside .*; computed from torques and "
+                                "speeds of the shafts: check their columns and units"),
+    ("3,50,1400,20000,1890,20,", "row 2: load_torque = 27000 is outside .*; computed from torques"),
 ])
 def test_a_bad_row_is_named(tmp_path, row, message):
     with pytest.raises(hmcvt.InputError, match=message):
         read_raw_bench(raw(tmp_path, f"{HEADER}{row}\n"), SHAFTS)
-
-
-def test_a_value_computed_from_the_shafts_says_so(tmp_path):
-    with pytest.raises(hmcvt.InputError, match="computed from torques and speeds of the shafts"):
-        read_raw_bench(raw(tmp_path, f"{HEADER}3,50,1400,250,1890,1.4,\n"), SHAFTS)
-
-
-def test_a_value_out_of_range_says_how_to_name_its_unit(tmp_path):
-    columns = SHAFTS | {"engine_speed": "n_e"}
-    with pytest.raises(hmcvt.InputError, match=(
-            r"row 2: engine_speed = 1400 .*; column 'n_e' is taken as rad/s: another unit is "
-            "written n_e:UNIT, one of rad/s, rpm")):
-        read_raw_bench(raw(tmp_path), columns)
 
 
 def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
@@ -209,9 +180,3 @@ def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
     found = read_raw_bench(path, {"displacement_ratio": "eps", "engine_speed": "n",
                                   "load_torque": "M", "engine_torque": "M_e"})
     assert found.efficiency.tolist() == [0.8]
-
-
-def test_a_column_that_is_not_there_is_named(tmp_path):
-    columns = SHAFTS | {"engine_torque": "torque"}
-    with pytest.raises(hmcvt.InputError, match="engine_torque: column 'torque' is missing"):
-        read_raw_bench(raw(tmp_path), columns)

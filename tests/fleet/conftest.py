@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 import pytest
+from cli.running import hmcvt
 
-from .fleets import fleet, make_fleet
+from .fleets import make_fleet, run
+
+__all__ = ["hmcvt"]
 
 
 @pytest.fixture(scope="session")
 def logs(tmp_path_factory):
-    """Four logs of 20 samples."""
-    return make_fleet(tmp_path_factory.mktemp("fleet"), 4, 20)
+    """Three logs of 20 samples."""
+    return make_fleet(tmp_path_factory.mktemp("fleet"), 3, 20)
 
 
 @pytest.fixture(scope="session")
 def alone(logs, tmp_path_factory):
     """What one process makes of the logs."""
     out = tmp_path_factory.mktemp("alone")
-    done = fleet(logs, "--out", out, "--processes", "1", "--json")
+    done = run("fleet", logs, "--out", out, "--processes", "1", "--json")
     assert done.code == 0, done
     return out, done
 
@@ -23,6 +26,5 @@ def alone(logs, tmp_path_factory):
 def identified(logs, tmp_path_factory):
     """The same without diagnosis, which takes nearly all the time."""
     out = tmp_path_factory.mktemp("identified")
-    done = fleet(logs, "--out", out, "--processes", "1", "--no-diagnose", "--json")
-    assert done.code == 0, done
-    return out, done
+    assert run("fleet", logs, "--out", out, "--processes", "1", "--no-diagnose").code == 0
+    return out

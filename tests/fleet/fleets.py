@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fleets to run, their results without what the clock wrote, and their worker processes."""
 
+import contextlib
+import io
 import json
 import os
 import subprocess
@@ -8,10 +10,11 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 import yaml
 from cli.running import COMMAND, ROOT, Done
 
-_WORKER = b"hmcvt_core.fleet.worker"
+from hmcvt_core.cli import main
 
 
 def make_fleet(folder, logs, samples):
@@ -23,13 +26,16 @@ def make_fleet(folder, logs, samples):
     return folder / "logs"
 
 
-def fleet(*arguments):
-    """Run `hmcvt fleet` as its own process."""
-    return finish(start("fleet", *arguments))
+def run(*arguments):
+    """Run the command in this process, where there is no `capsys`."""
+    with contextlib.redirect_stdout(io.StringIO()) as out, \
+            contextlib.redirect_stderr(io.StringIO()) as err, pytest.raises(SystemExit) as stopped:
+        main([str(argument) for argument in arguments])
+    return Done(stopped.value.code, out.getvalue(), err.getvalue())
 
 
 def start(*arguments, **options):
-    """Start the command."""
+    """Start the command as a process of its own."""
     return subprocess.Popen([*COMMAND, *map(str, arguments)], cwd=ROOT, text=True,
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
 
@@ -59,13 +65,11 @@ def workers(parent):
     """Process ids of the workers of a process."""
     found = []
     for folder in Path("/proc").iterdir():
-        try:
-            if folder.name.isdigit() and _WORKER in (folder / "cmdline").read_bytes():
+        with contextlib.suppress(OSError):  # gone meanwhile
+            if folder.name.isdigit() and b"spawn_main" in (folder / "cmdline").read_bytes():
                 status = (folder / "stat").read_text().rpartition(")")[2].split()
                 if status[0] != "Z" and status[1] == str(parent):
                     found.append(int(folder.name))
-        except OSError:
-            continue  # gone meanwhile
     return found
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Logs and folders as they should not be."""
 
-import json
 import os
 import resource
 import shutil
@@ -10,34 +9,17 @@ import pytest
 from cli.permissions import BOUND_BY_PERMISSIONS
 from cli.running import assert_refused, process
 
-from hmcvt_core.cli import main
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.resources import data_path
 from hmcvt_core.fleet import study as study_module
 from hmcvt_core.fleet.results import locked
-from hmcvt_core.fleet.settings import Settings
-from hmcvt_core.fleet.study import Broken, study
+from hmcvt_core.fleet.study import Broken, Settings, study
 from hmcvt_core.model.parameter_file import load_model, load_stage
 
-from .fleets import finish, fleet, make_fleet, start
+from .fleets import finish, make_fleet, start
 
 
-@pytest.fixture
-def refused(capsys):
-    """Run `hmcvt fleet` in this process and expect one line on stderr."""
-    def run(*words, arguments):
-        with pytest.raises(SystemExit) as stopped:
-            main(["fleet", *map(str, arguments)])
-        seen = capsys.readouterr()
-        assert (stopped.value.code, seen.out) == (2, "")
-        assert seen.err.count("\n") == 1
-        for word in words:
-            assert word in seen.err, (word, seen.err)
-
-    return run
-
-
-def test_broken_logs_are_told_and_stop_nothing(logs, tmp_path):
+def test_broken_logs_are_told_and_stop_nothing(hmcvt, logs, tmp_path):
     folder, out = tmp_path / "logs", tmp_path / "out"
     (folder / "unit7").mkdir(parents=True)
     shutil.copy(logs / "00000.csv", folder / "unit7" / "run1.CSV")
@@ -56,9 +38,9 @@ def test_broken_logs_are_told_and_stop_nothing(logs, tmp_path):
     (folder / "notes.txt").write_text("hello")
     (folder / "folder.csv").mkdir()
     (folder / ".hidden.csv").write_text("")
-    done = fleet(folder, "--out", out, "--processes", "2", "--json")
+    done = hmcvt("fleet", folder, "--out", out, "--processes", "2", "--json", "--no-diagnose")
     assert done.code == 3
-    found = json.loads(done.out)
+    found = done.json
     assert [entry["log"] for entry in found["logs"]] == ["unit7/run1.CSV"]
     assert sorted(path.relative_to(out).as_posix() for path in out.rglob("*.*")) \
         == [".hmcvt-fleet.lock", "unit7/run1.json", "unit7/run1.yaml"]
@@ -77,7 +59,7 @@ def test_broken_logs_are_told_and_stop_nothing(logs, tmp_path):
         assert f"hmcvt: broken: {reasons[name]}\n" in done.err
     assert found["counts"]["broken"] == 9
     # They are tried again each time, and the table for a person tells them too.
-    again = fleet(folder, "--out", out)
+    again = hmcvt("fleet", folder, "--out", out, "--no-diagnose")
     assert again.code == 3 and expected["nan.csv"] in again.out
     assert "10 logs: 0 finished now, 1 before, 9 broken" in again.out
 
@@ -93,25 +75,21 @@ def test_failure_inside_one_log_is_told_with_its_place(monkeypatch):
     assert "test_broken_logs.py:" in found.reason and "\n" not in found.reason
 
 
-def test_folders_that_cannot_be_used(refused, logs, tmp_path):
-    out, empty, file = tmp_path / "out", tmp_path / "empty", tmp_path / "file"
+def test_folders_that_cannot_be_used(hmcvt, logs, tmp_path):
+    out, empty, file, twins = (tmp_path / name for name in ("out", "empty", "file", "twins"))
     empty.mkdir()
     (empty / "notes.txt").write_text("")
     file.write_text("")
-    refused("holds no .csv file", arguments=(empty, "--out", out))
-    refused("none: No such file", arguments=(tmp_path / "none", "--out", out))
-    refused("is not a folder", arguments=(file, "--out", out))
-    refused("folder of their own", arguments=(logs, "--out", logs / ".." / logs.name))
-    refused(str(file), arguments=(logs, "--out", file))
-    refused("/proc/", arguments=(logs, "--out", "/proc/fleet"))
-    assert not out.exists()
-
-
-def test_two_logs_never_share_their_files(refused, logs, tmp_path):
+    twins.mkdir()
     for name in ("a.csv", "a.CSV"):
-        shutil.copy(logs / "00000.csv", tmp_path / name)
-    refused("a.csv", "a.CSV", "a.json: rename one",
-            arguments=(tmp_path, "--out", tmp_path / "out"))
+        (twins / name).write_text("")
+    for folder, results, *words in [
+            (empty, out, "holds no .csv file"), (tmp_path / "none", out, "none: No such file"),
+            (file, out, "is not a folder"), (logs, logs / ".." / logs.name, "folder of their own"),
+            (logs, file, str(file)), (logs, "/proc/fleet", "/proc/"),
+            (twins, out, "a.csv", "a.CSV", "a.json: rename one")]:
+        assert_refused(hmcvt("fleet", folder, "--out", results), *words)
+    assert not out.exists()
 
 
 def test_folder_that_cannot_be_read_is_not_passed_over(tmp_path):
@@ -121,9 +99,9 @@ def test_folder_that_cannot_be_read_is_not_passed_over(tmp_path):
     assert_refused(done, f"{tmp_path / 'closed'}: Permission denied")
 
 
-def test_second_run_in_the_same_folder_is_refused(logs, tmp_path):
+def test_second_run_in_the_same_folder_is_refused(hmcvt, logs, tmp_path):
     with locked(tmp_path):
-        assert_refused(fleet(logs, "--out", tmp_path), "another hmcvt fleet writes there")
+        assert_refused(hmcvt("fleet", logs, "--out", tmp_path), "another hmcvt fleet writes there")
         with pytest.raises(InputError, match="another"), locked(tmp_path):
             pass
     with locked(tmp_path):
@@ -152,6 +130,6 @@ def test_full_disk_ends_the_run_and_leaves_whole_files(tmp_path):
     (("--gear-efficiency", "1.4"), "gear_efficiency"),
     (("--params", "none.yaml"), "none.yaml"),
     (("--processes", "0"), "--processes")], ids=str)
-def test_settings_are_refused_before_the_work(refused, logs, tmp_path, options, words):
-    refused(words, arguments=(logs, "--out", tmp_path / "out", *options))
+def test_settings_are_refused_before_the_work(hmcvt, logs, tmp_path, options, words):
+    assert_refused(hmcvt("fleet", logs, "--out", tmp_path / "out", *options), words)
     assert not (tmp_path / "out").exists()

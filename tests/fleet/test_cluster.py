@@ -4,13 +4,24 @@
 import os
 import signal
 import sys
+from functools import partial
+from itertools import count, islice
 
 import pytest
 from cli.running import assert_refused
 
-from .fleets import finish, fleet, results, start, wait_for
+from hmcvt_core import HmcvtError, InputError, read_bench
+from hmcvt_core.files.resources import data_path
+from hmcvt_core.fleet import executors
+from hmcvt_core.fleet.executors import on_cluster, study_all
+from hmcvt_core.fleet.study import Settings, Study, Task
+from hmcvt_core.model.parameter_file import load_stage
+
+from .fleets import results
 
 distributed = pytest.importorskip("distributed")
+
+SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
 
 
 @pytest.fixture(scope="module")
@@ -21,33 +32,45 @@ def cluster():
         yield found
 
 
-def test_cluster_gives_the_digits_of_one_process(cluster, logs, alone, tmp_path):
-    done = fleet(logs, "--out", tmp_path, "--scheduler", cluster.scheduler_address, "--json")
+def test_cluster_gives_the_digits_of_one_process(hmcvt, cluster, logs, alone, tmp_path):
+    done = hmcvt("fleet", logs, "--out", tmp_path, "--scheduler", cluster.scheduler_address,
+                 "--json")
     assert done.code == 0, done
     assert done.out == alone[1].out
     assert results(tmp_path) == results(alone[0])
 
 
-def test_killed_worker_of_the_cluster_loses_nothing(cluster, logs, alone, tmp_path):
+def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
+    monkeypatch.setattr(executors, "__version__", "0.0")
+    with pytest.raises(InputError, match=r"tcp://\S+ needs hmcvt 0.0, there is "), \
+            on_cluster(cluster.scheduler_address):
+        pass
+
+
+def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs):
+    samples = read_bench(logs / "00000.csv")
+    outcomes = study_all((Task(str(number), samples) for number in count()), SETTINGS,
+                         partial(on_cluster, cluster.scheduler_address))
     with distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))
-    running = start("fleet", logs, "--out", tmp_path, "--scheduler", cluster.scheduler_address)
-    wait_for(lambda: list(tmp_path.glob("*.json")))
+    names = {next(outcomes)[0]}
     os.kill(victim, signal.SIGKILL)
-    assert finish(running).code == 0
-    assert results(tmp_path) == results(alone[0])
+    for name, outcome in islice(outcomes, 80):
+        assert isinstance(outcome, Study)
+        names.add(name)
+    # Of the 32 in hand when it was killed none is missing.
+    assert {str(number) for number in range(32)} <= names
+    cluster.close()
+    with pytest.raises(HmcvtError, match="the Dask scheduler is lost; finished logs are kept"):
+        list(outcomes)
 
 
-def test_nobody_at_the_address(logs, tmp_path):
-    done = fleet(logs, "--out", tmp_path, "--scheduler", "nonsense://x")
+def test_nobody_at_the_address(hmcvt, logs, tmp_path):
+    done = hmcvt("fleet", logs, "--out", tmp_path, "--scheduler", "nonsense://x")
     assert_refused(done, "--scheduler nonsense://x", "no Dask scheduler answers")
 
 
-def test_dask_is_needed_for_a_cluster_only(logs, tmp_path, monkeypatch, capsys):
-    from hmcvt_core.cli import main
-
+def test_dask_is_needed_for_a_cluster_only(hmcvt, logs, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(SystemExit) as stopped:
-        main(["fleet", str(logs), "--out", str(tmp_path), "--scheduler", "tcp://127.0.0.1:1"])
-    assert stopped.value.code == 2
-    assert "pip install '.[fleet]'" in capsys.readouterr().err
+    done = hmcvt("fleet", logs, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:1")
+    assert_refused(done, "pip install '.[fleet]'")

@@ -2,128 +2,149 @@
 """Workers and runs that are killed or interrupted: what was finished stays, the rest is made up."""
 
 import json
+import multiprocessing
 import os
 import signal
 import threading
-from pathlib import Path
+from functools import partial
 
 import pytest
 
 from hmcvt_core import read_bench
 from hmcvt_core.files.resources import data_path
-from hmcvt_core.fleet.processes import on_processes
-from hmcvt_core.fleet.settings import Settings
-from hmcvt_core.fleet.study import Broken, Study, Task
+from hmcvt_core.fleet.executors import on_processes, study_all
+from hmcvt_core.fleet.study import Broken, Settings, Study, Task
 from hmcvt_core.model.parameter_file import load_stage
 
-from .fleets import finish, fleet, results, start, wait_for, workers
+from .fleets import finish, results, start, wait_for, workers
 
-# With the diagnosis, which takes long enough to be killed in.
-SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),))
+SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
 
 
-def test_killed_worker_loses_nothing(logs, alone, tmp_path):
-    running = start("fleet", logs, "--out", tmp_path, "--processes", "2", "--json")
-    # In the middle: one log is finished, the others are in hand.
-    wait_for(lambda: list(tmp_path.glob("*.json")))
-    victim = workers(running.pid)[0]
-    os.kill(victim, signal.SIGKILL)
-    done = finish(running)
-    assert done.code == 0, done
+@pytest.fixture
+def tasks(logs):
+    return [Task(path.stem, read_bench(path)) for path in sorted(logs.glob("*.csv"))]
+
+
+def kill(process):
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+
+
+def test_killed_worker_loses_nothing(hmcvt, logs, alone, tmp_path):
+    running = threading.Event()
+
+    def kill_one():
+        # In the middle: one log is finished, the others are in hand.
+        wait_for(lambda: list(tmp_path.glob("*.json")))
+        kill(multiprocessing.active_children()[0])
+        running.set()
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    done = hmcvt("fleet", logs, "--out", tmp_path, "--processes", "2", "--json")
+    killer.join()
+    assert running.is_set() and done.code == 0, done
     assert done.out == alone[1].out
     assert results(tmp_path) == results(alone[0])
+    assert multiprocessing.active_children() == []
 
 
-def test_log_that_kills_its_worker_twice_is_broken(logs):
-    tasks = [Task(name, read_bench(logs / f"{name}.csv")) for name in ("00000", "00001")]
+def test_log_that_kills_its_worker_twice_is_broken(tasks):
     # The first log comes first and, alone at the end, again: its workers are the first, and the
-    # one hired after the second log is done.
-    killed = []
+    # one that is started after the other logs are done.
+    found, killers = {}, []
 
     def kill_next():
-        victim = wait_for(lambda: sorted(set(workers(os.getpid())) - set(killed)))[0]
-        killed.append(victim)
-        os.kill(victim, signal.SIGKILL)
+        kill(wait_for(multiprocessing.active_children)[0])
 
-    killer = threading.Thread(target=kill_next)
-    killer.start()
-    found = {}
-    for name, outcome in on_processes(iter(tasks), SETTINGS, processes=1):
+    def end_with_next(worker):
+        worker.join()
+        kill_next()
+
+    def start(target, *arguments):
+        killers.append(threading.Thread(target=target, args=arguments))
+        killers[-1].start()
+
+    start(kill_next)
+    for name, outcome in study_all(iter(tasks), SETTINGS, partial(on_processes, 1)):
         found[name] = outcome
-        if name == "00001":
-            # The generator hands out the next log before it tells of this one.
-            os.kill(workers(os.getpid())[0], signal.SIGKILL)
-    killer.join()
-    assert isinstance(found["00001"], Study)
-    assert found["00000"] == Broken("killed its worker 2 times (signal 9: Killed)")
-    assert workers(os.getpid()) == []
+        if len(found) == 2:
+            start(end_with_next, *multiprocessing.active_children())
+    for killer in killers:
+        killer.join()
+    assert [type(found[task.name]) for task in tasks] == [Broken, Study, Study]
+    assert found["00000"].reason == "killed its worker 2 times (memory, most likely)"
 
 
-def test_worker_killed_between_logs_is_replaced(logs):
-    task = Task("00000", read_bench(logs / "00000.csv"))
+def test_worker_killed_between_logs_is_replaced(tasks):
+    def two():
+        yield tasks[0]
+        # Asked for the next log when the worker has none in hand.
+        kill(multiprocessing.active_children()[0])
+        yield tasks[1]
 
-    def tasks():
-        yield task
-        # Asked for the next log once the worker has none in hand.
-        for pid in workers(os.getpid()):
-            os.kill(pid, signal.SIGKILL)
-        wait_for(lambda: not workers(os.getpid()))
-        yield task._replace(name="later")
-
-    found = dict(on_processes(tasks(), SETTINGS, processes=1))
-    assert {name: type(outcome) for name, outcome in found.items()} \
-        == {"00000": Study, "later": Study}
+    found = dict(study_all(two(), SETTINGS, partial(on_processes, 1)))
+    assert [type(outcome) for outcome in found.values()] == [Study, Study]
 
 
-def test_interrupt_keeps_what_is_finished(logs, alone, tmp_path):
-    running = start("fleet", logs, "--out", tmp_path, "--processes", "1")
+def test_logs_are_read_as_there_is_room(tasks):
+    read, told = [], []
+
+    def watched():
+        for task in 2 * tasks:
+            read.append(task)
+            assert len(read) - len(told) <= 3  # two in hand, one that waits for being told
+            yield task
+
+    for name, _ in study_all(watched(), SETTINGS, partial(on_processes, 2)):
+        told.append(name)
+    assert len(told) == 6
+
+
+def test_interrupt_keeps_what_is_finished(hmcvt, logs, alone, tmp_path):
+    running = start("fleet", logs, "--out", tmp_path, "--processes", "1", start_new_session=True)
     wait_for(lambda: list(tmp_path.glob("*.json")))
     pids = workers(running.pid)
-    running.send_signal(signal.SIGINT)
+    os.killpg(running.pid, signal.SIGINT)  # as a terminal does
     done = finish(running)
     assert done.code == 130 and done.out == ""
-    assert "hmcvt: error: interrupted" in done.err and "Traceback" not in done.err
+    assert done.err.endswith("hmcvt: error: interrupted\n") and "Traceback" not in done.err
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     kept = len(list(tmp_path.glob("*.json")))
-    assert 1 <= kept < 4
-    rest = fleet(logs, "--out", tmp_path, "--processes", "2", "--json")
+    assert 1 <= kept < 3
+    rest = hmcvt("fleet", logs, "--out", tmp_path, "--processes", "2", "--json")
     assert json.loads(rest.out)["counts"]["finished_before"] == kept
     assert results(tmp_path) == results(alone[0])
 
 
-def test_killed_run_leaves_no_worker_behind(logs, tmp_path):
-    running = start("fleet", logs, "--out", tmp_path, "--processes", "2")
-    pids = wait_for(lambda: workers(running.pid))
-    running.kill()
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
+    running = start("fleet", logs, "--out", tmp_path, "--processes", "2", start_new_session=True)
+    pids = wait_for(lambda: workers(running.pid))  # which are about to start
+    (os.kill if how == signal.SIGKILL else os.killpg)(running.pid, how)
     done = finish(running)
-    assert done.code == -signal.SIGKILL
+    assert done.code == (130 if how == signal.SIGINT else -how)
     wait_for(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids))
     assert "Traceback" not in done.err
 
 
-def test_workers_are_given_one_thread(logs, monkeypatch):
+def test_workers_are_given_one_thread_and_no_module_of_the_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    outcomes = on_processes(iter([Task("a", read_bench(logs / "00000.csv"))]), SETTINGS,
-                            processes=1)
-    threads = {}
-
-    def look():
-        pid = wait_for(lambda: workers(os.getpid()))[0]
-        environment = wait_for(Path(f"/proc/{pid}/environ").read_bytes)
-        threads.update(pair.split(b"=", 1) for pair in environment.split(b"\0") if b"=" in pair)
-
-    looker = threading.Thread(target=look)
-    looker.start()
-    assert [type(outcome) for _, outcome in outcomes] == [Study]
-    looker.join()
-    assert {threads[name] for name in (b"OMP_NUM_THREADS", b"OPENBLAS_NUM_THREADS")} == {b"1"}
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    monkeypatch.chdir(tmp_path)
+    for name in ("random.py", "multiprocessing.py"):
+        (tmp_path / name).write_text("raise SystemExit")
+    with on_processes(1) as crew:
+        assert crew.executor.submit(os.getenv, "OMP_NUM_THREADS").result(timeout=60) == "1"
+    assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
 
 
-def test_error_while_logs_are_taken_ends_the_workers(logs):
-    def tasks():
-        yield Task("a", read_bench(logs / "00000.csv"))
+def test_error_while_logs_are_taken_ends_the_workers(tasks):
+    def broken():
+        yield tasks[0]
         raise OSError("disk gone")
 
     with pytest.raises(OSError, match="disk gone"):
-        list(on_processes(tasks(), SETTINGS, processes=2))
-    assert workers(os.getpid()) == []
+        list(study_all(broken(), SETTINGS, partial(on_processes, 2)))
+    assert multiprocessing.active_children() == []

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many logs side by side: on processes of this machine, or on a Dask cluster.
+
+Samples go out, outcomes come back; files stay with the caller. A cluster needs hmcvt on scheduler
+and workers, and tries the log of a lost worker again by itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent import futures
+from contextlib import AbstractContextManager, contextmanager
+from itertools import chain, islice
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..errors import HmcvtError, InputError
+from ..version import __version__
+from .study import Broken, Outcome, Settings, Task, internal_failure, study
+from .threads import ONE_BLAS_THREAD
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_CONNECT = 10.0  # seconds
+# Logs handed over ahead: enough that no worker waits, and that an adaptive cluster sees the work.
+_AHEAD_PER_THREAD, _AHEAD_LEAST = 2, 32
+
+
+class Crew(NamedTuple):
+    """Where logs are studied, and how many it may have in hand at the moment."""
+
+    executor: futures.Executor
+    room: Callable[[], int]
+
+
+Place = Callable[[], AbstractContextManager[Crew]]
+
+
+def study_all(
+    tasks: Iterator[Task], settings: Settings, place: Place
+) -> Generator[tuple[str, Outcome], None, None]:
+    """Study logs side by side; give name and outcome of each in the order in which they finish.
+
+    Tasks are taken one by one as there is room, so that a fleet need not fit into memory.
+
+    Args:
+        tasks: logs to be studied.
+        settings: for all of them.
+        place: opens the executor, and another one when that is broken by the death of a worker.
+
+    Raises:
+        InputError: the place cannot be used.
+        HmcvtError: it is lost.
+    """
+    suspects: list[Task] = []
+    for first in tasks:
+        for task, outcome in _with_one_crew(chain([first], tasks), settings, place):
+            if outcome is None:
+                suspects.append(task)
+            else:
+                yield task.name, outcome
+    # Each alone, so that it is known which of them kills; and last, when that hurts fewest.
+    for suspect in suspects:
+        for task, outcome in _with_one_crew(iter([suspect]), settings, place):
+            yield task.name, outcome or Broken("killed its worker 2 times (memory, most likely)")
+
+
+def _with_one_crew(
+    tasks: Iterator[Task], settings: Settings, place: Place
+) -> Iterator[tuple[Task, Outcome | None]]:
+    """Study until there is no task left or a worker died; None for what was in hand then."""
+    in_hand: dict[futures.Future[Outcome], Task] = {}
+    finished: list[tuple[Task, Outcome | None]] = []
+    works = True
+    with place() as crew:
+        while True:
+            # Before the outcomes are told, so that nobody waits while their files are written.
+            for task in islice(tasks, max(0, crew.room() - len(in_hand)) if works else 0):
+                in_hand[_hand_over(crew.executor, task, settings)] = task
+            yield from finished
+            if not in_hand:
+                return
+            done = futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done
+            finished = [(in_hand.pop(future), _outcome(future)) for future in done]
+            works = works and all(outcome is not None for _, outcome in finished)
+
+
+def _hand_over(
+    executor: futures.Executor, task: Task, settings: Settings
+) -> futures.Future[Outcome]:
+    # A process started now inherits this: Ctrl-C is for the run alone, which ends its workers.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return executor.submit(study, task.samples, settings)
+    except futures.BrokenExecutor as error:  # a worker was killed while it had nothing to do
+        failed: futures.Future[Outcome] = futures.Future()
+        failed.set_exception(error)
+        return failed
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _outcome(future: futures.Future[Outcome]) -> Outcome | None:
+    try:
+        return future.result()
+    except futures.BrokenExecutor:
+        return None
+    except futures.CancelledError:
+        raise HmcvtError("the Dask scheduler is lost; finished logs are kept, run again to go "
+                         "on") from None
+    except Exception as error:  # `study` raises none: the place failed over this log
+        failures = getattr(error, "allowed_failures", None)  # of distributed.KilledWorker
+        return Broken(internal_failure(error) if failures is None else
+                      f"killed its worker {failures + 1} times (as often as the cluster allows)")
+
+
+@contextmanager
+def on_processes(count: int) -> Iterator[Crew]:
+    """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
+    others = multiprocessing.active_children()
+    # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
+    with _environment({**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}), futures.ProcessPoolExecutor(
+            count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
+        try:
+            yield Crew(pool, lambda: count)
+        except BaseException:
+            # At once: a worker writes no files.
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.kill()
+            raise
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
+
+
+def _end_with_the_run() -> None:
+    """Have a worker end when the run is gone, even killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def on_cluster(address: str) -> Iterator[Crew]:
+    """Open the Dask cluster whose scheduler has this address.
+
+    Raises:
+        InputError: Dask is not installed, nobody answers, or there is no hmcvt of this version.
+    """
+    with _connected(address) as client:
+        _check_versions(client, address)
+        yield Crew(client.get_executor(pure=False), lambda: max(
+            _AHEAD_LEAST, _AHEAD_PER_THREAD * sum(client.ncores().values())))
+
+
+def _connected(address: str) -> Client:
+    try:
+        from distributed import Client
+        from distributed.comm import connect
+    except ImportError as error:
+        raise InputError("--scheduler needs the library distributed (Dask); in the folder of "
+                         "hmcvt: pip install '.[fleet]'") from error
+
+    # What it has to say about a lost scheduler is said in one line by `_outcome`.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+
+    async def knock() -> None:
+        comm = await connect(address, timeout=_CONNECT)
+        await comm.close()
+
+    try:
+        # First, because a client that finds nobody leaves threads behind that complain at exit.
+        asyncio.run(knock())
+        return Client(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:  # a timeout is an OSError too
+        raise InputError(f"--scheduler {address}: no Dask scheduler answers there: "
+                         f"{error}") from error
+
+
+def _check_versions(client: Client, address: str) -> None:
+    """Refuse a cluster whose every outcome would be a failure, or from another version."""
+    try:
+        # It unpacks what passes through it.
+        found = {"the scheduler": client.run_on_scheduler(_version)}
+    except Exception as error:  # whatever the import of another hmcvt may raise
+        found = {"the scheduler": error}
+    found.update(client.run(_version, on_error="return"))
+    for place, version in found.items():
+        if version != __version__:
+            raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
+                             f"there is {version}")
+
+
+def _version() -> str:
+    return __version__
