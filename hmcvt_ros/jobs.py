@@ -80,7 +80,7 @@ def diagnose(request: Mapping[str, Any]) -> dict[str, Any]:
         The object of `hmcvt diagnose --json`, and `report`: the page of it in the folder `reports`,
         None with a reason in `report_error` when that cannot be written.
     """
-    from hmcvt_core.report.html_report import write_html
+    from hmcvt_core.report import write_html
 
     samples = hmcvt.read_bench(request["samples"])
     found = hmcvt.diagnose(hmcvt.load_model(request["model"]), samples, seed=request["seed"])

@@ -46,7 +46,7 @@ def command(
     found = model.breakdown(*point, oil_temperature)
     note_oil_temperature(model, oil_temperature)
     if picture is not None:
-        from ..report.pictures import draw_losses, save
+        from ..report import draw_losses, save
 
         save(lambda figure: draw_losses(figure, model, engine_speed, load_torque,
                                         displacement_ratio), picture)

@@ -53,7 +53,7 @@ def command(
     if save_model is not None:
         found.model.save(save_model)
     if report is not None:
-        from ..report.html_report import write_html
+        from ..report import write_html
 
         write_html(found, report)
     if as_json:

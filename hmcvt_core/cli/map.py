@@ -74,7 +74,7 @@ def command(
     model = model_from(params)
     note_oil_temperature(model, None)
     if picture is not None:
-        from ..report.pictures import draw_surface, save
+        from ..report import draw_surface, save
 
         samples = None if bench is None else read_bench(bench)
         shown = _PICTURE_POWER if power is None else power
