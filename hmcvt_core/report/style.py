@@ -14,7 +14,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from ..errors import InputError
 
@@ -82,6 +83,20 @@ def picture_format(path: str) -> str:
     return ending
 
 
+class Figures(NamedTuple):
+    """Drawings side by side on a page.
+
+    Attributes:
+        drawings: SVG.
+        legend: text and SVG of a mark.
+        notes: sentences for the caption.
+    """
+
+    drawings: Sequence[str]
+    legend: Sequence[tuple[str, str]] = ()
+    notes: Sequence[str] = ()
+
+
 @contextmanager
 def styled(size: tuple[float, float] = PANEL) -> Iterator[Any]:
     """Give an empty matplotlib figure, to be drawn and written inside the context.
@@ -103,6 +118,11 @@ def loss_style(part: str) -> dict[str, Any]:
     return {"facecolor": fill, "hatch": hatch, "edgecolor": INK, "linewidth": 0.6}
 
 
+def few_ticks(axes: Any) -> None:
+    """Keep the numbers of the axes apart at the size of a phone."""
+    axes.locator_params(nbins=6, steps=(1, 2, 5, 10))
+
+
 def to_png(figure: Any, dpi: int = 130) -> bytes:
     """Return a figure as PNG."""
     buffer = io.BytesIO()
@@ -112,7 +132,7 @@ def to_png(figure: Any, dpi: int = 130) -> bytes:
 
 def to_svg(
     figure: Any, name: str, title: str = "",
-    tips: Mapping[str, str | Sequence[str]] | None = None,
+    tips: Mapping[str, str | Sequence[str]] = MappingProxyType({}),
 ) -> str:
     """Return a figure as an `svg` element for a page, with names that no other figure has.
 
@@ -127,7 +147,8 @@ def to_svg(
                                                                  "Type")))
     root = ET.fromstring(buffer.getvalue())
     for item in root.iter(f"{{{_SVG}}}g"):
-        _tip(item, (tips or {}).get(item.get("id", ""), ()))
+        if texts := tips.get(item.get("id", "")):
+            _tip(item, texts)
     for item in root.iter():
         for key, value in item.items():
             if key == "id":
@@ -155,12 +176,12 @@ def to_svg(
 
 
 def _tip(group: ET.Element, texts: str | Sequence[str]) -> None:
-    marks = [group] if isinstance(texts, str) else [
-        mark for part in group if part.tag != f"{{{_SVG}}}defs" for mark in part.iter()
-        if mark.tag in (f"{{{_SVG}}}use", f"{{{_SVG}}}path")]
-    if not texts:
-        return
-    for mark, text in zip(marks, [texts] if isinstance(texts, str) else texts, strict=True):
+    """Let a group show one text, or each of its marks its own."""
+    marks = [mark for part in group if part.tag != f"{{{_SVG}}}defs" for mark in part.iter()
+             if mark.tag in (f"{{{_SVG}}}use", f"{{{_SVG}}}path")]
+    if isinstance(texts, str):
+        marks, texts = [group], [texts]
+    for mark, text in zip(marks, texts, strict=True):
         title = ET.Element(f"{{{_SVG}}}title")
         title.text = text
         mark.insert(0, title)

@@ -26,8 +26,9 @@ def render(template: str, folder: Path = _TEMPLATES, /, **context: Any) -> str:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader([folder, _TEMPLATES]), autoescape=True, extensions=["jinja2.ext.do"], undefined=StrictUndefined,
-        finalize=_printable, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+        loader=FileSystemLoader([folder, _TEMPLATES]), autoescape=True, undefined=StrictUndefined,
+        finalize=_printable, extensions=["jinja2.ext.do"], trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True)
     return environment.get_template(template).render(colours=COLOURS, **context)
 
 
