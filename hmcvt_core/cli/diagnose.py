@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import click
 
-from ..diagnosis import Diagnosis, diagnose
+from ..benches.transmission import diagnose
+from ..diagnosis import Diagnosis
 from ..files.bench import read_bench
 from .common import (
     OutputFile,

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import click
 
-from ..benches.plan import read_plan
-from ..diagnosis import separable
+from ..benches.transmission import read_plan, separable
 from .common import json_option, model_from, noise_option, params_option, print_json
 
 

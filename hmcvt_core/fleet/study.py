@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ..diagnosis import diagnose
+from ..benches.transmission import diagnose
 from ..errors import HmcvtError
 from ..files.bench import BenchSamples
 from ..identification import identify
