@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis import words
-from ..diagnosis.result import REGION_SIGNIFICANCE, Diagnosis
+from ..diagnosis import Diagnosis, words
+from ..diagnosis.result import REGION_SIGNIFICANCE
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import RPM
 from .style import BLUE, INK, ORANGE, Figures, few_ticks, icon, styled, to_svg
@@ -35,13 +35,6 @@ _WHOLE = 0.86  # part of a view from which a place spans it and says nothing
 _ROOM, _FLAG = 0.025, 0.033  # around a place; half a flag; parts of a view
 _OUTWARDS = np.array([[-1.0], [1.0]])
 _TREND_SAMPLES, _TREND_BINS = 24, 8
-
-
-def place(item: Any) -> Any:
-    """Return where a region lies (low and high) or a test is to be made, SI by axis, or None."""
-    if getattr(item, "engine_speed", None) is None:
-        return None
-    return {axis: getattr(item, axis) for axis in _AXES}
 
 
 def shared(found: Diagnosis, model: EfficiencyModel) -> float:
@@ -173,7 +166,7 @@ def _outline(axes: Any, found: Diagnosis, view: tuple[str, str], marks: Array) -
     low, high = np.column_stack([axes.get_xlim(), axes.get_ylim()])
     seen, flags = (marks - low) / (high - low), np.empty((0, 2))
     for number, region in enumerate(found.where, 1):
-        ends = np.transpose([np.multiply(place(region)[axis], _AXES[axis][1]) for axis in view])
+        ends = np.transpose([np.multiply(region.limits[axis], _AXES[axis][1]) for axis in view])
         box = (ends - low) / (high - low)
         if np.all(box[1] - box[0] > _WHOLE):
             continue
@@ -232,7 +225,7 @@ def _across(found: Diagnosis) -> tuple[str, Array]:
 
     def width(axis: str) -> float:
         span = np.ptp(getattr(found.samples, axis))
-        return float(np.ptp(place(found.where[0])[axis]) / max(span, 1e-12))
+        return float(np.ptp(found.where[0].limits[axis]) / max(span, 1e-12))
 
     axis = min(_AXES, key=width) if found.where else "engine_speed"
     return _AXES[axis][0], _shown(found, axis)

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis import words
-from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, Diagnosis
+from ..diagnosis import Cause, Diagnosis, words
+from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
-from .gap import gap_map, place, residuals, shared
+from .gap import gap_map, residuals, shared
 from .losses import before_and_after, lost_power, means
 from .template import render
 
@@ -45,8 +45,8 @@ def html(diagnosis: Diagnosis) -> str:
     before = lost_power(base, strokes, speed, load, heat)
     after = before if model is base else lost_power(model, strokes, speed, load, heat)
     return render(
-        "diagnosis.html.j2", found=diagnosis, words=words, groups=groups(diagnosis), place=place,
-        map=gap_map(diagnosis), residuals=residuals(diagnosis), speed=speed, load=load,
+        "diagnosis.html.j2", found=diagnosis, words=words, groups=groups(diagnosis), speed=speed,
+        load=load, map=gap_map(diagnosis), residuals=residuals(diagnosis),
         watts=before_and_after(strokes, before, after), means=means(before, after),
         offsets=[shared(diagnosis, each) for each in (base, model)], units=PARAMETER_UNITS,
         gap_significance=GAP_SIGNIFICANCE, region_significance=REGION_SIGNIFICANCE)
