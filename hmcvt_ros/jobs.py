@@ -91,7 +91,7 @@ def diagnose(request: Mapping[str, Any]) -> dict[str, Any]:
         write_atomically(path.with_suffix(".json"), json_text(result) + "\n")
         write_html(found, path)
         keep_newest(folder, REPORTS_KEPT)
-    except OSError as error:
+    except (OSError, hmcvt.InputError) as error:  # such as a full disk, or no matplotlib
         # The answer is worth more than the page.
         return {**result, "report": None, "report_error": str(error)}
     return {**result, "report": str(path)}

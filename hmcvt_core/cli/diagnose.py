@@ -44,6 +44,10 @@ def command(
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
     keep_inputs([bench, holdout], [report, save_model])
     keep_inputs([params], [report])
+    if report is not None:
+        from ..report import check_drawable, write_html
+
+        check_drawable()
     model, samples = model_from(params), read_bench(bench)
     held = None if holdout is None else read_bench(holdout)
     progress = Progress("diagnosis")
@@ -54,8 +58,6 @@ def command(
     if save_model is not None:
         found.model.save(save_model)
     if report is not None:
-        from ..report import write_html
-
         write_html(found, report)
     if as_json:
         print_json(found.to_dict())

@@ -178,7 +178,7 @@ def _outline(axes: Any, found: Diagnosis, view: tuple[str, str], marks: Array) -
         at = _corner(box, flags, seen)
         flags = np.vstack([flags, at])
         axes.text(*at, str(number), transform=axes.transAxes, ha="center", va="center", color="w",
-                  weight="bold", size=13, bbox={"boxstyle": "square,pad=0.25", "fc": INK})
+                  weight="bold", bbox={"boxstyle": "square,pad=0.25", "fc": INK})
 
 
 def _corner(box: Array, flags: Array, marks: Array) -> Array:
