@@ -20,7 +20,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import hmcvt_core as hmcvt
-from hmcvt_core.report.html_report import write_html
+from hmcvt_core.report import write_html
 from hmcvt_ros.bag import ImportSettings, import_bag
 
 RATE, HOLD = 10.0, 7.0  # messages a second, seconds at each test

@@ -8,7 +8,8 @@
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
 """
 
-from .diagnosis import Diagnosis, Isolability, diagnose, separable
+from .benches.transmission import diagnose, separable
+from .diagnosis import Diagnosis, Isolability
 from .errors import HmcvtError, IdentificationError, InputError
 from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw_bench import read_raw_bench

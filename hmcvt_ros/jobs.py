@@ -88,7 +88,7 @@ def diagnose(request: Mapping[str, Any]) -> dict[str, Any]:
         The object of `hmcvt diagnose --json`, and `report`: the page of it in the folder `reports`,
         None with a reason in `report_error` when that cannot be written.
     """
-    from hmcvt_core.report.html_report import write_html
+    from hmcvt_core.report import write_html
 
     samples = hmcvt.read_bench(request["samples"])
     found = hmcvt.diagnose(hmcvt.load_model(request["model"]), samples, seed=request["seed"])
@@ -99,7 +99,7 @@ def diagnose(request: Mapping[str, Any]) -> dict[str, Any]:
         write_atomically(path.with_suffix(".json"), json_text(result) + "\n")
         write_html(found, path)
         keep_newest(folder, REPORTS_KEPT)
-    except OSError as error:
+    except (OSError, hmcvt.InputError) as error:  # such as a full disk, or no matplotlib
         # The answer is worth more than the page.
         return {**result, "report": None, "report_error": str(error)}
     return {**result, "report": str(path)}

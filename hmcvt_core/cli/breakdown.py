@@ -30,7 +30,7 @@ def command(
     found = model.breakdown(*point)
     common.note_oil_temperature(model, point.oil_temperature)
     if picture is not None:
-        from ..report.pictures import draw_losses, save
+        from ..report import draw_losses, save
 
         save(lambda figure: draw_losses(figure, model, point.engine_speed, point.load_torque,
                                         point.displacement_ratio), picture)

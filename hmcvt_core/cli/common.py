@@ -55,9 +55,9 @@ class PictureFile(OutputFile):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
         """Return the path."""
-        from ..report.pictures.canvas import writes
+        from ..report.style import picture_format
 
-        writes(str(value))
+        picture_format(str(value))
         return super().convert(value, param, ctx)
 
 

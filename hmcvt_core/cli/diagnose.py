@@ -7,7 +7,8 @@ from contextlib import closing
 
 import click
 
-from ..diagnosis import Diagnosis, diagnose
+from ..benches.transmission import diagnose
+from ..diagnosis import Diagnosis
 from ..files.bench import read_bench
 from ..model import parameter_file
 from . import common
@@ -36,6 +37,10 @@ def command(
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
     common.keep_inputs([bench, holdout], [report, save_model])
     common.keep_inputs([params], [report])
+    if report is not None:
+        from ..report import check_drawable, write_html
+
+        check_drawable()
     model, samples = common.model_from(params), read_bench(bench)
     held = None if holdout is None else read_bench(holdout)
     with closing(common.Progress("diagnosis")) as progress:
@@ -43,8 +48,6 @@ def command(
     if save_model is not None:
         parameter_file.save_model(found.model, save_model)
     if report is not None:
-        from ..report.html_report import write_html
-
         write_html(found, report)
     if as_json:
         common.print_json(found.to_dict())

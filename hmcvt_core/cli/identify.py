@@ -92,7 +92,7 @@ def command(
     if out is not None:
         best.save(out)
     if picture is not None:
-        from ..report.pictures import draw_fit, save
+        from ..report import draw_fit, save
 
         save(lambda figure: draw_fit(figure, best, split.held), picture)
     if as_json:

@@ -69,7 +69,7 @@ def command(
     model = common.model_from(params)
     common.note_oil_temperature(model)
     if picture is not None:
-        from ..report.pictures import draw_surface, save
+        from ..report import draw_surface, save
 
         samples = None if bench is None else read_bench(bench)
         shown = _PICTURE_POWER if power is None else power

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import click
 
-from ..benches.plan import read_plan
-from ..diagnosis import separable
+from ..benches.transmission import read_plan, separable
 from . import common
 
 

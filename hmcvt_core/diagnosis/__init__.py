@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnosis of the gap between model and bench."""
+"""Diagnosis of the gap between a model and a bench, whatever stands on it: see `system`."""
 
-from .isolability import Isolability, separable
-from .procedure import diagnose
-from .result import Cause, Diagnosis, Gap, NextTest, Region, ShrinkageSummary
+from .isolability import Isolability, isolability
+from .procedure import diagnose_system
+from .report import Diagnosis
+from .result import Cause, Gap, NextTest, Region, ShrinkageSummary
 
 __all__ = [
     "Cause", "Diagnosis", "Gap", "Isolability", "NextTest", "Region", "ShrinkageSummary",
-    "diagnose", "separable",
+    "diagnose_system", "isolability",
 ]

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which samples a diagnosis can use; copies, impossible points and slips are left out and named."""
+"""Which samples a diagnosis can use; impossible points and slips are left out and named.
+
+A gap has neighbours: points close by share it. A slip stands alone. A sample is called an outlier
+when its residual lies far from the median of its nearest neighbours', measured by how far samples
+usually lie; and only if such samples are few, because many together are a narrow gap.
+"""
 
 from __future__ import annotations
 
@@ -7,80 +12,95 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.bench import BenchSamples
-from ..model.model import EfficiencyModel
-from .candidates import Bench
-from .hypothesis import BASE_SIZE, REFUSED
-from .observations import Observations, distinct_rows
-from .outliers import outliers
-from .replicates import replicate_groups
+from .candidates import Campaign, fitted_campaign
+from .hypothesis import REFUSED
+from .observations import FEW, Observations, replicate_groups
+from .regions import scaled_to_extent
+from .system import System
+
+Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 5
-_MOST_REFUSED = 0.25  # part of the samples that the model may be unable to carry
+_MOST_REFUSED = 0.25  # part of the samples at which the model may have no answer
 _NAMED = 3  # samples that a note names one by one
+_NEIGHBOURS = 6
+_FAR = 5.0
+_MOST = 0.03  # part of the samples
+_MAD_TO_DEVIATION = 1.4826
+_LARGE = 2000  # beyond, single samples decide nothing and neighbours get costly
 
 
-def admitted(
-    model: EfficiencyModel, samples: BenchSamples, noise: float | None
-) -> tuple[Bench, tuple[str, ...]]:
-    """Return the bench to diagnose, and a note on every sample that is left out.
+def admitted(system: System, observed: Observations) -> tuple[Campaign, tuple[str, ...]]:
+    """Return the campaign to diagnose, and a note on every sample that is left out.
 
     Raises:
-        InputError: what remains cannot carry a diagnosis, or the formulation is another.
+        InputError: what remains cannot carry a diagnosis.
     """
-    rows = distinct_rows(samples)
-    _check(model, samples.select(rows))
+    _check(system, observed)
     notes = []
-    if len(rows) < len(samples):
-        notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
-                     "column and were left out")
-    bench = Bench(model, Observations.of(samples.select(rows), noise))
-    impossible = np.flatnonzero(bench.base.whitened[0] == REFUSED)
-    if len(impossible) > _MOST_REFUSED * len(rows):
+    campaign = fitted_campaign(system, observed)
+    impossible = np.flatnonzero(campaign.base.whitened[0] == REFUSED)
+    if len(impossible) > _MOST_REFUSED * len(observed):
         raise InputError(
-            f"{samples.source}: no parameters let the model carry the load at {len(impossible)} of "
-            f"{len(rows)} samples (first: {_named(samples, rows[impossible[0]])}): check "
-            "load_torque, which is output power / engine speed, and the stage")
+            f"{observed.samples.source}: {len(impossible)} of {len(observed)} samples "
+            f"{system.refusal}, whatever its parameters (first: "
+            f"{observed.describe(impossible[0])}): {system.advice}")
     if len(impossible):
-        notes.append(f"{len(impossible)} samples ask for a load that the model cannot carry and "
-                     f"were left out: {listed_samples(samples, rows[impossible])}")
-        bench, rows = _without(bench, rows, impossible)
-    slips = outliers(bench.observed, bench.base.whitened)
+        notes.append(f"{len(impossible)} samples {system.refusal} and were left out: "
+                     f"{listed_samples(observed, impossible)}")
+        campaign = _without(campaign, impossible)
+    observed = campaign.observed
+    slips = outliers(observed, campaign.base.whitened)
     if len(slips):
-        notes += [f"{_named(samples, i)}, efficiency {samples.efficiency[i]:.4g}, stands alone "
-                  "against its neighbours and was left out: measure it again"
-                  for i in rows[slips]]
-        bench, rows = _without(bench, rows, slips)
-    _check(model, bench.observed.samples)
-    return bench, tuple(notes)
+        first = observed.readings[0]
+        notes += [f"{observed.describe(i)}, {first.channel.name} {first.measured[i]:.4g}, stands "
+                  "alone against its neighbours and was left out: measure it again" for i in slips]
+        campaign = _without(campaign, slips)
+    _check(system, campaign.observed)
+    return campaign, tuple(notes)
 
 
-def _without(
-    bench: Bench, rows: NDArray[np.intp], dropped: NDArray[np.intp]
-) -> tuple[Bench, NDArray[np.intp]]:
-    kept = np.setdiff1d(np.arange(len(rows)), dropped)
-    return Bench(bench.model, bench.observed.select(kept)), rows[kept]
+def _without(campaign: Campaign, dropped: NDArray[np.intp]) -> Campaign:
+    kept = np.setdiff1d(np.arange(len(campaign.observed)), dropped)
+    return fitted_campaign(campaign.system, campaign.observed.select(kept))
 
 
-def _check(model: EfficiencyModel, samples: BenchSamples) -> None:
-    if model.formulation != "power_balance":
-        raise InputError(f"diagnosis needs formulation power_balance, not {model.formulation!r}")
-    if len(samples) < LEAST_SAMPLES:
-        raise InputError(f"{samples.source}: {len(samples)} samples (rows that differ) cannot tell "
-                         f"a gap from the {BASE_SIZE} parameters that are refitted; at least "
-                         f"{LEAST_SAMPLES} are needed")
-    points = len(np.unique(replicate_groups(samples)))
-    if points <= BASE_SIZE:
-        raise InputError(f"{samples.source}: {points} distinct operating points cannot tell a gap "
-                         f"from the {BASE_SIZE} parameters that are refitted")
+def _check(system: System, observed: Observations) -> None:
+    source, n, free = observed.samples.source, len(observed), len(system.base)
+    against = f"cannot tell a gap from the {free} parameters that are refitted"
+    least = max(LEAST_SAMPLES, free + 1)
+    if n < least:
+        raise InputError(f"{source}: {n} samples (rows that differ) {against}; at least {least} "
+                         "are needed")
+    points = len(np.unique(replicate_groups(observed.axes, observed.points)))
+    if points <= free:
+        raise InputError(f"{source}: {points} distinct operating points {against}")
 
 
-def _named(samples: BenchSamples, i: int) -> str:
-    return (f"sample {i + 1} (displacement ratio {samples.displacement_ratio[i]:.3g}, engine speed "
-            f"{samples.engine_speed[i]:.4g} rad/s, load torque {samples.load_torque[i]:.4g} N m)")
-
-
-def listed_samples(samples: BenchSamples, rows: NDArray[np.intp]) -> str:
+def listed_samples(observed: Observations, rows: NDArray[np.intp]) -> str:
     """Return the first few of some samples by number and operating point."""
-    named = ", ".join(_named(samples, i) for i in rows[:_NAMED])
+    named = ", ".join(observed.describe(i) for i in rows[:_NAMED])
     return named + (" and others" if len(rows) > _NAMED else "")
+
+
+def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
+    """Return the indices of outliers, usually none.
+
+    Args:
+        observed: the bench.
+        whitened: residuals of the refitted base model, shape (channels, n).
+    """
+    n = whitened.shape[1]
+    if not FEW <= n <= _LARGE:
+        return np.array([], dtype=np.intp)
+    place = scaled_to_extent(observed.place).T
+    distance = np.sum((place[:, None] - place[None, :]) ** 2, axis=2)
+    nearest = np.argsort(distance, axis=1)[:, 1:_NEIGHBOURS + 1]
+    flagged = np.zeros(n, dtype=bool)
+    for row in whitened:
+        apart = row - np.median(row[nearest], axis=1)
+        usual = _MAD_TO_DEVIATION * np.median(np.abs(apart - np.median(apart)))
+        far = np.abs(apart) > _FAR * max(float(usual), 1e-12)
+        if far.sum() <= max(1.0, _MOST * n):
+            flagged |= far
+    return np.flatnonzero(flagged)

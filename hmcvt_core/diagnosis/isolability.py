@@ -12,20 +12,24 @@ deviations) it is not.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import textwrap
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.bench import BenchSamples
-from ..model.model import EfficiencyModel
-from .candidates import Bench
+from .candidates import planned_campaign, screen
 from .next_tests import DECISIVE
 from .observations import Observations
+from .system import Channel, System
+from .words import plain
 
 Array = NDArray[np.float64]
+_WIDTH = 100
+_MOST_REPEATS = 20
 
 
 @dataclass(frozen=True)
@@ -35,13 +39,13 @@ class Confusion:
     Attributes:
         effect: its name.
         twins: the others.
-        by_speed: those from which reading the output speed too would tell it.
+        by_channel: those from which reading a further channel too would tell it.
         remedies: measurements that settle it against the rest.
     """
 
     effect: str
     twins: tuple[str, ...]
-    by_speed: tuple[str, ...]
+    by_channel: tuple[str, ...]
     remedies: tuple[str, ...]
 
 
@@ -55,10 +59,11 @@ class Isolability:
         separation: row a, column b: L of a when b may mimic it, shape (k, k); the diagonal is
             `detectability`.
         samples: points in the plan.
-        noise: standard deviation of the efficiency [-]; `noise_source` says by whom.
-        channels: what is read.
+        noise: standard deviation of the first channel; `noise_source` says by whom.
+        channels: what is read, the first channel first.
+        further: name of the channel that a bench may read besides.
         remedies: measurement that settles each effect when no operating point does, by name.
-        with_speed: `separation` if the output speed were read too; None where it is.
+        with_further: `separation` if that channel were read too; None where it is.
     """
 
     effects: tuple[str, ...]
@@ -67,9 +72,10 @@ class Isolability:
     samples: int
     noise: float
     noise_source: str
-    channels: tuple[str, ...]
+    channels: tuple[Channel, ...]
+    further: str
     remedies: Mapping[str, str] = field(default_factory=dict)
-    with_speed: Array | None = None
+    with_further: Array | None = None
 
     def confused(self) -> tuple[Confusion, ...]:
         """Visible effects that another may mimic, visible at its own typical size or not."""
@@ -78,13 +84,13 @@ class Isolability:
             twins = self.twins(name) if self.detectability[i] >= DECISIVE else ()
             if not twins:
                 continue
-            by_speed = () if self.with_speed is None else tuple(
+            by_channel = () if self.with_further is None else tuple(
                 other for other in twins
-                if self.with_speed[i, self.effects.index(other)] >= DECISIVE)
-            left = [other for other in twins if other not in by_speed]
+                if self.with_further[i, self.effects.index(other)] >= DECISIVE)
+            left = [other for other in twins if other not in by_channel]
             remedies = dict.fromkeys(self.remedies.get(each, "")
                                      for each in ([name, *left] if left else []))
-            found.append(Confusion(name, twins, by_speed, tuple(filter(None, remedies))))
+            found.append(Confusion(name, twins, by_channel, tuple(filter(None, remedies))))
         return tuple(found)
 
     def twins(self, effect: str) -> tuple[str, ...]:
@@ -97,7 +103,8 @@ class Isolability:
         """Return plain data for JSON."""
         return {
             "samples": self.samples, "noise": self.noise,
-            "noise_source": self.noise_source, "channels": list(self.channels),
+            "noise_source": self.noise_source,
+            "channels": [channel.name for channel in self.channels],
             "threshold": DECISIVE,
             "effects": [{
                 "effect": name, "detectability": float(self.detectability[i]),
@@ -106,7 +113,7 @@ class Isolability:
             } for i, name in enumerate(self.effects)],
             "confused": [{
                 "effect": item.effect, "indistinguishable_from": list(item.twins),
-                "told_by_output_speed": list(item.by_speed), "remedies": list(item.remedies),
+                f"told_by_{self.further}": list(item.by_channel), "remedies": list(item.remedies),
             } for item in self.confused()],
             "separation": self.separation.tolist(),
         }
@@ -117,68 +124,110 @@ class Isolability:
         Args:
             matrix: whether to print `separation` too.
         """
-        from .isolability_report import isolability_report
+        mixed = {item.effect for item in self.confused()}
+        seen = [name for name, level in zip(self.effects, self.detectability, strict=True)
+                if level >= DECISIVE]
+        first = self.channels[0]
+        lines = [f"{self.samples} points; read: "
+                 f"{', '.join(channel.name for channel in self.channels)}",
+                 f"noise of the {plain(first.name)}: {first.factor * self.noise:.2g} "
+                 f"{first.unit}, {self.noise_source}", ""]
+        lines += _listed("told from all others: ",
+                         [name for name in seen if name not in mixed] or ["none"])
+        if mixed:
+            lines += ["", "seen, but not told from:"]
+        for item in self.confused():
+            lines += _listed(f"  {item.effect}: ", item.twins)
+            if item.by_channel:
+                lines += _listed(f"    reading the {plain(self.further)} too tells it from ",
+                                 item.by_channel)
+            if item.remedies:
+                lines += _listed("    to settle it: ", ["; or ".join(item.remedies)])
+        lines += ["", *_listed("not visible at their typical size (number: runs of the whole plan "
+                               "that would show it): ", list(_hidden(self)) or ["none"])]
+        return "\n".join([*lines, *(_matrix(self) if matrix else ())])
 
-        return isolability_report(self, matrix)
 
-
-def separable(
-    model: EfficiencyModel,
-    plan: BenchSamples,
-    *,
-    noise: float | None = None,
+def isolability(
+    system: System, plan: Observations, base: Array, fuller: Observations | None = None
 ) -> Isolability:
     """Tell which effects a set of operating points can show and tell apart.
 
     Args:
-        model: formulation `power_balance`; supplies the base parameters.
-        plan: operating points; the efficiency in it is not used, the presence of output speed
-            and oil temperature is.
-        noise: standard deviation of the efficiency [-]; None as in `diagnose`.
+        system: what is to stand on the bench.
+        plan: what is to be read; the readings themselves are not used.
+        base: scaled base parameters.
+        fuller: the same plan with a further channel read; None where there is none.
     """
-    found = _of_plan(model, plan, noise)
-    if plan.output_speed is not None:
+    found = _of_plan(system, plan, base)
+    if fuller is None:
         return found
-    speed = model.output_speed(plan.displacement_ratio, plan.engine_speed, plan.load_torque,
-                               plan.oil_temperature)
-    both = _of_plan(model, replace(plan, output_speed=speed), noise)
-    # Read alone, the output speed may show effects that the plan cannot.
+    both = _of_plan(system, fuller, base)
+    # Read alone, a channel may show effects that the plan cannot.
     index = [both.effects.index(name) for name in found.effects]
-    return replace(found, with_speed=both.separation[np.ix_(index, index)])
+    return replace(found, with_further=both.separation[np.ix_(index, index)])
 
 
-def _of_plan(model: EfficiencyModel, plan: BenchSamples, noise: float | None) -> Isolability:
-    observed = Observations.of(plan, noise)
-    bench = Bench(model, observed, fitted=False)
-    columns, spread = bench.shared(bench.base)
-    p = columns.shape[-1]
-    stacked = np.concatenate([columns.reshape(-1, p), np.diag(1.0 / spread)])
+def _of_plan(system: System, plan: Observations, base: Array) -> Isolability:
+    campaign = planned_campaign(system, plan, base)
+    fit = campaign.base
+    p = len(fit.theta)
+    stacked = np.concatenate([fit.jacobian.reshape(-1, p),
+                              np.diag(1.0 / fit.hypothesis.prior_spread)])
     absorbed, _ = np.linalg.qr(stacked)
-    names, rows, remedies = [], [], {}
-    for _, form, linear in bench.screen(bench.kinds, bench.base):
-        signature = np.concatenate([linear.columns[..., -1].ravel(), np.zeros(p)])
-        names.append(form.name)
-        remedies[form.name] = form.remedy
-        rows.append(signature - absorbed @ (absorbed.T @ signature))
-    return replace(_isolability(names, np.array(rows), observed), remedies=remedies)
+    screened = screen(campaign, fit)
+    rows = np.array([np.append(linear.columns[..., -1].ravel(), np.zeros(p))
+                     for _, _, linear in screened])
+    left = rows - rows @ absorbed @ absorbed.T
+    effects = tuple(sorted({form.name for _, form, _ in screened}))
+    index = np.array([effects.index(form.name) for _, form, _ in screened])
+    detectability, separation = _separation(index, left, len(effects))
+    read = len(plan.readings)
+    return Isolability(
+        effects, detectability, separation, len(plan), plan.usual_noise, plan.noise_source,
+        system.channels[:read], system.channels[min(read, len(system.channels) - 1)].name,
+        {form.name: form.remedy for _, form, _ in screened})
 
 
-def _isolability(names: list[str], left: Array, observed: Observations) -> Isolability:
-    effects = tuple(sorted(set(names)))
-    index = np.array([effects.index(name) for name in names])
+def _separation(index: NDArray[np.intp], left: Array, k: int) -> tuple[Array, Array]:
+    """`detectability` and `separation` of k effects, the worst case over the forms of each.
+
+    Args:
+        index: the effect of each form, shape (m,).
+        left: what the refit leaves of each form at its typical size, shape (m, readings).
+        k: effects.
+    """
     squares = np.sum(left**2, axis=1)
-    inner = left @ left.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.nan_to_num(inner**2 / squares[None, :])
+        part = np.nan_to_num((left @ left.T) ** 2 / squares[None, :])
     alone = np.maximum(squares[:, None] - part, 0.0)
-    k = len(effects)
-    separation = np.empty((k, k))
     detectability = np.array([squares[index == i].min() for i in range(k)])
-    for i in range(k):
-        for j in range(k):
-            # The worst case over the forms of both.
-            separation[i, j] = alone[np.ix_(index == i, index == j)].min()
-        separation[i, i] = detectability[i]
-    return Isolability(effects, detectability, separation, len(observed.samples),
-                       float(np.sqrt(np.mean(observed.scale[0] ** 2))), observed.noise_source,
-                       tuple(channel.name for channel in observed.channels))
+    separation = np.array([[alone[np.ix_(index == i, index == j)].min() for j in range(k)]
+                           for i in range(k)])
+    np.fill_diagonal(separation, detectability)
+    return detectability, separation
+
+
+def _listed(title: str, names: Iterable[str]) -> list[str]:
+    return textwrap.wrap(title + ", ".join(names), _WIDTH, subsequent_indent="      ",
+                         break_on_hyphens=False)
+
+
+def _hidden(found: Isolability) -> Iterable[str]:
+    """Effects not seen, and how many times the plan must be run to see them."""
+    for name, level in zip(found.effects, found.detectability, strict=True):
+        if level < DECISIVE:
+            times = math.ceil(DECISIVE / level) if level > 0.0 else _MOST_REPEATS + 1
+            yield name + (f" ({times})" if times <= _MOST_REPEATS else "")
+
+
+def _matrix(found: Isolability) -> list[str]:
+    width = max(len(name) for name in found.effects)
+    lines = ["", "squared deviations that the row's effect, at its typical size, leaves after the "
+             "refit of the", f"base parameters when the column's effect may mimic it; "
+             f"visible from {DECISIVE:g}:",
+             " " * (width + 3) + " ".join(f"{j + 1:>6}" for j in range(len(found.effects)))]
+    for i, name in enumerate(found.effects):
+        row = " ".join(f"{min(value, 99999.0):6.0f}" for value in found.separation[i])
+        lines.append(f"{i + 1:>2} {name:<{width}} {row}")
+    return lines

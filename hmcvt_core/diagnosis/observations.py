@@ -3,174 +3,218 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..files.bench import BenchSamples
-from ..transmission.points import OperatingPoints
-from ..transmission.ranges import BENCH_COLUMNS, EFFICIENCY_STD
-from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
-from .replicates import replicate_groups
+from .system import Axis, Channel, Points, Samples
 
 Array = NDArray[np.float64]
-
-OUTPUT_SPEED_UNCERTAINTY = 0.001
-"""Relative noise taken for the output speed until the data tell better [-]."""
 
 FEW = 16
 """Below this many samples scatter has no shape to be judged by; only its size is left."""
 
-_TRUST_STATED, _TRUST_ASSUMED, _TRUST_FEW = 8.0, 1.0, 30.0
+REPEATED = 0.002
+"""Samples so close in every axis repeat one point; a part of the range of the axis."""
+
+TRUST_STATED, TRUST_ASSUMED = 8.0, 1.0
+"""How many samples a statement of the noise is worth, and how many an assumption."""
+
+_TRUST_FEW = 30.0
 # Nobody stated the noise: weak enough that a bench twice as noisy raises no alarm at the size of
 # its scatter, strong enough that one six times as noisy does.
 _TRUST_FEW_ASSUMED = 3.0
-_LEAST_DEVIATION = 1e-5
+_LEAST_PART = 1e-5  # of the largest reading
 _REPLICATES_NEEDED = 5
-_ASSUMED = "assumed, 1.12 % (paper, eq. (3))"
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
-    """One measured quantity.
+class Reading:
+    """One channel as it was read.
 
     Attributes:
-        name: `efficiency` or `output_speed`.
+        channel: what it is.
         measured: shape (n,), in its unit.
         deviation: standard deviation stated or assumed, shape (n,), same unit.
         trust: how many samples the statement of `deviation` is worth; the data tell the rest.
     """
 
-    name: str
+    channel: Channel
     measured: Array
     deviation: Array
     trust: float
 
+    @property
+    def unit_loss(self) -> Array:
+        """One unit of an unlisted loss, in deviations, shape (n,)."""
+        return (self.measured if self.channel.relative else 1.0) / self.deviation
+
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Channels at the operating points of n samples.
+    """Channels at n operating points.
 
     Attributes:
-        samples: the bench samples.
-        channels: efficiency first.
-        noise_source: where the noise of the efficiency comes from, in words.
+        axes: of the points.
+        points: values by axis.
+        readings: in the order of the system's channels, which may have more.
+        samples: what the system keeps of them.
+        number: of each sample in what was handed in, shape (n,).
+        noise_source: where the noise of the first channel comes from, in words.
         assumed: whether nobody stated it.
     """
 
-    samples: BenchSamples
-    channels: tuple[Channel, ...]
+    axes: tuple[Axis, ...]
+    points: Points
+    readings: tuple[Reading, ...]
+    samples: Samples
+    number: NDArray[np.intp]
     noise_source: str
     assumed: bool = False
 
-    @classmethod
-    def of(cls, samples: BenchSamples, noise: float | None = None) -> Observations:
-        """Set up the channels that the samples hold.
-
-        Args:
-            samples: bench samples.
-            noise: standard deviation of the efficiency [-]; None takes `efficiency_std`, else
-                repeated points, else the paper's 1.12 %.
-
-        Raises:
-            InputError: `noise` is out of range.
-        """
-        deviation, trust, source = stated_noise(samples, noise) or _assumed_noise(samples)
-        assumed = source == _ASSUMED
-        if len(samples) < FEW:
-            # So few samples cannot correct a statement of noise: it has to be believed.
-            trust = max(trust, _TRUST_FEW_ASSUMED if assumed else _TRUST_FEW)
-        channels = [Channel("efficiency", samples.efficiency, deviation, trust)]
-        if samples.output_speed is not None:
-            channels.append(Channel("output_speed", samples.output_speed,
-                                    OUTPUT_SPEED_UNCERTAINTY * samples.output_speed,
-                                    _TRUST_ASSUMED))
-        return cls(samples, tuple(channels), source, assumed)
+    def __len__(self) -> int:
+        return len(self.number)
 
     @property
-    def points(self) -> OperatingPoints:
-        """Operating points."""
-        s = self.samples
-        return OperatingPoints(s.displacement_ratio, s.engine_speed, s.load_torque,
-                               s.oil_temperature)
+    def place(self) -> Array:
+        """Values along the axes that a test can set, shape (axes, n)."""
+        return np.stack([self.points[axis.name] for axis in self.steered])
 
-    def whiten(self, predicted: Array) -> Array:
-        """(Measured - predicted) / deviation; shapes (channels, n)."""
-        return np.stack([(channel.measured - row) / channel.deviation
-                         for channel, row in zip(self.channels, predicted, strict=True)])
+    @property
+    def steered(self) -> tuple[Axis, ...]:
+        """The axes of `place`."""
+        return tuple(axis for axis in self.axes if axis.steered)
 
     @property
     def scale(self) -> Array:
         """Deviations, shape (channels, n)."""
-        return np.stack([channel.deviation for channel in self.channels])
+        return np.stack([reading.deviation for reading in self.readings])
 
     @property
     def trusts(self) -> Array:
         """Worth of the stated noise, shape (channels,)."""
-        return np.array([channel.trust for channel in self.channels])
+        return np.array([reading.trust for reading in self.readings])
+
+    @property
+    def usual_noise(self) -> float:
+        """Root of the mean square of the noise stated of the first channel."""
+        return float(np.sqrt(np.mean(self.readings[0].deviation ** 2)))
+
+    def whiten(self, predicted: Array) -> Array:
+        """(Measured - predicted) / deviation, (channels, n), for at least as many predicted."""
+        return np.stack([(reading.measured - row) / reading.deviation
+                         for reading, row in zip(self.readings, predicted, strict=False)])
 
     def select(self, index: NDArray[np.intp]) -> Observations:
         """Return a subset of the samples, with the same noise."""
-        channels = tuple(replace(channel, measured=channel.measured[index],
-                                 deviation=channel.deviation[index]) for channel in self.channels)
-        return Observations(self.samples.select(index), channels, self.noise_source, self.assumed)
+        readings = tuple(replace(reading, measured=reading.measured[index],
+                                 deviation=reading.deviation[index]) for reading in self.readings)
+        return replace(self, points={name: row[index] for name, row in self.points.items()},
+                       readings=readings, samples=self.samples.select(index),
+                       number=self.number[index])
+
+    def stating(self, noise: float) -> Observations:
+        """Return the same as if somebody had stated the noise of the first channel."""
+        first = replace(self.readings[0], deviation=np.full(len(self), noise),
+                        trust=believed(TRUST_STATED, len(self), assumed=False))
+        return replace(self, readings=(first, *self.readings[1:]), noise_source="given",
+                       assumed=False)
+
+    def describe(self, i: int) -> str:
+        """Return one sample by number and operating point."""
+        place = ", ".join(f"{axis.name.replace('_', ' ')} {self.points[axis.name][i]:.4g} "
+                          f"{axis.unit}".removesuffix(" -") for axis in self.steered)
+        return f"sample {self.number[i] + 1} ({place})"
 
 
-def distinct_rows(samples: BenchSamples) -> NDArray[np.intp]:
-    """Indices of the samples without those that copy an earlier one in every column.
+def believed(trust: float, count: int, assumed: bool) -> float:
+    """Return the worth of a statement of noise beside so many samples.
+
+    Few samples cannot correct it: it has to be believed.
+    """
+    return trust if count >= FEW else max(trust, _TRUST_FEW_ASSUMED if assumed else _TRUST_FEW)
+
+
+def reading_of(
+    channel: Channel, measured: Array, given: float | None, column: Array | None,
+    group: NDArray[np.intp],
+) -> tuple[Reading, str | None]:
+    """Return a reading with its noise as it is stated: given, by sample, or by repeated points.
+
+    Args:
+        channel, measured: what was read, shape (n,).
+        given: one standard deviation for all.
+        column: those of every sample, shape (n,).
+        group: the operating point of each sample, as `replicate_groups` numbers them.
+
+    Returns:
+        The reading, and who states its noise; None where nobody does and `channel.uncertainty`
+        stands in.
+    """
+    n, trust, source = len(measured), TRUST_STATED, None
+    if given is not None:
+        deviation, source = np.full(n, given), "given"
+    elif column is not None:
+        deviation, source = column, f"column {channel.name}_std"
+    elif (pure := pure_error(group, measured)) is not None:
+        deviation, trust, source = np.full(n, pure[0]), pure[1], "repeated points"
+    else:
+        deviation, trust = channel.uncertainty * np.abs(measured), TRUST_ASSUMED
+    return Reading(channel, measured, deviation, believed(trust, n, source is None)), source
+
+
+def distinct_rows(columns: Sequence[Sequence[object]]) -> NDArray[np.intp]:
+    """Indices of the rows without those that copy an earlier one in every column.
 
     A copy says nothing new, least of all about the noise. Readings repeated at one point differ.
     """
-    columns = [column for item in BENCH_COLUMNS
-               if (column := getattr(samples, item.name)) is not None]
-    rows = zip(*(column.tolist() for column in columns), *samples.extra.values(), strict=True)
     first: dict[tuple[object, ...], int] = {}
-    for i, row in enumerate(rows):
+    for i, row in enumerate(zip(*columns, strict=True)):
         first.setdefault(row, i)
     return np.array(list(first.values()), dtype=np.intp)
 
 
-def stated_noise(
-    samples: BenchSamples, noise: float | None = None
-) -> tuple[Array, float, str] | None:
-    """Noise of the efficiency as the samples or the caller state it; None when neither does.
+def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:
+    """Noise that repeated points show: standard deviation and degrees of freedom; None if few.
 
-    Returns:
-        Standard deviations of shape (n,) [-], how many samples the statement is worth, its source.
-
-    Raises:
-        InputError: `noise` is out of range.
+    Args:
+        group: as `replicate_groups` gives it.
+        measured: one channel, shape (n,).
     """
-    if noise is not None:
-        if noise == 0.0:
-            raise InputError("noise = 0: no bench is exact; give the standard deviation of the "
-                             f"efficiency, {EFFICIENCY_STD}")
-        value = float(EFFICIENCY_STD.check(noise, "noise"))
-        return np.full(len(samples), value), _TRUST_STATED, "given"
-    if samples.efficiency_std is not None:
-        return (np.maximum(samples.efficiency_std, _LEAST_DEVIATION), _TRUST_STATED,
-                "column efficiency_std")
-    pure = _pure_error(samples)
-    if pure is not None:
-        deviation, free = pure
-        return np.full(len(samples), deviation), free, "repeated points"
-    return None
-
-
-def _assumed_noise(samples: BenchSamples) -> tuple[Array, float, str]:
-    return PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency, _TRUST_ASSUMED, _ASSUMED
-
-
-def _pure_error(samples: BenchSamples) -> tuple[float, float] | None:
-    group = replicate_groups(samples)
     count = np.bincount(group)
     free = float(np.sum(count - 1))
     if free < _REPLICATES_NEEDED:
         return None
-    mean = np.bincount(group, samples.efficiency) / count
-    squares = float(np.sum((samples.efficiency - mean[group]) ** 2))
-    deviation = float(np.sqrt(squares / free))
+    mean = np.bincount(group, measured) / count
+    deviation = float(np.sqrt(np.sum((measured - mean[group]) ** 2) / free))
     # Readings do not agree so well: these are filled in, as in a plan, or copied.
-    return (deviation, free) if deviation > _LEAST_DEVIATION else None
+    return (deviation, free) if deviation > _LEAST_PART * np.abs(measured).max() else None
+
+
+def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
+    """Number the distinct operating points, shape (n,); repeated points share a number.
+
+    The sample with most neighbours gathers them, then the next: a slow sweep, in which every
+    sample is close to the next one, falls into pieces instead of becoming one point.
+    """
+    from scipy.spatial import cKDTree
+
+    # In tolerances: a bench never sets a point twice to the last digit.
+    scaled = np.stack([points[axis.name] / max(REPEATED * float(np.ptp(points[axis.name])),
+                                               axis.held) for axis in axes], axis=1)
+    near = cKDTree(scaled).query_ball_point(scaled, 1.0, p=np.inf)
+    count = np.array([len(indices) for indices in near])
+    group = np.full(len(scaled), -1, dtype=np.intp)
+    # Ties by place, so that the order of the rows does not matter.
+    leaders: list[int] = []
+    for i in np.lexsort((*scaled.T[::-1], -count)).tolist():
+        if group[i] < 0:
+            members = np.array(near[i])
+            group[members[group[members] < 0]] = len(leaders)
+            leaders.append(i)
+    order = np.lexsort(scaled[leaders].T[::-1])
+    number = np.empty(len(leaders), dtype=np.intp)
+    number[order] = np.arange(len(leaders))
+    return np.asarray(number[group])

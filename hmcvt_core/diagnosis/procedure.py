@@ -4,36 +4,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.bench import BenchSamples
-from ..model.domain import AXES, Domain
-from ..model.model import EfficiencyModel
-from ..model.plausibility import output_speed_remark
-from ..transmission.parameters import PARAMETER_NAMES
-from .candidates import Bench, Candidate
-from .holdout import errors_on, fresh
-from .hypothesis import BASE_SIZE, Hypothesis
-from .intake import admitted
+from ..errors import InputError
+from .candidates import Campaign, Candidate, fitted_campaign
+from .hypothesis import Fit
+from .intake import admitted, listed_samples
 from .next_tests import next_tests
 from .observations import FEW, Observations
-from .ranking import Ranking, rank, single_candidates
+from .ranking import Ranking, pair_candidates, rank, single_candidates
 from .regions import Regions, regions
+from .report import Diagnosis
 from .result import (
     GAP_SIGNIFICANCE,
     REGION_SIGNIFICANCE,
     Cause,
-    Diagnosis,
     Gap,
     Region,
     ShrinkageSummary,
 )
 from .shrinkage import Shrinkage, averaged_errors, deals, shrinkage
-from .significance import Significance, basis, significance
+from .significance import Significance, gap_significance
+from .system import System
+from .words import plain
 
 Array = NDArray[np.float64]
 
@@ -46,8 +42,8 @@ SET_PROBABILITY = 0.97
 ADEQUATE = 0.5
 """Part of the gap that a named cause must remove; else the gap is unexplained."""
 
-ADEQUATE_SPEED = 0.8
-"""The same for the squared gap of the output speed, which is read so much more exactly."""
+ADEQUATE_BESIDE = 0.8
+"""The same for the squared gap of a further channel: read only where it is much more exact."""
 
 UNLISTED = 0.2
 """Probability of an unlisted effect from which a poor cause is not named."""
@@ -59,325 +55,320 @@ _LARGE_REGION = 0.8  # discount of a region with most of the samples
 _MOST_REGIONS = 5
 _OVERLAP = 0.2
 _RIVALS = 12
+_ZERO = 1e-9
 
 
-def diagnose(
-    model: EfficiencyModel,
-    samples: BenchSamples,
-    holdout: BenchSamples | None = None,
+class _Study(NamedTuple):
+    """What is known of a campaign once everything has been weighed.
+
+    Attributes:
+        campaign, boxes, found, ranking: the results of the steps.
+        significant: whether there is a gap.
+        seed: of every random number.
+        noise: standard deviation of the first channel, shape (n,).
+        dealt: folds, several times.
+        before: errors of the base model at samples left out, shape (n,).
+    """
+
+    campaign: Campaign
+    boxes: Regions
+    found: Significance
+    ranking: Ranking
+    significant: bool
+    seed: int
+    noise: Array
+    dealt: list[list[NDArray[np.intp]]]
+    before: Array
+
+
+def diagnose_system(
+    system: System,
+    observed: Observations,
+    held: Observations | None = None,
     *,
-    noise: float | None = None,
+    notes: Sequence[str] = (),
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Diagnose the gap between a model and a bench.
+    """Diagnose the gap between the model of a system and a bench.
 
-    The base parameters of `model` are refitted first: a gap that a refit closes is no gap.
+    The base parameters are refitted first: a gap that a refit closes is no gap.
 
     Args:
-        model: formulation `power_balance`; effects it already has stay.
-        samples: at least five bench samples; output speed and oil temperature are used if there.
-        holdout: samples to measure the shrinkage on, with their own noise if they state any; None
-            for cross-validation.
-        noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`,
-            repeated points, or the paper's 1.12 %, in this order.
+        system: what stands on the bench.
+        observed: at least five samples.
+        held: samples to measure the shrinkage on; None for cross-validation.
+        notes: on the samples, to go first.
         seed: of every random number.
         progress: called with a line of text before each step; may raise to cancel.
 
     Raises:
-        InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
-            nothing new, or the formulation is another.
+        InputError: samples cannot carry a diagnosis.
     """
-    bench, notes = admitted(model, samples, noise)
-    if holdout is not None:
-        holdout, more = fresh(holdout, samples)
-        notes += more
     tell = progress if progress is not None else _silence
-    boxes = regions(bench.observed.samples)
+    campaign, more = admitted(system, observed)
+    observed = campaign.observed
+    boxes = regions(observed.place)
     tell("step 1 of 4, is there a gap")
-    found = _significance(bench, boxes, seed)
+    found = gap_significance(campaign, boxes, seed)
     significant = found.p_value <= GAP_SIGNIFICANCE
     tell("step 2 of 4, refits with each effect")
-    singles = single_candidates(bench)
-    ranking = rank(bench, boxes, singles, paired=False)
+    singles = single_candidates(campaign)
+    ranking = rank(campaign, boxes, singles, ())
     if significant and (ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
         tell("step 3 of 4, refits with pairs of effects")
-        ranking = rank(bench, boxes, singles, paired=True)
+        ranking = rank(campaign, boxes, singles, pair_candidates(campaign, singles))
     tell("step 4 of 4, how far the gap shrinks")
-    return _Assembly(bench, boxes, found, significant, ranking, holdout, seed, notes).diagnosis()
+    dealt = deals(observed, seed)
+    study = _Study(campaign, boxes, found, ranking, significant, seed,
+                   _noise(observed, ranking, significant), dealt,
+                   averaged_errors([ranking.nothing], observed, dealt))
+    return assemble(study, held, (*notes, *more))
 
 
 def _silence(text: str) -> None:
     """Nobody asked."""
 
 
-def _significance(bench: Bench, boxes: Regions, seed: int) -> Significance:
-    columns, spread = bench.shared(bench.base)
-    screened = bench.screen(bench.kinds, bench.base)
-    signatures = np.stack([linear.columns[..., -1] for _, _, linear in screened])
-    noise = bench.base.noise
-    return significance(basis(columns, spread, noise), bench.target(bench.base), noise,
-                        bench.observed, boxes, signatures, seed)
-
-
-class _Assembly:
-    """Turns what was found into a `Diagnosis`."""
-
-    def __init__(
-        self,
-        bench: Bench,
-        boxes: Regions,
-        found: Significance,
-        significant: bool,
-        ranking: Ranking,
-        holdout: BenchSamples | None,
-        seed: int,
-        notes: tuple[str, ...],
-    ) -> None:
-        self.notes = notes
-        self.bench, self.boxes, self.found = bench, boxes, found
-        self.significant, self.ranking, self.seed = significant, ranking, seed
-        self.holdout, self.first = holdout, ranking.best[next(iter(ranking.probability))]
-        self.observed = bench.observed
-        self.dealt = deals(self.observed, seed)
-        self.noise = self._noise()
-        self.before = averaged_errors([ranking.nothing], self.observed, self.dealt)
-
-    def _noise(self) -> Array:
-        """Standard deviation of the efficiency, shape (n,), from the best competitor of all."""
-        ranking = self.ranking
-        if self.significant and ranking.unlisted > 0.5:
-            # A narrow band would pass as noise for every competitor without one.
-            return np.asarray(self.observed.scale[0] * np.sqrt(ranking.pure[0]))
+def _noise(observed: Observations, ranking: Ranking, significant: bool) -> Array:
+    """Standard deviation of the first channel, shape (n,), from the best competitor of all."""
+    variance = ranking.nothing.found.noise[0, 0]
+    if significant and ranking.unlisted > 0.5:
+        # A narrow band would pass as noise for every competitor without one.
+        variance = ranking.pure[0]
+    elif significant:
         rivals = [ranking.nothing, ranking.field, ranking.leading.linear]
-        best = max(rivals, key=lambda item: item.log) if self.significant else ranking.nothing
-        return np.asarray(self.observed.scale[0] * np.sqrt(best.found.noise[0, 0]))
+        variance = max(rivals, key=lambda item: item.log).found.noise[0, 0]
+    return np.asarray(observed.scale[0] * np.sqrt(variance))
 
-    def diagnosis(self) -> Diagnosis:
-        """Put everything together."""
-        shrunk = self._shrinkage(self._rivals())
-        verdict, why = self._verdict(shrunk)
-        causes = self._causes(verdict) if self.significant else ()
-        noise = float(np.sqrt(np.mean(self.noise**2)))
-        gap = Gap(len(self.observed.samples), float(np.sqrt(np.mean(self.before**2))), noise,
-                  float(np.sqrt(np.mean(self.observed.scale[0] ** 2))),
-                  self.observed.noise_source, self.found.p_value, self.significant)
-        named = verdict in ("cause_found", "ambiguous")
-        tests = next_tests(self.bench, self.ranking) if self.significant else ()
-        return Diagnosis(
-            gap, self._where(), causes[0].component if named else None, verdict, causes,
-            ShrinkageSummary(shrunk.before, shrunk.after, shrunk.fraction, shrunk.interval,
-                             shrunk.on),
-            tests, self.ranking.unlisted if self.significant else 0.0, self._notes(why),
-            self._model(np.empty(0), (), self.bench.base.base), self.observed.samples,
-            shrunk.errors_before, shrunk.errors_after,
-        )
 
-    # --- verdict --------------------------------------------------------------------------------
+def assemble(study: _Study, held: Observations | None, notes: Sequence[str]) -> Diagnosis:
+    """Put together what was found."""
+    observed, ranking = study.campaign.observed, study.ranking
+    shrunk, more = _shrinkage(study, held)
+    verdict, why = _verdict(study, shrunk)
+    causes = _causes(study, verdict) if study.significant else ()
+    gap = Gap(len(observed), _rms(study.before), _rms(study.noise), observed.usual_noise,
+              observed.noise_source, study.found.p_value, study.significant)
+    extent = {axis.name: (float(row.min()), float(row.max()))
+              for axis, row in zip(observed.steered, observed.place, strict=True)}
+    return Diagnosis(
+        gap, _where(study), causes[0].component if verdict in ("cause_found", "ambiguous")
+        else None, verdict, causes,
+        ShrinkageSummary(shrunk.before, shrunk.after, shrunk.fraction, shrunk.interval, shrunk.on),
+        next_tests(study.campaign, ranking) if study.significant else (),
+        ranking.unlisted if study.significant else 0.0,
+        (*notes, *more, *_remarks(study), *((why,) if why else ())),
+        _model_of(study, study.campaign.base), observed.samples, shrunk.errors_before,
+        shrunk.errors_after, observed.steered, extent, observed.readings[0].channel)
 
-    def _verdict(self, shrunk: Shrinkage) -> tuple[str, str]:
-        """Return the verdict, and why no cause is named."""
-        if not self.significant:
-            return "no_gap", ""
-        ranking = self.ranking
-        known = next(iter(ranking.probability.values()))
-        removed = shrunk.fraction if shrunk.fraction is not None else 0.0
-        # NaN, and so False in either comparison, where the output speed shows no clear gap.
-        speed = ranking.explained[1] if self.bench.channels > 1 else np.nan
-        wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
-        if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
-            return "unexplained", "no listed effect removes most of the gap: look at the regions"
-        if speed < ADEQUATE_SPEED:
-            return "unexplained", (
-                f"the best of the listed effects explains {max(0.0, 100.0 * speed):.0f} % of what "
-                "the output speed shows: look at the regions")
-        adequate = removed >= ADEQUATE or speed >= ADEQUATE_SPEED
-        return "cause_found" if known >= FOUND and adequate else "ambiguous", ""
 
-    # --- shrinkage ------------------------------------------------------------------------------
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
-    def _rivals(self) -> Sequence[Candidate]:
-        if not self.significant:
-            return ()
-        everyone = [*self.ranking.pairs, *self.ranking.singles]
-        everyone.sort(key=lambda item: -item.log)
-        return everyone[:_RIVALS]
 
-    def _shrinkage(self, rivals: Sequence[Candidate]) -> Shrinkage:
-        if self.holdout is not None:
-            return self._on_holdout(rivals)
-        after = self.before
-        if rivals:
-            linear = [self.ranking.nothing, *(item.plain for item in rivals)]
-            after = averaged_errors(linear, self.observed, self.dealt)
-        return shrinkage(self.before, after, self.noise, "cross-validation", self.seed,
-                         self.significant)
+def _model_of(study: _Study, fit: Fit) -> Any:
+    return study.campaign.system.model_of(fit.base, fit.effects, study.campaign.observed.samples)
 
-    def _on_holdout(self, rivals: Sequence[Candidate]) -> Shrinkage:
-        assert self.holdout is not None
-        base = self._model(np.empty(0), (), self.bench.base.base)
-        # The model of the first cause: the one that is saved.
-        after = self._model_of(self.first) if rivals else base
-        held = errors_on(self.holdout, base, after, float(np.sqrt(np.mean(self.noise**2))))
-        self.notes += held.notes
-        return shrinkage(held.before, held.after, held.noise, "holdout", self.seed,
-                         self.significant)
 
-    # --- causes ---------------------------------------------------------------------------------
+# --- verdict --------------------------------------------------------------------------------------
 
-    def _causes(self, verdict: str) -> tuple[Cause, ...]:
-        ranking = self.ranking
-        names = [name for name, p in ranking.probability.items() if p >= 0.01]
-        names = names or list(ranking.probability)[:1]
-        if verdict == "unexplained":
-            names = names[:3]
-        return tuple(self._cause(name) for name in names[:6])
 
-    def _cause(self, name: str) -> Cause:
-        ranking = self.ranking
-        item = ranking.best[name]
-        index = item.names.index(name)
-        effect = item.effects[index]
-        after = averaged_errors([item.plain], self.observed, self.dealt)
-        shrunk = shrinkage(self.before, after, self.noise, "cross-validation", self.seed)
-        others = [other for other in item.names if other != name]
-        return Cause(
-            name, effect.form, effect.component, ranking.probability[name],
-            self._twins(name), self._parameters(item, index), others[0] if others else None,
-            shrunk.after, shrunk.fraction, self._drift(item), effect.summary, effect.source,
-            effect.remedy, self._model_of(item),
-        )
+def _verdict(study: _Study, shrunk: Shrinkage) -> tuple[str, str]:
+    """Return the verdict, and why no cause is named."""
+    if not study.significant:
+        return "no_gap", ""
+    ranking = study.ranking
+    known = next(iter(ranking.probability.values()))
+    removed = shrunk.fraction if shrunk.fraction is not None else 0.0
+    # NaN, and so False in either comparison, where a channel shows no clear gap.
+    beside = ranking.explained[1:]
+    wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
+    if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
+        return "unexplained", "no listed effect removes most of the gap: look at the regions"
+    if (beside < ADEQUATE_BESIDE).any():
+        worst = int(np.nanargmin(beside))
+        channel = study.campaign.observed.readings[1 + worst].channel
+        return "unexplained", (
+            f"the best of the listed effects explains {max(0.0, 100.0 * beside[worst]):.0f} % of "
+            f"what the {plain(channel.name)} shows: look at the regions")
+    adequate = removed >= ADEQUATE or (beside >= ADEQUATE_BESIDE).any()
+    return "cause_found" if known >= FOUND and adequate else "ambiguous", ""
 
-    def _twins(self, name: str) -> tuple[str, ...]:
-        """Effects that these data cannot tell from one: the rest of the credible set."""
-        probability = self.ranking.probability
-        with_it = self.ranking.best[name].names
-        total, chosen = 0.0, []
-        wanted = SET_PROBABILITY * (1.0 - self.ranking.unlisted)
-        for other, p in probability.items():
-            if other in with_it and other != name:
-                continue
-            if total >= wanted:
-                break
-            total += p
-            chosen.append(other)
-        return tuple(other for other in chosen if other != name) if name in chosen else ()
 
-    def _parameters(self, item: Candidate, index: int) -> dict[str, dict[str, Any]]:
-        effect = item.effects[index]
-        position = sum(len(other.sizes()) for other in item.effects[:index])
-        values: dict[str, dict[str, Any]] = {}
-        for parameter in effect.parameters():
-            value = effect.values()[parameter.name]
-            entry: dict[str, Any] = {"value": value, "unit": parameter.unit,
-                                     "meaning": parameter.meaning}
-            if parameter.is_size:
-                column = item.fit.jacobian.shape[-1] - len(item.fit.sizes) + position
-                error = float(np.sqrt(item.plain.found.covariance[0, column, column]))
-                spread = 1.96 * error * parameter.typical
-                entry["interval"] = [max(value - spread, parameter.low),
-                                     min(value + spread, parameter.high)]
-                entry["plausible"] = bool(
-                    parameter.low < value < parameter.high
-                    and abs(value) <= 5.0 * abs(parameter.typical))
-                position += 1
-            values[parameter.name] = entry
-        return values
+# --- shrinkage ------------------------------------------------------------------------------------
 
-    def _drift(self, item: Candidate) -> dict[str, dict[str, float]]:
-        before, after = self.bench.base.base, item.fit.base
-        error = np.sqrt(np.diagonal(item.plain.found.covariance[0]))[:BASE_SIZE]
-        drift = {}
-        for i, name in enumerate(PARAMETER_NAMES):
-            old, new = (float(10.0 ** value[0]) if i == 0 else float(value[i])
-                        for value in (before, after))
-            drift[name] = {"without_effect": old, "with_effect": new,
-                           "standard_errors": float((before[i] - after[i]) / error[i])}
-        return drift
 
-    # --- the rest -------------------------------------------------------------------------------
+def _shrinkage(study: _Study, held: Observations | None) -> tuple[Shrinkage, tuple[str, ...]]:
+    ranking, observed = study.ranking, study.campaign.observed
+    rivals = sorted((*ranking.pairs, *ranking.singles), key=lambda item: -item.log)[:_RIVALS]
+    if held is not None:
+        return _on_holdout(study, held)
+    after = study.before
+    if study.significant:
+        linear = [ranking.nothing, *(item.plain for item in rivals)]
+        after = averaged_errors(linear, observed, study.dealt)
+    return shrinkage(study.before, after, study.noise, "cross-validation", study.seed,
+                     study.significant), ()
 
-    def _where(self) -> tuple[Region, ...]:
-        if not self.significant or not len(self.boxes):
-            return ()
-        boxes, z = self.boxes, np.abs(self.found.region_z)
-        # A region and the rest of the space show the same step: name the smaller of the two.
-        large = boxes.members.sum(axis=1) > boxes.members.shape[1] / 2
-        z = np.where(large, _LARGE_REGION * z, z)
-        chosen: list[int] = []
-        order = np.argsort(-z)
-        clear = order[self.found.region_p[order] <= REGION_SIGNIFICANCE]
-        # Where no place is significant by itself the first one is named all the same, with its p.
-        for i in clear if len(clear) else order[:1]:
-            shared = [np.sum(boxes.members[i] & boxes.members[j])
-                      / min(boxes.members[i].sum(), boxes.members[j].sum()) for j in chosen]
-            if all(part <= _OVERLAP for part in shared):
-                chosen.append(int(i))
-            if len(chosen) == _MOST_REGIONS:
-                break
-        residual = self.bench.base.whitened[0] * self.observed.scale[0]
-        return tuple(self._region(i, residual) for i in chosen)
 
-    def _region(self, i: int, residual: Array) -> Region:
-        boxes = self.boxes
-        limits = [(float(boxes.low[i, axis]), float(boxes.high[i, axis]))
-                  for axis in range(len(AXES))]
-        inside = boxes.members[i]
-        return Region(limits[0], limits[1], limits[2], float(residual[inside].mean()),
-                      int(inside.sum()), float(self.found.region_p[i]),
-                      self.observed.channels[self.found.region_channel[i]].name)
+def _on_holdout(study: _Study, held: Observations) -> tuple[Shrinkage, tuple[str, ...]]:
+    """Measure the model of the first cause, the one that is saved, on samples held out.
 
-    def _model_of(self, item: Candidate) -> EfficiencyModel:
-        return self._model(item.fit.sizes, item.effects, item.fit.base)
+    They state their own noise, else it is that of the campaign.
+    """
+    base = study.campaign.base
+    first = study.ranking.best[next(iter(study.ranking.probability))].fit
+    measured = held.readings[0].measured
+    before, after = (measured - fit.hypothesis.predict(fit.theta, held.points)[0]
+                     for fit in (base, first if study.significant else base))
+    usable = np.isfinite(before) & np.isfinite(after)
+    if not usable.any():
+        raise InputError(f"{held.samples.source}: the model has no answer at any of the operating "
+                         "points held out")
+    stalled = np.flatnonzero(~usable)
+    notes: tuple[str, ...] = ()
+    if len(stalled):
+        notes = (f"{len(stalled)} of {len(held)} samples held out "
+                 f"{study.campaign.system.refusal} and do not count: "
+                 f"{listed_samples(held, stalled)}",)
+    noise = (np.full(len(held), _rms(study.noise)) if held.assumed
+             else held.readings[0].deviation)
+    return shrinkage(before[usable], after[usable], noise[usable], "holdout", study.seed,
+                     study.significant), notes
 
-    def _model(self, sizes: Array, effects: Sequence[Any], base: Array) -> EfficiencyModel:
-        hypothesis = Hypothesis(self.bench.model, tuple(effects))
-        samples = self.observed.samples
-        return replace(
-            hypothesis.model_at(base, sizes), standard_errors={}, correlation=None,
-            domain=Domain.of(samples),
-            provenance={"source": "hmcvt diagnose", "data": samples.source.rsplit("/", 1)[-1],
-                        "data_sha256": samples.sha256, "samples": len(samples)})
 
-    def _notes(self, why: str) -> tuple[str, ...]:
-        notes = list(self.notes)
-        ratio = float(np.sqrt(np.mean(self.noise**2) / np.mean(self.observed.scale[0] ** 2)))
-        rests = self._rests_on_assumption()
-        if rests:
-            notes += rests
-        elif not 0.75 < ratio < 1.33:
-            notes.append(self._noise_remark(ratio))
-        remark = output_speed_remark(self.bench.model.stage, self.observed.samples)
-        if remark is not None:
-            notes.append(remark)
-        samples = self.observed.samples
-        if samples.output_speed is None:
-            notes.append("without column output_speed, losses of flow and of torque look alike")
-        if samples.oil_temperature is None:
-            notes.append("without column oil_temperature, viscosity cannot be judged")
-        refitted = self._model(np.empty(0), (), self.bench.base.base).parameters
-        for name in ("motor_damping", "pump_damping"):
-            if getattr(refitted, name) <= 1e-9:
-                notes.append(f"the refit puts {name} at zero: something else takes its place")
-        return (*notes, why) if why else tuple(notes)
+# --- causes ---------------------------------------------------------------------------------------
 
-    def _noise_remark(self, ratio: float) -> str:
-        """Say that the noise found is not the one stated, nor the one assumed."""
-        if not self.observed.assumed:
-            return (f"the noise looks {ratio:.2f} times the one stated "
-                    f"({self.observed.noise_source}): check the statement")
-        found = float(np.sqrt(np.mean(self.noise**2)))
-        return (f"nobody stated the noise; it looks like {100 * found:.2g} points, {ratio:.2f} "
-                f"times what is assumed: --noise {found:.2g} states that")
 
-    def _rests_on_assumption(self) -> list[str]:
-        """Say what a statement of the noise would change where nobody made one."""
-        if not self.observed.assumed or len(self.observed.samples) >= FEW:
-            return []
-        size = float(np.sqrt(np.mean(self.observed.scale[0] ** 2)))
-        noise = float(f"{size:.2g}")
-        stated = Bench(self.bench.model, Observations.of(self.observed.samples, noise))
-        p_value = _significance(stated, self.boxes, self.seed).p_value
-        return [f"nobody stated the noise, and {len(self.observed.samples)} samples cannot tell "
-                f"it from a gap: the verdict rests on an assumption; if the noise is known to be "
-                f"{100 * noise:.2g} points, --noise {noise:g} gives p = {p_value:.2g}"]
+def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
+    probability = study.ranking.probability
+    names = [name for name, p in probability.items() if p >= 0.01] or list(probability)[:1]
+    return tuple(_cause(study, name) for name in names[:3 if verdict == "unexplained" else 6])
+
+
+def _cause(study: _Study, name: str) -> Cause:
+    item = study.ranking.best[name]
+    index = item.names.index(name)
+    effect = item.effects[index]
+    after = averaged_errors([item.plain], study.campaign.observed, study.dealt)
+    shrunk = shrinkage(study.before, after, study.noise, "cross-validation", study.seed)
+    others = [other for other in item.names if other != name]
+    return Cause(
+        name, effect.form, effect.component, study.ranking.probability[name],
+        _twins(study.ranking, name), _parameters(item, index), others[0] if others else None,
+        shrunk.after, shrunk.fraction, _drift(study.campaign, item), effect.summary,
+        effect.source, effect.remedy, _model_of(study, item.fit))
+
+
+def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
+    """Effects that these data cannot tell from one: the rest of the credible set."""
+    with_it = ranking.best[name].names
+    total, chosen = 0.0, []
+    wanted = SET_PROBABILITY * (1.0 - ranking.unlisted)
+    for other, p in ranking.probability.items():
+        if other in with_it and other != name:
+            continue
+        if total >= wanted:
+            break
+        total += p
+        chosen.append(other)
+    return tuple(other for other in chosen if other != name) if name in chosen else ()
+
+
+def _parameters(item: Candidate, index: int) -> dict[str, dict[str, Any]]:
+    effect = item.effects[index]
+    errors = np.sqrt(np.diagonal(item.plain.found.covariance[0]))
+    column = item.fit.hypothesis.shared + sum(len(other.sizes()) for other in item.effects[:index])
+    values: dict[str, dict[str, Any]] = {}
+    for parameter in effect.parameters():
+        value = effect.values()[parameter.name]
+        entry: dict[str, Any] = {"value": value, "unit": parameter.unit,
+                                 "meaning": parameter.meaning}
+        if parameter.is_size:
+            spread = 1.96 * float(errors[column]) * parameter.typical
+            entry["interval"] = [max(value - spread, parameter.low),
+                                 min(value + spread, parameter.high)]
+            entry["plausible"] = bool(parameter.low < value < parameter.high
+                                      and abs(value) <= 5.0 * abs(parameter.typical))
+            column += 1
+        values[parameter.name] = entry
+    return values
+
+
+def _drift(campaign: Campaign, item: Candidate) -> dict[str, dict[str, float]]:
+    base, (before, after) = campaign.system.base, (campaign.base.base, item.fit.base)
+    errors = np.sqrt(np.diagonal(item.plain.found.covariance[0]))[:len(base)]
+    rows = zip(base.names, base.values(before), base.values(after), (before - after) / errors,
+               strict=True)
+    return {name: {"without_effect": float(without), "with_effect": float(beside),
+                   "standard_errors": float(moved)} for name, without, beside, moved in rows}
+
+
+# --- where ----------------------------------------------------------------------------------------
+
+
+def _where(study: _Study) -> tuple[Region, ...]:
+    boxes, found = study.boxes, study.found
+    if not study.significant or not len(boxes):
+        return ()
+    # A region and the rest of the space show the same step: name the smaller of the two.
+    large = boxes.members.sum(axis=1) > boxes.members.shape[1] / 2
+    order = np.argsort(-np.abs(found.region_z) * np.where(large, _LARGE_REGION, 1.0))
+    clear = order[found.region_p[order] <= REGION_SIGNIFICANCE]
+    chosen: list[int] = []
+    # Where no place is significant by itself the first one is named all the same, with its p.
+    for i in clear if len(clear) else order[:1]:
+        shared = [np.sum(boxes.members[i] & boxes.members[j])
+                  / min(boxes.members[i].sum(), boxes.members[j].sum()) for j in chosen]
+        if all(part <= _OVERLAP for part in shared):
+            chosen.append(int(i))
+        if len(chosen) == _MOST_REGIONS:
+            break
+    return tuple(_region(study, i) for i in chosen)
+
+
+def _region(study: _Study, i: int) -> Region:
+    boxes, observed = study.boxes, study.campaign.observed
+    inside = boxes.members[i]
+    residual = study.campaign.base.whitened[0] * observed.scale[0]
+    limits = {axis.name: (float(boxes.low[i, k]), float(boxes.high[i, k]))
+              for k, axis in enumerate(observed.steered)}
+    return Region(limits, float(residual[inside].mean()), int(inside.sum()),
+                  float(study.found.region_p[i]),
+                  observed.readings[study.found.region_channel[i]].channel.name)
+
+
+# --- remarks --------------------------------------------------------------------------------------
+
+
+def _remarks(study: _Study) -> list[str]:
+    campaign, observed = study.campaign, study.campaign.observed
+    base = campaign.system.base
+    remarks = [*_on_noise(study), *campaign.system.remarks(observed.samples)]
+    values, lowest = base.values(campaign.base.base), base.values(base.low)
+    return remarks + [f"the refit puts {name} at zero: something else takes its place"
+                      for name, value, low in zip(base.names, values, lowest, strict=True)
+                      if low == 0.0 and value <= _ZERO]
+
+
+def _on_noise(study: _Study) -> list[str]:
+    """Say that the noise found is not the one stated, or what a statement would change."""
+    campaign, observed = study.campaign, study.campaign.observed
+    channel, stated, found = observed.readings[0].channel, observed.usual_noise, _rms(study.noise)
+    ratio = found / stated
+    if observed.assumed and len(observed) < FEW:
+        noise = float(f"{stated:.2g}")
+        believed = fitted_campaign(campaign.system, observed.stating(noise))
+        p_value = gap_significance(believed, study.boxes, study.seed).p_value
+        return [f"nobody stated the noise, and {len(observed)} samples cannot tell it from a gap: "
+                f"the verdict rests on an assumption; if the noise is known to be "
+                f"{channel.factor * noise:.2g} {channel.unit}, --noise {noise:g} gives p = "
+                f"{p_value:.2g}"]
+    if 0.75 < ratio < 1.33:
+        return []
+    if not observed.assumed:
+        return [f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
+                "check the statement"]
+    return [f"nobody stated the noise; it looks like {channel.factor * found:.2g} {channel.unit}, "
+            f"{ratio:.2f} times what is assumed: --noise {found:.2g} states that"]

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Regions of the working space: boxes between which the gap is looked for."""
+"""The working space of a campaign: boxes in which a gap is looked for, and smooth functions.
+
+Places have shape (axes, n); every axis counts by the extent of the campaign along it.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
-
-from ..files.bench import BenchSamples
-from ..model.domain import AXES
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ class Regions:
 
     Attributes:
         members: which samples each box holds, shape (boxes, n).
-        low, high: limits of each box by axis (displacement ratio, speed, torque), (boxes, 3).
+        low, high: limits of each box by axis, shape (boxes, axes).
     """
 
     members: NDArray[np.bool_]
@@ -43,25 +44,23 @@ class Regions:
         return len(self.members)
 
 
-def regions(samples: BenchSamples) -> Regions:
-    """Bands along each axis, and corners over pairs of axes, with at least four samples each.
+def regions(place: Array) -> Regions:
+    """Bands along each axis, and corners over two and more axes, with at least four samples each.
 
     Below 32 samples an eighth of them is enough, down to one.
 
     Edges lie midway between neighbouring samples, so a region is as narrow as the data allow.
     Regions that hold the same samples are listed once; the narrower in extent stands for them.
     """
-    values = [getattr(samples, axis) for axis in AXES]
-    boxes: list[dict[int, tuple[float, float]]] = []
-    bands = [_intervals(_edges(axis, _BAND_EDGES)) for axis in values]
-    for axis in range(3):
-        boxes += [{axis: limits} for limits in bands[axis]]
+    boxes = [{axis: limits} for axis, values in enumerate(place)
+             for limits in _intervals(_edges(values, _BAND_EDGES))]
     # A corner is one-sided on each axis: high load at low speed, and so on.
-    sides = [_one_sided(_edges(axis, _CORNER_EDGES)) for axis in values]
-    for first, second in itertools.combinations(range(3), 2):
-        boxes += [{first: a, second: b} for a in sides[first] for b in sides[second]]
-    boxes += [{0: a, 1: b, 2: c} for a in sides[0] for b in sides[1] for c in sides[2]]
-    return _unique(values, boxes)
+    sides = [_one_sided(_edges(values, _CORNER_EDGES)) for values in place]
+    for size in range(2, len(place) + 1):
+        for axes in itertools.combinations(range(len(place)), size):
+            boxes += [dict(zip(axes, limits, strict=True))
+                      for limits in itertools.product(*(sides[axis] for axis in axes))]
+    return _unique(place, boxes)
 
 
 def _edges(values: Array, most: int) -> Array:
@@ -91,27 +90,44 @@ def _one_sided(edges: Array) -> list[tuple[float, float]]:
             + [(float(edge), high) for edge in edges[1:-1]])
 
 
-def _unique(values: list[Array], boxes: list[dict[int, tuple[float, float]]]) -> Regions:
-    least = max(1, min(_LEAST_SAMPLES, len(values[0]) // _SAMPLES_PER_LEAST))
-    extent = np.array([[axis.min(), axis.max()] for axis in values])
-    seen: dict[bytes, int] = {}
-    members: list[NDArray[np.bool_]] = []
-    lows: list[list[float]] = []
-    highs: list[list[float]] = []
+def _unique(place: Array, boxes: list[dict[int, tuple[float, float]]]) -> Regions:
+    axes, n = place.shape
+    least = max(1, min(_LEAST_SAMPLES, n // _SAMPLES_PER_LEAST))
+    extent = {axis: (float(values.min()), float(values.max()))
+              for axis, values in enumerate(place)}
+    found: dict[bytes, tuple[NDArray[np.bool_], list[tuple[float, float]]]] = {}
     for box in boxes:
-        inside = np.ones(len(values[0]), dtype=bool)
+        inside = np.ones(n, dtype=bool)
         for axis, (low, high) in box.items():
-            inside &= (values[axis] >= low) & (values[axis] <= high)
-        count = int(inside.sum())
-        if count < least or count > len(inside) - least:
-            continue
-        key = np.packbits(inside).tobytes()
-        if key in seen:
-            continue
-        seen[key] = len(members)
-        members.append(inside)
-        lows.append([box[axis][0] if axis in box else extent[axis, 0] for axis in range(3)])
-        highs.append([box[axis][1] if axis in box else extent[axis, 1] for axis in range(3)])
-    n = len(values[0])
-    return Regions(np.array(members, dtype=bool).reshape(-1, n),
-                   np.array(lows).reshape(-1, 3), np.array(highs).reshape(-1, 3))
+            inside &= (place[axis] >= low) & (place[axis] <= high)
+        if least <= inside.sum() <= n - least:
+            limits = {**extent, **box}
+            found.setdefault(np.packbits(inside).tobytes(),
+                             (inside, [limits[axis] for axis in range(axes)]))
+    limits_of = np.array([limits for _, limits in found.values()]).reshape(-1, axes, 2)
+    members = np.array([inside for inside, _ in found.values()], dtype=bool)
+    return Regions(members.reshape(-1, n), limits_of[..., 0], limits_of[..., 1])
+
+
+def scaled_to_extent(place: Array) -> Array:
+    """Places scaled to -1 .. 1 by their own extent, same shape."""
+    low, high = place.min(axis=1, keepdims=True), place.max(axis=1, keepdims=True)
+    return np.asarray(2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0)
+
+
+def smooth_functions(place: Array, degree: int) -> tuple[Array, NDArray[np.intp]]:
+    """Products of Legendre polynomials up to a total degree.
+
+    Returns:
+        Values of shape (n, m), each of mean square about 1, and the degree of each, shape (m,).
+        The constant comes first.
+    """
+    scaled = scaled_to_extent(place)
+    powers = sorted((p for p in itertools.product(range(degree + 1), repeat=len(place))
+                     if sum(p) <= degree), key=sum)
+    # Along each axis, by order; the factor makes the mean square one.
+    along = [[np.sqrt(2.0 * order + 1.0) * legendre.Legendre.basis(order)(values)
+              for order in range(degree + 1)] for values in scaled]
+    columns = [np.prod([along[axis][order] for axis, order in enumerate(power)], axis=0)
+               for power in powers]
+    return np.stack(columns, axis=1), np.array([sum(power) for power in powers])

@@ -5,14 +5,10 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..transmission.ranges import RPM
 from . import words
-from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
-
-if TYPE_CHECKING:
-    from .result import Cause, Diagnosis, NextTest
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, NextTest, Outcome
 
 _DETAILED = 3  # causes told at length; the page has all
 _TESTS, _BESIDE = 5, 2  # lines of next tests, and how many of them are no operating point
@@ -20,7 +16,7 @@ _WIDTH, _MARGIN = 100, 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
 
-def to_dict(found: Diagnosis) -> dict[str, Any]:
+def to_dict(found: Outcome) -> dict[str, Any]:
     """Return the JSON object of the command's contract."""
     gap, shrunk = found.gap, found.shrinkage
     return {
@@ -28,9 +24,7 @@ def to_dict(found: Diagnosis) -> dict[str, Any]:
                 "noise_stated": gap.noise_stated, "noise_source": gap.noise_source,
                 "p_value": gap.p_value, "significant": gap.significant},
         "where": [{
-            "displacement_ratio": list(region.displacement_ratio),
-            "engine_speed": list(region.engine_speed),
-            "load_torque": list(region.load_torque),
+            **{name: list(limits) for name, limits in region.limits.items()},
             "mean_residual": region.mean_residual, "samples": region.samples,
             "p_value": region.p_value, "channel": region.channel} for region in found.where],
         "component": found.component,
@@ -42,8 +36,8 @@ def to_dict(found: Diagnosis) -> dict[str, Any]:
                       "interval": None if shrunk.interval is None else list(shrunk.interval),
                       "on": shrunk.on},
         "next_tests": [{
-            "displacement_ratio": test.displacement_ratio, "engine_speed": test.engine_speed,
-            "load_torque": test.load_torque, "separates": list(test.separates),
+            **(test.point or {axis.name: None for axis in found.axes}),
+            "separates": list(test.separates),
             "gain": test.gain, "measure": test.measure} for test in found.next_tests],
         "notes": list(found.notes),
     }
@@ -67,18 +61,18 @@ def _cause(cause: Cause) -> dict[str, Any]:
     }
 
 
-def report(found: Diagnosis) -> str:
+def report(found: Outcome) -> str:
     """Return a diagnosis as text for a person, at most 100 columns wide."""
     lines = [words.verdict(found), ""]
     gap, shrunk = found.gap, found.shrinkage
-    lines.append(f"gap        {gap.samples} samples, {words.points(shrunk.before)} rms beyond the "
+    lines.append(f"gap        {gap.samples} samples, {words.amount(found, shrunk.before)} rms beyond the "
                  f"noise, {words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})")
-    lines.append(f"noise      {words.points(gap.noise)}; before the fit "
-                 f"{words.points(gap.noise_stated)}: {gap.noise_source}")
-    lines.append(f"error      {words.points(gap.rmse)} rms of the refitted model at samples left "
+    lines.append(f"noise      {words.amount(found, gap.noise)}; before the fit "
+                 f"{words.amount(found, gap.noise_stated)}: {gap.noise_source}")
+    lines.append(f"error      {words.amount(found, gap.rmse)} rms of the refitted model at samples left "
                  "out")
     if shrunk.fraction is not None:
-        lines.append(f"shrinkage  {words.points(shrunk.before)} -> {words.points(shrunk.after)} "
+        lines.append(f"shrinkage  {words.amount(found, shrunk.before)} -> {words.amount(found, shrunk.after)} "
                      f"beyond the noise, on {shrunk.on}")
     lines += _where(found)
     lines += _causes(found)
@@ -97,28 +91,27 @@ def _wrapped(line: str) -> str:
                                    break_long_words=False, break_on_hyphens=False))
 
 
-def _where(found: Diagnosis) -> list[str]:
+def _where(found: Outcome) -> list[str]:
     if not found.where:
         return []
-    lines = ["where      stroke          speed [rad/s]    load [N m]     "
-             "measured - model  samples  p"]
-    for region in found.where:
-        lines.append(
-            f"           {_range(region.displacement_ratio, '.2f'):<15} "
-            f"{_range(region.engine_speed, '.1f'):<16} {_range(region.load_torque, '.0f'):<14} "
-            f"{100 * region.mean_residual:+8.2f} points  {region.samples:>7}  "
-            f"{words.chance(region.p_value)}")
+    head = [*(axis.heading for axis in found.axes), "measured - model", "samples", "p"]
+    rows = [[*(_range(region.limits[axis.name], axis.digits) for axis in found.axes),
+             words.amount(found, region.mean_residual, sign=True), str(region.samples),
+             words.chance(region.p_value)] for region in found.where]
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    told = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in (head, *rows)]
+    lines = [f"where      {told[0]}", *(f"           {line}" for line in told[1:])]
     if found.where[0].p_value > REGION_SIGNIFICANCE:
         lines.append("           no place is significant by itself: the gap shows in the samples "
                      "as a whole")
     return lines
 
 
-def _range(limits: tuple[float, float], form: str) -> str:
-    return f"{limits[0]:{form}} .. {limits[1]:{form}}"
+def _range(limits: tuple[float, float], digits: int) -> str:
+    return f"{limits[0]:.{digits}f} .. {limits[1]:.{digits}f}"
 
 
-def _causes(found: Diagnosis) -> list[str]:
+def _causes(found: Outcome) -> list[str]:
     if not found.causes:
         return []
     lines = [f"causes     (an effect nobody listed: {100 * found.unlisted:.0f} %)"]
@@ -150,37 +143,48 @@ def _causes(found: Diagnosis) -> list[str]:
     return lines
 
 
-def _tests(found: Diagnosis) -> list[str]:
+def _tests(found: Outcome) -> list[str]:
     """The first few of the next tests: points first, and a measurement beside the plan."""
     merged: dict[tuple[object, ...], list[NextTest]] = {}
     for test in found.next_tests:
-        place = (test.displacement_ratio, test.engine_speed, test.load_torque, test.measure)
-        merged.setdefault(place, []).append(test)
+        place = None if test.point is None else tuple(test.point.values())
+        merged.setdefault((place, test.measure), []).append(test)
     if not merged:
         return []
     groups = sorted(merged.values(), key=lambda tests: -max(test.gain for test in tests))
-    at_points = [tests for tests in groups if tests[0].engine_speed is not None]
-    others = [tests for tests in groups if tests[0].engine_speed is None]
+    at_points = [tests for tests in groups if tests[0].point]
+    others = [tests for tests in groups if not tests[0].point]
     chosen = at_points[:_TESTS - min(len(others), _BESIDE)]
     chosen += others[:_TESTS - len(chosen)]
     lines = ["next tests"]
     if at_points:
         lines = ["next tests (gain: squared standard deviations by which the readings are expected "
                  "to speak against the wrong one of the two; 9 in all settle it)"]
-    lines += [f"  {_test(tests)}" for tests in chosen]
+    lines += [f"  {_test(found, tests)}" for tests in chosen]
     if len(groups) > len(chosen):
         lines.append(f"  {len(groups) - len(chosen)} more in the JSON and on the report page")
     return lines
 
 
-def _test(tests: Sequence[NextTest]) -> str:
+def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
     test = tests[0]
     # Every test is for or against the leading cause.
     rivals = dict.fromkeys(words.plain(each.separates[1]) for each in tests)
     told = f"{words.plain(test.separates[0])} from {' and '.join(rivals)}"
-    if test.displacement_ratio is None or test.engine_speed is None or test.load_torque is None:
+    if not test.point:
         return f"{test.measure}: tells {told}"
+    place = ", ".join(axis.told(test.point[axis.name]) for axis in found.axes)
     extra = f", with {test.measure} read" if test.measure else ""
-    return (f"stroke {test.displacement_ratio:+.2f}, {test.engine_speed:.1f} rad/s "
-            f"({test.engine_speed / RPM:.0f} r/min), {test.load_torque:.0f} N m{extra}: tells "
-            f"{told}, gain {max(each.gain for each in tests):.1f}")
+    return f"{place}{extra}: tells {told}, gain {max(each.gain for each in tests):.1f}"
+
+
+class Diagnosis(Outcome):
+    """An outcome that can be told; `to_dict` is the contract of the command."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of `hmcvt diagnose --json`."""
+        return to_dict(self)
+
+    def report(self) -> str:
+        """Return the outcome as text for a person."""
+        return report(self)

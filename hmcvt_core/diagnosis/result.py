@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.bench import BenchSamples
-from ..model.model import EfficiencyModel
+from .system import Axis, Channel
 
 Array = NDArray[np.float64]
 
@@ -26,11 +26,13 @@ VERDICTS = ("no_gap", "cause_found", "ambiguous", "unexplained")
 class Gap:
     """Size and significance of the gap after the base parameters are refitted.
 
+    Sizes are in the unit of the first channel, the efficiency of a transmission.
+
     Attributes:
         samples: how many.
-        rmse: of the refitted base model at samples left out [-].
-        noise: of the efficiency, as the diagnosis found it [-].
-        noise_stated: as given or assumed [-]; `noise_source` says by whom.
+        rmse: of the refitted base model at samples left out.
+        noise: standard deviation, as the diagnosis found it.
+        noise_stated: as given or assumed; `noise_source` says by whom.
         p_value: that no gap gives as much anywhere.
         significant: whether it counts as a gap.
     """
@@ -49,20 +51,18 @@ class Region:
     """A box in which the bench differs from the refitted base model.
 
     Attributes:
-        displacement_ratio, engine_speed, load_torque: (low, high), SI.
-        mean_residual: measured - predicted efficiency, mean over the box [-].
+        limits: (low, high) by the name of the axis, SI.
+        mean_residual: measured - predicted of the first channel, mean over the box.
         samples: in the box.
         p_value: family-wise, over all boxes looked at.
         channel: the reading that shows it most clearly.
     """
 
-    displacement_ratio: tuple[float, float]
-    engine_speed: tuple[float, float]
-    load_torque: tuple[float, float]
+    limits: Mapping[str, tuple[float, float]]
     mean_residual: float
     samples: int
     p_value: float
-    channel: str = "efficiency"
+    channel: str
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Cause:
             hold the cause with 97 %, given that it is a listed one.
         parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
         together_with: the other effect of a pair.
-        gap_after: root of the mean squared error above noise once it is added [-].
+        gap_after: root of the mean squared error above noise once it is added.
         shrinkage: 1 - G2_after / G2_before for it by cross-validation, held as the effect in every
             fold; None without a gap.
         drift: change of each base parameter when it is added, in words and numbers.
@@ -98,7 +98,7 @@ class Cause:
     summary: str
     source: str
     remedy: str
-    model: EfficiencyModel = field(repr=False)
+    model: Any = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -121,23 +121,21 @@ class NextTest:
     """A test worth making.
 
     Attributes:
-        displacement_ratio, engine_speed, load_torque: where; None when no point helps.
+        point: where, by the name of the axis; None when no point helps.
         separates: the two effects it tells apart.
         gain: expected discrimination, in squared deviations.
         measure: an extra channel or calibration to make besides, or None.
     """
 
-    displacement_ratio: float | None
-    engine_speed: float | None
-    load_torque: float | None
+    point: Mapping[str, float] | None
     separates: tuple[str, str]
     gain: float
     measure: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """Outcome of `diagnose`; `to_dict` is the contract of the command.
+class Outcome:
+    """Outcome of a diagnosis; `report.Diagnosis` adds how it is told.
 
     Attributes:
         gap, where, component, verdict, causes, shrinkage, next_tests: see the classes above.
@@ -145,7 +143,9 @@ class Diagnosis:
         notes: plain sentences on the data and the search.
         base: the base model refitted to the samples, no effect added.
         samples: what was diagnosed.
-        residuals_before, residuals_after: measured - predicted at samples left out, (n,) [-].
+        residuals_before, residuals_after: measured - predicted at samples left out, (n,).
+        axes: of the operating points; `extent` how far the samples reach along each.
+        channel: the one in which the gap is measured.
     """
 
     gap: Gap
@@ -157,26 +157,17 @@ class Diagnosis:
     next_tests: tuple[NextTest, ...]
     unlisted: float
     notes: tuple[str, ...]
-    base: EfficiencyModel
-    samples: BenchSamples
+    base: Any
+    samples: Any
     residuals_before: Array
     residuals_after: Array
+    axes: tuple[Axis, ...]
+    extent: Mapping[str, tuple[float, float]]
+    channel: Channel
 
     @property
-    def model(self) -> EfficiencyModel:
+    def model(self) -> Any:
         """The model to use from now on: with the leading cause if one was found."""
         if self.causes and self.verdict in ("cause_found", "ambiguous"):
             return self.causes[0].model
         return self.base
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON object of `hmcvt diagnose --json`."""
-        from .report import to_dict
-
-        return to_dict(self)
-
-    def report(self) -> str:
-        """Return the outcome as text for a person."""
-        from .report import report
-
-        return report(self)

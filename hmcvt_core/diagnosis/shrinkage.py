@@ -3,7 +3,7 @@ r"""How far the gap shrinks, on data not used for the fit.
 
 .. math:: G^2 = \overline{e^2} - \sigma^2, \qquad S = 1 - G^2_{after} / G^2_{before}
 
-e are errors of prediction of the efficiency at samples left out, sigma is the noise. Base
+e are errors of prediction of the first channel at samples left out, sigma is the noise. Base
 parameters are refitted on both sides in every fold, and the effect is *chosen* inside the fold:
 choosing it on all samples first would promise too much. How the samples are dealt to the folds is
 chance; errors are averaged over several deals, so that the figure hardly moves with the seed.
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from .candidates import Linear
 from .evidence import evidence, gram, one_sided
-from .observations import Observations
-from .replicates import replicate_groups
+from .observations import Observations, replicate_groups
 
 Array = NDArray[np.float64]
 FOLDS = 12
@@ -30,14 +29,14 @@ _TAIL = 0.025
 
 
 class Shrinkage(NamedTuple):
-    """Gap before and after an effect is added, efficiency units.
+    """Gap before and after an effect is added, in the unit of the first channel.
 
     Attributes:
-        before, after: root of the mean squared error above noise [-]; 0 where below noise.
+        before, after: root of the mean squared error above noise; 0 where below noise.
         fraction: 1 - G2_after / G2_before, or None where there is no gap before.
         interval: of `fraction`, 95 %, or None.
         on: `cross-validation` or `holdout`.
-        errors_before, errors_after: of prediction at each sample, shape (n,) [-].
+        errors_before, errors_after: of prediction at each sample, shape (n,).
     """
 
     before: float
@@ -51,7 +50,7 @@ class Shrinkage(NamedTuple):
 
 def folds(observed: Observations, seed: int) -> list[NDArray[np.intp]]:
     """Split the samples, repeated points together; each entry is the part left out."""
-    group = replicate_groups(observed.samples)
+    group = replicate_groups(observed.axes, observed.points)
     labels = np.unique(group)
     order = np.random.default_rng(seed).permutation(len(labels))
     parts = np.array_split(labels[order], min(FOLDS, len(labels)))
@@ -61,7 +60,7 @@ def folds(observed: Observations, seed: int) -> list[NDArray[np.intp]]:
 def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
     """Deal the samples to folds several times; once where every point is left out alone."""
     first = folds(observed, seed)
-    alone = len(np.unique(replicate_groups(observed.samples))) <= FOLDS
+    alone = len(np.unique(replicate_groups(observed.axes, observed.points))) <= FOLDS
     return [first] if alone else [first, *(folds(observed, seed + 1000 * i)
                                            for i in range(1, DEALS))]
 
@@ -80,8 +79,8 @@ def averaged_errors(
 def cross_validated_errors(
     rivals: Sequence[Linear], observed: Observations, parts: Sequence[NDArray[np.intp]]
 ) -> Array:
-    """Errors of the efficiency at samples left out, the rival chosen on the others, shape (n,)."""
-    n = len(observed.samples)
+    """Errors of the first channel at samples left out, (n,); the rival is chosen on the others."""
+    n = len(observed)
     best, errors = np.full(len(parts), -np.inf), np.full(n, np.nan)
     count = np.array([[n - len(part)] for part in parts])
     for rival in rivals:
@@ -116,8 +115,8 @@ def shrinkage(
     """Compare two sets of prediction errors at the same samples.
 
     Args:
-        before, after: errors of the efficiency, shape (n,) [-].
-        noise: standard deviation of the efficiency at each, shape (n,) or scalar [-].
+        before, after: errors of the first channel, shape (n,).
+        noise: standard deviation of the first channel at each, shape (n,) or scalar.
         on: where the errors come from.
         seed: of the bootstrap over samples.
         real: whether there is a gap at all; without one `fraction` is None.

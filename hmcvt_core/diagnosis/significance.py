@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .candidates import Campaign, screen
 from .observations import FEW, Observations
 from .regions import Regions
 
@@ -50,6 +51,14 @@ class Basis(NamedTuple):
 
     data: Array
     prior: Array
+
+
+def gap_significance(campaign: Campaign, boxes: Regions, seed: int) -> Significance:
+    """Test a campaign against every region and every known effect."""
+    fit = campaign.base
+    signatures = np.stack([linear.columns[..., -1] for _, _, linear in screen(campaign, fit)])
+    absorbed = basis(fit.jacobian, fit.hypothesis.prior_spread, fit.noise)
+    return significance(absorbed, fit.target, fit.noise, campaign.observed, boxes, signatures, seed)
 
 
 def basis(columns: Array, spread: Array, noise: Array) -> Basis:
@@ -100,10 +109,10 @@ def significance(
     ranks = np.stack([_p_values(null[:, i], null[:, i]) for i in range(2)], axis=1).min(axis=1)
     p_own = min(float(_p_values(null[:, i], own[i:i + 1])[0]) for i in range(2))
     p_value = (1.0 + np.sum(ranks <= p_own)) / (1.0 + replicates)
-    if len(observed.samples) < FEW:
+    if len(observed) < FEW:
         # Two looks: shape and size.
         p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, target)))
-    z_channels = z_boxes[0].reshape(len(observed.channels), len(boxes))
+    z_channels = z_boxes[0].reshape(len(observed.readings), len(boxes))
     channel = np.abs(z_channels).argmax(axis=0)
     z = np.take_along_axis(z_channels, channel[None], 0)[0]
     return Significance(float(p_value), z, channel, _p_values(null[:, 0], np.abs(z)))
@@ -115,9 +124,8 @@ class _Search:
         self.absorbed, self.trust = absorbed, observed.trusts
         self.count = absorbed.data.shape[1]
         root = self.root = np.sqrt(noise)
-        # In the output speed a box is a part of the speed lost, as its deviation is.
-        self.boxes = [(boxes.columns / (observed.scale[0] if i == 0 else 1.0) / root[i]).astype(
-            np.float32) for i in range(len(observed.channels))]
+        self.boxes = [(boxes.columns * reading.unit_loss / root[i]).astype(np.float32)
+                      for i, reading in enumerate(observed.readings)]
         self.effect = signatures / root[:, None]
         self.box_norms = [_norms(np.sum(box**2, axis=1), box @ absorbed.data[i])
                           for i, box in enumerate(self.boxes)]

@@ -6,10 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from ..transmission.ranges import RPM
-from .result import REGION_SIGNIFICANCE, Cause, Diagnosis, Region
+from .result import REGION_SIGNIFICANCE, Cause, Outcome, Region
 
 MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
 
@@ -19,8 +16,6 @@ _UNITS = {"m3": "m³", "N m": "N·m", "deg C": "°C", "s Pa": "s·Pa"}
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
 _MOST_TWINS = 4  # named in the verdict
-_AXES = {"engine_speed": "engine speed", "load_torque": "load",
-         "displacement_ratio": "displacement ratio"}
 
 
 def fixed(value: float | None, digits: int, sign: bool = False) -> str:
@@ -64,6 +59,13 @@ def points(value: float | None, sign: bool = False) -> str:
     return f"{fixed(None if value is None else 100.0 * value, 2, sign)} points"
 
 
+def amount(found: Outcome, value: float | None, sign: bool = False) -> str:
+    """Return a value of the channel in which the gap is measured, in the unit it is told in."""
+    channel = found.channel
+    shown = None if value is None else channel.factor * value
+    return f"{fixed(shown, channel.digits, sign)} {channel.unit}"
+
+
 def percent(value: float | None) -> str:
     """Return a part in percent."""
     return f"{fixed(None if value is None else 100.0 * value, 0)} %"
@@ -91,7 +93,7 @@ def p_is(value: float) -> str:
 
 def rpm(engine_speed: float) -> str:
     """Return an engine speed [rad/s] in r/min, without the unit."""
-    return fixed(engine_speed / RPM, 0)
+    return fixed(30.0 / math.pi * engine_speed, 0)
 
 
 def plain(name: str) -> str:
@@ -112,19 +114,19 @@ def listed(names: Sequence[str], last: str = "or") -> str:
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
-def verdict(found: Diagnosis) -> str:
+def verdict(found: Outcome) -> str:
     """Return the outcome in a sentence or two."""
     if found.verdict == "no_gap":
-        return (f"No gap is seen: with its three base parameters refitted, the model differs from "
-                f"the {found.gap.samples} samples by no more than their noise of "
-                f"{points(found.gap.noise)} explains.")
+        return (f"No gap is seen: with its base parameters refitted, the model differs from the "
+                f"{found.gap.samples} samples by no more than their noise of "
+                f"{amount(found, found.gap.noise)} explains.")
     where = _lies(found)
     if found.verdict == "unexplained" or not found.causes:
         return f"{where}. No effect in the library explains it{_best(found)}."
     return f"{where}; {_explained(found)}. {_removed(found)}"
 
 
-def remark(found: Diagnosis) -> str:
+def remark(found: Outcome) -> str:
     """Return what the reader should bear in mind about the verdict."""
     if found.verdict == "no_gap":
         return ("Chance alone gives as much disagreement in "
@@ -147,38 +149,38 @@ def _of_hundred(p_value: float) -> str:
     return "fewer than 1" if p_value < 0.01 else f"{100 * p_value:.0f}"
 
 
-def _lies(found: Diagnosis) -> str:
+def _lies(found: Outcome) -> str:
     region = found.where[0] if found.where else None
+    beyond = f"Bench and model differ by {amount(found, found.shrinkage.before)} beyond the noise"
     if region is None or region.p_value > REGION_SIGNIFICANCE:
-        return (f"Bench and model differ by {points(found.shrinkage.before)} beyond the noise, "
-                "and no single place stands out")
-    if region.channel != "efficiency":
-        place = region_words(region, found)
-        return (f"Bench and model differ by {points(found.shrinkage.before)} beyond the noise, "
-                f"most clearly in the {plain(region.channel)}" + (f" at {place}" if place else ""))
-    side = "below" if region.mean_residual < 0.0 else "above"
+        return f"{beyond}, and no single place stands out"
     place = region_words(region, found)
-    return (f"The bench lies {points(abs(region.mean_residual))} {side} the refitted model"
+    if region.channel != found.channel.name:
+        return f"{beyond}, most clearly in the {plain(region.channel)}" + (
+            f" at {place}" if place else "")
+    side = "below" if region.mean_residual < 0.0 else "above"
+    return (f"The bench lies {amount(found, abs(region.mean_residual))} {side} the refitted model"
             + (f", mostly at {place}" if place else " over the whole range"))
 
 
-def region_words(region: Region, found: Diagnosis) -> str:
+def region_words(region: Region, found: Outcome) -> str:
     """Return where a region lies in words such as `high engine speed and low load`."""
-    words = []
-    for axis, name in _AXES.items():
-        values = getattr(found.samples, axis)
-        lowest, span = float(values.min()), float(np.ptp(values))
-        low, high = getattr(region, axis)
+    graded, others = [], []
+    for axis in found.axes:
+        (low, high), (lowest, highest) = region.limits[axis.name], found.extent[axis.name]
+        span = highest - lowest
         if span <= 0.0 or (high - low) / span > _WIDE:
             continue
         middle = ((low + high) / 2.0 - lowest) / span
         degree = "low" if middle < 0.4 else "high" if middle > 0.6 else "medium"
-        words.append(f"{degree} {name}" if axis != "displacement_ratio"
-                     else f"{name} {fixed(low, 2)} to {fixed(high, 2)}")
-    return listed(words, "and")
+        if axis.graded:
+            graded.append(f"{degree} {axis.word}")
+        else:
+            others.append(f"{axis.word} {fixed(low, axis.digits)} to {fixed(high, axis.digits)}")
+    return listed([*graded, *others], "and")
 
 
-def _explained(found: Diagnosis) -> str:
+def _explained(found: Outcome) -> str:
     cause = found.causes[0]
     if found.verdict == "ambiguous" and cause.probability < _OUTSTANDING:
         first = [f"{plain(item.effect)} ({probability(item.probability)})"
@@ -208,11 +210,11 @@ def _explained(found: Diagnosis) -> str:
     return sentence
 
 
-def _named(found: Diagnosis, effect: str) -> Cause | None:
+def _named(found: Outcome, effect: str) -> Cause | None:
     return next((cause for cause in found.causes if cause.effect == effect), None)
 
 
-def _removed(found: Diagnosis) -> str:
+def _removed(found: Outcome) -> str:
     fraction, limits = found.shrinkage.fraction, found.shrinkage.interval
     if fraction is None:
         return "How far the gap would shrink cannot be told from these samples."
@@ -235,9 +237,9 @@ def fraction_interval(limits: Sequence[float]) -> str:
     return "below 0 %" if low == high else f"{low} to {high} %"
 
 
-def _best(found: Diagnosis) -> str:
+def _best(found: Outcome) -> str:
     fraction = found.shrinkage.fraction
     if fraction is None or fraction <= 0.0:
         return ""
     return (f": picking the best of them removes {percent(fraction)} of the squared gap in "
-            "efficiency")
+            f"{plain(found.channel.name)}")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from ..diagnosis import diagnose
+from ..benches.transmission import diagnose
 from ..errors import HmcvtError, InputError
 from ..files.bench import BenchSamples
 from ..identification import identify

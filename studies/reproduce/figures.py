@@ -1,21 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of the report; the one module that needs matplotlib (extra `plot`)."""
+"""The figures of the report; in the style of the pictures of hmcvt (extra `report`)."""
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import BoundaryNorm
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from hmcvt_core.report.style import BLUE, ORANGE, styled, to_png, to_svg
 from hmcvt_core.transmission.ranges import RPM
 
 from . import paper, subsets
@@ -27,16 +24,9 @@ from .procedure import Reproduction
 from .surfaces import Surface
 from .tables import FORMULATIONS
 
-_STYLE: Any = {
-    "font.family": "DejaVu Sans", "font.size": 15.0, "axes.titlesize": 15.0,
-    "legend.fontsize": 14.0, "axes.grid": True, "grid.color": "0.88", "axes.axisbelow": True,
-    "axes.spines.top": False, "axes.spines.right": False, "svg.fonttype": "none",
-    "figure.constrained_layout.use": True, "hatch.linewidth": 0.8,
-}
-_SIZE = (6.9, 5.2)
 _LEVELS = (0, 20, 40, 50, 60, 65, 70, 75, 80, 83, 90, 100)  # %, of figures 3 to 5
 # Told apart by line and mark as well, so that a grey print says the same.
-_OURS, _PAPER, _OTHER = "#0b5394", "#b45f06", "#3c3c3c"
+_OURS, _PAPER, _OTHER = BLUE, ORANGE, "#3c3c3c"
 _LINES = {"paper": {"color": _PAPER, "ls": "--", "marker": "s"},
           "published": {"color": _OTHER, "ls": ":", "marker": "^"},
           "power_balance": {"color": _OURS, "ls": "-", "marker": "o"}}
@@ -79,27 +69,9 @@ def drawings(found: Reproduction) -> list[Drawing]:
 
 
 def _drawn(name: str, title: str, caption: str, draw: Callable[[Any], None]) -> Drawing:
-    with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):
-        figure = Figure(figsize=_SIZE)
+    with styled() as figure:
         draw(figure.subplots())
-        text, picture = io.StringIO(), io.BytesIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-        figure.savefig(picture, format="png", dpi=110)
-    return Drawing(name, title, caption, _embeddable(text.getvalue(), name, title),
-                   picture.getvalue())
-
-
-def _embeddable(svg: str, name: str, title: str) -> str:
-    """Leave the `svg` element alone, with names that no other figure of a page has."""
-    svg = svg[svg.index("<svg "):]
-    svg = re.sub(r'\bid="', f'id="{name}-', svg)
-    svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    # Verdana has the same widths where DejaVu is not installed.
-    svg = svg.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
-    head, rest = svg.split(">", 1)
-    head = re.sub(r' (?:width|height)="[^"]*"', "", head)
-    return f'{head} role="img" id="{name}" aria-label="{title}">{rest}'
+        return Drawing(name, title, caption, to_svg(figure, name, title), to_png(figure, dpi=110))
 
 
 # --- tables 3 and 4 -------------------------------------------------------------------------------

@@ -92,10 +92,16 @@ def browse(page: Path, scratch: Path) -> Browsed:
     return Browsed(document, [line for line in errors.splitlines() if "CONSOLE" in line])
 
 
-def measured(
-    pages: Mapping[str, str], widths: tuple[int, ...], scratch: Path
-) -> dict[str, dict[str, Any]]:
-    """Lay pages out at widths; the keys of the answer are `name@width`."""
+class Layout(NamedTuple):
+    """What was measured, by `name@width`, and what the browser complained of meanwhile."""
+
+    pages: dict[str, dict[str, Any]]
+    console: list[str]
+
+
+def laid_out(pages: Mapping[str, str], scratch: Path, widths: tuple[int, ...] = (1280, 390)
+             ) -> Layout:
+    """Lay pages out at widths, all in one browser."""
     frames = "".join(
         f'<iframe name="{name}@{width}" style="border:0;width:{width}px;height:2000px" '
         f'srcdoc="{html.escape(page)}"></iframe>' for name, page in pages.items()
@@ -103,8 +109,14 @@ def measured(
     around = scratch / "around.html"
     around.write_text(f'<!DOCTYPE html><meta charset="utf-8"><script>{_MEASURE}</script>'
                       f"<body>{frames}<pre></pre></body>", encoding="utf-8")
-    document = browse(around, scratch).document
+    document, console = browse(around, scratch)
     answer = re.search(r"<pre>(.+?)</pre>", document, re.DOTALL)
     assert answer is not None, "the page around the frames gave no measures"
-    result: dict[str, dict[str, Any]] = json.loads(html.unescape(answer[1]))
-    return result
+    return Layout(json.loads(html.unescape(answer[1])), console)
+
+
+def measured(
+    pages: Mapping[str, str], widths: tuple[int, ...], scratch: Path
+) -> dict[str, dict[str, Any]]:
+    """Return what `laid_out` measured."""
+    return laid_out(pages, scratch, widths).pages

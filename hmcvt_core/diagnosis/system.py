@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the diagnosis asks of whatever stands on a bench: all that it knows of it.
+
+A system predicts channels at operating points from a few base parameters with priors, and from
+effects that its model leaves out. `hmcvt_core.benches` holds the systems that there are.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Points = Mapping[str, Array]
+"""Operating points: values of shape (n,) by the name of the axis."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One quantity that makes an operating point.
+
+    Attributes:
+        name, unit: as in files; the unit is `-` for a plain number.
+        word: what it is called in a sentence.
+        heading: over a column of its limits, which are printed with `digits` decimals.
+        held: how closely a bench holds it, whatever the range of the campaign, in its unit.
+        graded: whether a sentence calls it low or high; else it gives the limits.
+        steered: whether a test can ask for a value; else it is only recorded, and neither regions
+            nor tests are looked for along it.
+        told: a value with its unit, in the description of a test.
+    """
+
+    name: str
+    unit: str
+    word: str
+    heading: str
+    digits: int
+    held: float
+    graded: bool = True
+    steered: bool = True
+    told: Callable[[float], str] = str
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One quantity that the model predicts and the bench may read.
+
+    Attributes:
+        name: as in files.
+        unit: in which it is told, `factor` times the value with so many decimals.
+        uncertainty: standard deviation taken until somebody states it or the data tell: a part of
+            the reading.
+        relative: whether an unlisted loss in it counts as a part of the reading.
+        field_spreads: prior standard deviations of such a loss that varies smoothly over the axes,
+            equally likely; in the channel's unit, or relative.
+        step_spreads: the same for one inside a region.
+    """
+
+    name: str
+    unit: str
+    factor: float
+    digits: int
+    uncertainty: float
+    relative: bool
+    field_spreads: tuple[float, ...]
+    step_spreads: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """The parameters that every hypothesis refits, in scaled variables of shape (p,).
+
+    Attributes:
+        names: of the parameters.
+        mean, spread: of the scaled variables before any bench.
+        low, high: their hard bounds.
+        values: gives the parameters in their units for scaled variables.
+    """
+
+    names: tuple[str, ...]
+    mean: Array
+    spread: Array
+    low: Array
+    high: Array
+    values: Callable[[Array], Array]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+class Effect(Protocol):
+    """Something the base model leaves out; `hmcvt_core.physics.effects` says what each member is.
+
+    `parameters` and `sizes` give objects with `name`, `unit`, `meaning`, `typical`, `low`, `high`,
+    `grid` (the values tried of a shape, empty for a size) and `is_size`.
+    """
+
+    name: ClassVar[str]
+    form: ClassVar[str]
+    component: ClassVar[str]
+    prior: ClassVar[float]
+    summary: ClassVar[str]
+    source: ClassVar[str]
+    remedy: ClassVar[str]
+
+    def parameters(self) -> Sequence[Any]:
+        """Return the declared parameters."""
+
+    def sizes(self) -> Sequence[Any]:
+        """Return the parameters whose zero switches the effect off."""
+
+    def values(self) -> dict[str, float]:
+        """Return parameter values by name."""
+
+    def with_values(self, values: dict[str, float]) -> Effect:
+        """Return a copy with other parameter values."""
+
+
+class Samples(Protocol):
+    """The system's own record of what was measured, carried along."""
+
+    source: str
+
+    def __len__(self) -> int: ...
+
+    def select(self, index: NDArray[np.intp]) -> Any:
+        """Return the samples at some indices."""
+
+
+class System(Protocol):
+    """A model on a bench.
+
+    Attributes:
+        axes: of an operating point, in the order in which they are told.
+        channels: all that can be read, the one in which the gap is measured first.
+        base: the base parameters.
+        nuisances: shared errors of a campaign that are no gap, each at one standard deviation.
+        library: effects that may be missing, one of each form, at size zero.
+        refusal: what samples ask for at which the model has no answer; `advice` what to check.
+    """
+
+    axes: tuple[Axis, ...]
+    channels: tuple[Channel, ...]
+    base: BaseParameters
+    nuisances: tuple[Effect, ...]
+    library: tuple[Effect, ...]
+    refusal: str
+    advice: str
+
+    def predict(self, base: Array, effects: Sequence[Effect], points: Points) -> Array:
+        """Return every channel as the bench reads it, (channels, n); NaN: no answer."""
+
+    def candidates(self, points: Points, base: Array) -> Points:
+        """Return points at which a further test can be run, given those measured so far."""
+
+    def model_of(self, base: Array, effects: Sequence[Effect], samples: Any) -> Any:
+        """Return what is saved and served of a hypothesis fitted to samples."""
+
+    def remarks(self, samples: Any) -> tuple[str, ...]:
+        """Return what to say of samples whatever the diagnosis finds."""
+
+
+def forms_of(effect: Effect) -> list[Effect]:
+    """Return one instance for each combination of the values tried of an effect's shapes."""
+    shapes = [item for item in effect.parameters() if not item.is_size]
+    return [effect.with_values({item.name: value for item, value in zip(shapes, values,
+                                                                        strict=True)})
+            for values in itertools.product(*(item.grid for item in shapes))]

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the watts go, part by part, over the displacement ratio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..diagnosis import words
+from ..model.model import EfficiencyModel
+from ..transmission.ranges import RPM
+from .style import LOSSES, Figures, few_ticks, icon, loss_style, styled, to_svg
+
+Array = NDArray[np.float64]
+
+_STROKES = 201
+_LEAST = 1e-3  # of the largest part; what never takes more is not drawn
+
+
+def lost_power(
+    model: EfficiencyModel, displacement_ratio: Array, engine_speed: float, load_torque: float,
+    oil_temperature: float | None = None,
+) -> dict[str, Array]:
+    """Return the watts of each part in words, gear pairs as one; NaN where the load stalls it.
+
+    Args:
+        model: of formulation `power_balance`.
+        displacement_ratio: shape (k,) [-].
+        engine_speed: [rad/s].
+        load_torque: [N m].
+        oil_temperature: [deg C].
+    """
+    parts: dict[str, Array] = {}
+    for name, watts in model.breakdown(displacement_ratio, engine_speed, load_torque,
+                                       oil_temperature).losses.items():
+        part = "gear pairs" if name.startswith("gear_pair_") else name.replace("_", " ")
+        parts[part] = parts.get(part, 0.0) + np.broadcast_to(watts, displacement_ratio.shape)
+    # What turns idly loses something known even where the load cannot be carried: drop it.
+    stalled = np.isnan(sum(parts.values()))
+    return {part: np.where(stalled, np.nan, watts) for part, watts in parts.items()}
+
+
+def worth_drawing(*balances: Mapping[str, Array]) -> list[str]:
+    """Return the parts that take anything to be seen, in the order of the stack."""
+    most: dict[str, float] = {}
+    for part, watts in (entry for balance in balances for entry in balance.items()):
+        most[part] = max(most.get(part, 0.0), float(np.max(np.abs(np.nan_to_num(watts)))))
+    order = (*(part for part in LOSSES if part in most), *sorted(most.keys() - LOSSES.keys()))
+    return [part for part in order if most[part] >= _LEAST * max(most.values())]
+
+
+def scale(*balances: Mapping[str, Array]) -> tuple[float, float]:
+    """Return limits of an axis that holds the stacks of balances."""
+    stacks = [np.nan_to_num(np.stack(list(balance.values()))) for balance in balances]
+    low = min(float(np.minimum(each, 0.0).sum(axis=0).min()) for each in stacks)
+    high = max(float(np.maximum(each, 0.0).sum(axis=0).max()) for each in stacks) or 1.0
+    return (1.05 * low if -low > _LEAST * high else 0.0), 1.05 * high
+
+
+def stack(
+    axes: Any, displacement_ratio: Array, balance: Mapping[str, Array], parts: Sequence[str]
+) -> None:
+    """Draw parts of a balance above each other, gains below zero; the `gid` is the part.
+
+    Args:
+        axes: matplotlib's.
+        displacement_ratio: shape (k,) [-], ascending.
+        balance: each part of shape (k,), in any unit.
+        parts: lowest first.
+    """
+    lost = gained = np.zeros(len(displacement_ratio))
+    for part in (part for part in parts if part in balance):
+        above = lost + np.maximum(balance[part], 0.0)
+        below = gained + np.minimum(balance[part], 0.0)
+        style = loss_style(part)
+        axes.fill_between(displacement_ratio, lost, above, label=part, gid=part, **style)
+        if np.any(below < gained):
+            axes.fill_between(displacement_ratio, below, gained, **style)
+        lost, gained = above, below
+    missing = np.concatenate([[False], np.isnan(lost), [False]])
+    for start, end in np.flatnonzero(np.diff(missing)).reshape(-1, 2):
+        axes.text(displacement_ratio[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
+                  va="center", transform=axes.get_xaxis_transform())
+    axes.set(xlim=displacement_ratio[[0, -1]], xlabel="displacement ratio [-]")
+    few_ticks(axes)
+
+
+def draw_losses(
+    figure: Any,
+    model: EfficiencyModel,
+    engine_speed: float,
+    load_torque: float,
+    displacement_ratio: float | None = None,
+) -> None:
+    """Draw the lost part of the input power, part by part, on a matplotlib figure.
+
+    Args:
+        figure: empty.
+        model: of formulation `power_balance`.
+        engine_speed: [rad/s].
+        load_torque: [N m].
+        displacement_ratio: a point to mark [-].
+    """
+    axes = figure.subplots()
+    strokes = np.linspace(-1.0, 1.0, _STROKES)
+    power = model.breakdown(strokes, engine_speed, load_torque).input_power
+    balance = {part: 100.0 * watts / power for part, watts in
+               lost_power(model, strokes, engine_speed, load_torque).items()}
+    stack(axes, strokes, balance, worth_drawing(balance))
+    if displacement_ratio is not None:
+        axes.axvline(displacement_ratio, color="k", lw=1.6, ls="--")
+    axes.set(ylim=scale(balance), ylabel="lost, % of engine power",
+             title=f"Where the watts go: {engine_speed / RPM:.0f} r/min, {load_torque:g} N m")
+    axes.legend(*(entries[::-1] for entries in axes.get_legend_handles_labels()),
+                loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def before_and_after(
+    displacement_ratio: Array, before: Mapping[str, Array], after: Mapping[str, Array]
+) -> Figures:
+    """Draw two balances on one scale, or one if they are the same object.
+
+    Args:
+        displacement_ratio: shape (k,) [-], ascending.
+        before, after: of `lost_power`.
+    """
+    parts = worth_drawing(before, after)
+    panels = {"Base model, refitted": before}
+    if after is not before:
+        panels["With the effect added"] = after
+    drawings, (low, high) = [], scale(*panels.values())
+    for index, (title, balance) in enumerate(panels.items()):
+        kilowatts = {part: lost / 1e3 for part, lost in balance.items()}
+        with styled() as figure:
+            axes = figure.subplots()
+            stack(axes, displacement_ratio, kilowatts, parts)
+            axes.set(title=title, ylabel="power lost [kW]", ylim=(low / 1e3, high / 1e3))
+            tips = {part: f"{part}: {words.fixed(np.nanmin(lost), 2)} to "
+                          f"{words.fixed(np.nanmax(lost), 2)} kW"
+                    for part, lost in kilowatts.items() if np.any(np.isfinite(lost))}
+            drawings.append(to_svg(
+                figure, f"watts-{index}",
+                f"{title}: power lost in each part over displacement ratio", tips))
+    legend = [(part, icon(f"part-{i}", partial(_fill, part=part))) for i, part in enumerate(parts)]
+    notes = [] if after is before or after.keys() - before.keys() else [
+        "The effect takes no share of its own: it acts through the parts shown, or on the "
+        "readings of the bench."]
+    return Figures(drawings, legend[::-1], notes)
+
+
+def _fill(axes: Any, part: str) -> None:
+    axes.fill_between((0.05, 0.95), 0.05, 0.95, **loss_style(part))
+
+
+def means(
+    before: Mapping[str, Array], after: Mapping[str, Array]
+) -> list[tuple[str, float, float]]:
+    """Return part, mean watts before and mean watts after; the total comes last.
+
+    Means are over the points that both models answer; NaN if there is none.
+    """
+    totals = [np.sum(list(balance.values()), axis=0) for balance in (before, after)]
+    answered = np.isfinite(totals[0] + totals[1])
+
+    def mean(loss: Array) -> float:
+        return float(loss[answered].mean()) if answered.any() else float("nan")
+
+    nothing = np.zeros(len(answered))
+    rows = [(part, mean(before.get(part, nothing)), mean(after.get(part, nothing)))
+            for part in worth_drawing(before, after)]
+    return [*rows, ("total", mean(totals[0]), mean(totals[1]))]

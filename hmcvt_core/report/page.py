@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A diagnosis as one self-contained HTML page; it loads nothing and needs no script."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..diagnosis import Cause, Diagnosis, words
+from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
+from ..files.atomic import write_atomically
+from ..transmission.parameters import PARAMETER_UNITS
+from .gap import gap_map, residuals, shared
+from .losses import before_and_after, lost_power, means
+from .template import render
+
+_STROKES = 41
+
+
+def write_html(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
+    """Write the page of a diagnosis, whole or not at all.
+
+    Raises:
+        InputError: Jinja2 or matplotlib is missing.
+        OSError: the folder cannot be written or is full; an old file is untouched.
+    """
+    write_atomically(Path(path), html(diagnosis))
+
+
+def html(diagnosis: Diagnosis) -> str:
+    """Return the page of a diagnosis; the same diagnosis gives the same text.
+
+    Raises:
+        InputError: Jinja2 or matplotlib is missing.
+    """
+    base, model, samples = diagnosis.base, diagnosis.model, diagnosis.samples
+    strokes = _strokes(samples.displacement_ratio)
+    speed, load = float(np.median(samples.engine_speed)), float(np.median(samples.load_torque))
+    heat = (None if samples.oil_temperature is None
+            else float(np.median(samples.oil_temperature)))
+    before = lost_power(base, strokes, speed, load, heat)
+    after = before if model is base else lost_power(model, strokes, speed, load, heat)
+    return render(
+        "diagnosis.html.j2", found=diagnosis, words=words, groups=groups(diagnosis), speed=speed,
+        load=load, map=gap_map(diagnosis), residuals=residuals(diagnosis),
+        watts=before_and_after(strokes, before, after), means=means(before, after),
+        offsets=[shared(diagnosis, each) for each in (base, model)], units=PARAMETER_UNITS,
+        gap_significance=GAP_SIGNIFICANCE, region_significance=REGION_SIGNIFICANCE)
+
+
+def _strokes(measured: NDArray[np.float64]) -> NDArray[np.float64]:
+    low, high = measured.min(), measured.max()
+    if high == low:  # an area needs a width
+        low, high = max(low - 0.05, -1.0), min(high + 0.05, 1.0)
+    return np.linspace(low, high, _STROKES)
+
+
+class Group(NamedTuple):
+    """Causes under one heading.
+
+    Attributes:
+        causes: at least one.
+        leading: whether the first is the cause to look at.
+        beside: other effects, in words, that the data cannot tell from the first.
+    """
+
+    causes: list[Cause]
+    leading: bool = False
+    beside: tuple[str, ...] = ()
+
+
+def groups(found: Diagnosis) -> list[Group]:
+    """Share the causes among groups: a leading one (or each of a pair) with its twins, the rest."""
+    left, made = list(found.causes), []
+    leading = (left[0].effect, left[0].together_with) if left else ()
+    for name in leading if found.verdict != "unexplained" else ():
+        first = next((cause for cause in left if cause.effect == name), None)
+        if first is None:
+            continue
+        twins = set(first.indistinguishable_from)
+        members = [cause for cause in left if cause is first
+                   or (cause.effect in twins and cause.effect not in leading)]
+        left = [cause for cause in left if cause not in members]
+        beside = twins - {cause.effect for cause in members}
+        made.append(Group(members, True, tuple(
+            words.plain(twin) for twin in first.indistinguishable_from if twin in beside)))
+    return [*made, Group(left)] if left else made

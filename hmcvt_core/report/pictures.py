@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of fits, losses and efficiency maps as files of their own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.atomic import write_atomically
+from ..files.bench import BenchSamples
+from ..identification import Identification
+from ..model.domain import Domain
+from ..model.model import EfficiencyModel
+from ..physics.published import speed_ratio
+from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
+from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from .losses import draw_losses
+from .style import BLUE, ORANGE, picture_format, styled, to_png, to_svg
+from .template import render
+
+__all__ = ["draw_fit", "draw_losses", "draw_surface", "save"]
+
+Array = NDArray[np.float64]
+
+_SIZE = (10.0, 6.4)
+_STROKES, _SPEEDS, _BEST = 161, 121, 60
+_LEVELS = np.array([30, 40, 50, 60, 65, 70, 75, 80, 85, 90, 95])
+
+
+def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
+    """Draw on an empty matplotlib figure and write it, whole or not at all.
+
+    Args:
+        draw: takes the figure.
+        path: ends in one of `FORMATS`; an HTML page holds the picture in itself.
+
+    Raises:
+        InputError: see `picture_format`.
+        OSError: the file cannot be written.
+    """
+    ending = picture_format(os.fspath(path))
+    content: str | bytes
+    with styled(_SIZE) as figure:
+        draw(figure)
+        if ending == ".png":
+            content = to_png(figure)
+        else:
+            title = figure.axes[0].get_title(loc="left").splitlines()[0]
+            content = to_svg(figure, "picture", title)
+            if ending == ".html":
+                content = render("picture.html.j2", title=title, picture=content)
+    write_atomically(Path(path), content)
+
+
+def draw_fit(figure: Any, found: Identification, held_back: BenchSamples | None = None) -> None:
+    """Draw measured over predicted efficiency, with the uncertainty of both.
+
+    Args:
+        figure: of matplotlib, empty.
+        found: the identification.
+        held_back: samples that it did not see.
+    """
+    figure.set_size_inches(7.6, 8.2)
+    axes = figure.subplots()
+    sets = [("fitted", found.samples, "o", BLUE)]
+    if held_back is not None:
+        sets.append(("held back", held_back, "s", ORANGE))
+    ends = [np.inf, -np.inf]
+    for name, samples, marker, colour in sets:
+        predicted = found.model.predict(samples.displacement_ratio, samples.engine_speed,
+                                        samples.load_torque, samples.oil_temperature)
+        deviation = (PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency
+                     if samples.efficiency_std is None else samples.efficiency_std)
+        axes.errorbar(
+            100.0 * predicted.efficiency, 100.0 * samples.efficiency,
+            xerr=100.0 * np.nan_to_num(predicted.standard_error), yerr=100.0 * deviation,
+            fmt=marker, ms=10, color=colour, capsize=4, lw=1.6, label=f"{name} ({len(samples)})")
+        both = np.concatenate([predicted.efficiency, samples.efficiency])
+        ends = [min(ends[0], np.nanmin(both)), max(ends[1], np.nanmax(both))]
+    margin = max(0.15 * (ends[1] - ends[0]), 0.01)
+    line = 100.0 * np.array([ends[0] - margin, ends[1] + margin])
+    axes.plot(line, line, color="0.35", lw=1.4, zorder=0)
+    axes.fill_between(line, line * 0.98, line * 1.02, color="0.9", lw=0, zorder=-1,
+                      label="2 % of measured")
+    held = "" if found.prediction_error is None else (
+        f", {100.0 * found.prediction_error:.2f} % held back")
+    axes.set(xlim=line, ylim=line, aspect="equal", xlabel="predicted efficiency [%]",
+             ylabel="measured efficiency [%]",
+             title=f"Measured against predicted\nmean error {100.0 * found.fit_error:.2f} % "
+                   f"fitted{held}")
+    axes.legend(loc="upper left")
+
+
+def draw_surface(
+    figure: Any,
+    model: EfficiencyModel,
+    power: float,
+    engine_speeds: tuple[float, float] = ENGINE_SPEED_LIMITS,
+    samples: BenchSamples | None = None,
+) -> None:
+    """Draw the efficiency at a load power over engine speed and transmission ratio.
+
+    Args:
+        figure: of matplotlib, empty.
+        model: to draw, with its best points where it has an optimum.
+        power: output power [W].
+        engine_speeds: lowest and highest [rad/s].
+        samples: bench tests to mark, each with measured - predicted in points.
+    """
+    axes = figure.subplots()
+    stroke, speed = np.meshgrid(np.linspace(-1.0, 1.0, _STROKES),
+                                np.linspace(*engine_speeds, _SPEEDS), indexing="ij")
+    torque = np.clip(power / speed, LOAD_TORQUE.low, LOAD_TORQUE.high)
+    served = model.without_meters()
+    efficiency = np.ma.masked_invalid(100.0 * served.efficiency(stroke, speed, torque))
+    ratio = served.output_speed(stroke, speed, torque) / speed
+    # A stalled point has no output speed to be drawn at; it stays blank where it would be.
+    at = np.where(np.isnan(ratio), speed_ratio(model.stage, stroke), ratio)
+    filled = axes.contourf(speed / RPM, at, efficiency, levels=_LEVELS, cmap="Greys_r",
+                           extend="min", alpha=0.75)
+    lines = axes.contour(speed / RPM, at, efficiency, levels=_LEVELS, colors="0.15",
+                         linewidths=0.9)
+    axes.clabel(lines, fmt="%g %%", fontsize=12)
+    if model.formulation == "power_balance":  # the other has no optimum to draw
+        _draw_best(axes, model, power, engine_speeds, at)
+    if model.domain is not None:
+        _draw_domain(axes, served, model.domain, power, engine_speeds)
+    if samples is not None:
+        _draw_samples(axes, model, samples)
+    axes.set(xlabel="engine speed [r/min]", ylabel="output speed / engine speed [-]",
+             title=f"Efficiency at {1e-3 * power:g} kW")
+    axes.grid(False)
+    figure.colorbar(filled, ax=axes, label="efficiency [%]", pad=0.02)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.55, -0.14), ncols=2)
+
+
+def _draw_best(
+    axes: Any, model: EfficiencyModel, power: float, limits: tuple[float, float], ratio: Array
+) -> None:
+    speed = np.linspace(*limits, _BEST)
+    best = model.optimal_displacement_ratio(speed, power / speed)
+    axes.plot(speed / RPM, best.output_speed / speed, color=BLUE, lw=2.6, ls="--",
+              label="best at an engine speed")
+    target = np.linspace(np.nanmin(ratio) * limits[0], np.nanmax(ratio) * limits[1], 2 * _BEST)
+    pair = model.optimal_displacement_ratio(
+        speed[0], power / speed[0], hold="output_speed", output_speed=target,
+        engine_speed_limits=limits)
+    axes.plot(pair.engine_speed / RPM, target / pair.engine_speed, color=ORANGE, lw=3.0,
+              label="best at an output speed")
+
+
+def _draw_domain(
+    axes: Any, model: EfficiencyModel, domain: Domain, power: float, limits: tuple[float, float]
+) -> None:
+    """Outline how far the data of the identification reach at this power, if they do."""
+    low = max(domain.engine_speed[0], power / domain.load_torque[1], limits[0])
+    high = min(domain.engine_speed[1], power / domain.load_torque[0], limits[1])
+    if low > high:
+        axes.plot([], [], " ", label="no data at this power")
+        return
+    speed = np.linspace(low, high, _BEST)
+    ends = [model.output_speed(stroke, speed, power / speed) / speed
+            for stroke in domain.displacement_ratio]
+    axes.plot(np.concatenate([speed, speed[::-1], speed[:1]]) / RPM,
+              np.concatenate([ends[0], ends[1][::-1], ends[0][:1]]), color="0.1", lw=2.2, ls=":",
+              label="data of the identification")
+
+
+def _draw_samples(axes: Any, model: EfficiencyModel, samples: BenchSamples) -> None:
+    point = (samples.displacement_ratio, samples.engine_speed, samples.load_torque)
+    residual = 100.0 * (samples.efficiency - model.efficiency(*point, samples.oil_temperature))
+    ratio = model.output_speed(*point, samples.oil_temperature) / samples.engine_speed
+    numbered = len(samples) <= 30  # more numbers than that the eye cannot part
+    axes.plot(samples.engine_speed / RPM, ratio, "o", ms=9, mfc="w", mec="k", mew=1.8, ls="none",
+              clip_on=False, label="bench, measured - predicted" if numbered else "bench")
+    if not numbered:
+        return
+    for x, y, gap in zip(samples.engine_speed / RPM, ratio, residual, strict=True):
+        axes.annotate(f"{gap:+.1f}", (x, y), xytext=(8, 6), textcoords="offset points",
+                      fontsize=12, bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "none",
+                                         "alpha": 0.85})
