@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hmcvt_core.errors import InputError
+from hmcvt_core import InputError
 
 from .reader import Bag
 from .settings import ImportSettings

@@ -7,10 +7,16 @@ import numpy as np
 import pytest
 
 from hmcvt_core.errors import InputError
-from hmcvt_ros.bag.samples import Readings, steady_channels, window_sample
-from hmcvt_ros.bag.scatter import effective_size, ratio_of_means
+from hmcvt_ros.bag.samples import (
+    Readings,
+    effective_size,
+    ratio_of_means,
+    steady_channels,
+    window_sample,
+)
 from hmcvt_ros.bag.settings import Steadiness
 from hmcvt_ros.bag.steady import Channel, find_windows
+from hmcvt_ros.shafts import Shafts
 
 from .simulated import RATE, correlated, run_bench
 
@@ -162,7 +168,7 @@ def test_no_power_has_no_ratio():
 # --- a bench with transients ----------------------------------------------------------------------
 
 def _readings(bench):
-    return Readings(*bench[:6], None)
+    return Readings(bench.time, Shafts(*bench[1:6]), None)
 
 
 def test_every_hold_of_a_bench_is_one_window_within_it(bench, plan):
