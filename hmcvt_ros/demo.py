@@ -20,6 +20,7 @@ from typing import Any
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.published import speed_ratio
@@ -88,20 +89,23 @@ def _play(player: BenchPlayer, samples: hmcvt.BenchSamples) -> list[Answer]:
                              samples.load_torque, strict=True)]
 
 
-def _refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> dict[str, Any]:
+def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
+    """Return a bench message with the shaft powers of sample i.
+
+    Table 2 has no output speed. A bench sample needs one; without slip it is eq. (5).
+    """
     stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
+    ratio, speed = float(samples.displacement_ratio[i]), float(samples.engine_speed[i])
+    power = float(samples.load_torque[i]) * speed
+    output_speed = speed * float(speed_ratio(stage, ratio))
+    return bench_sample_to_message(
+        ratio, speed, power / float(samples.efficiency[i]) / speed, output_speed,
+        power / output_speed)
+
+
+def _refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> dict[str, Any]:
     for test in FITTED:
-        i = test - 1
-        engine_speed = float(samples.engine_speed[i])
-        output_power = float(samples.load_torque[i]) * engine_speed
-        # Table 2 has no output speed. A bench sample needs one; without slip it is eq. (5).
-        output_speed = engine_speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
-        player.send_sample(bench_sample_to_message(
-            displacement_ratio=float(samples.displacement_ratio[i]),
-            engine_speed=engine_speed,
-            engine_torque=output_power / float(samples.efficiency[i]) / engine_speed,
-            output_speed=output_speed,
-            output_torque=output_power / output_speed))
+        player.send_sample(bench_message(samples, test - 1))
     if not player.wait_for_logged(len(FITTED)):
         raise TimeoutError("the node did not log the bench samples")
     reply = player.call("reidentify")

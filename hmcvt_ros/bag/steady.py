@@ -114,7 +114,7 @@ def _reach(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.intp]:
     count = means.shape[1]
     reach = np.arange(count, dtype=np.intp)
     end = 0
-    for start in np.flatnonzero(quiet):
+    for start in np.flatnonzero(quiet).tolist():
         end = max(end, start + 1)
         low, high = means[:, start:end].min(axis=1), means[:, start:end].max(axis=1)
         while end < count and quiet[end]:
