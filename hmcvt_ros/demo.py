@@ -97,7 +97,7 @@ def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
     stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
     ratio, speed = float(samples.displacement_ratio[i]), float(samples.engine_speed[i])
     power = float(samples.load_torque[i]) * speed
-    output_speed = speed * float(speed_ratio(stage, ratio))
+    output_speed = speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
     return bench_sample_to_message(
         ratio, speed, power / float(samples.efficiency[i]) / speed, output_speed,
         power / output_speed)

@@ -249,7 +249,7 @@ def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, ta
 
     again = start_node(paper_file, state=node.state)
     assert fingerprint in again.player.model_text
-    assert "8 bench samples" in again.log
+    assert again.says("8 bench samples")
     again.player.request("reidentify")
     assert again.comes(again.children)
     again.player.spin_for(0.3)

@@ -76,7 +76,7 @@ def test_late_joiner_gets_model_and_map(node, model, tmp_path):
 def test_point_without_an_answer_is_silence_and_a_warning(node, model):
     assert np.isnan(model.efficiency(*STALLED))
     node.player.hold(GOOD)
-    assert node.player.hold(STALLED).efficiency is None
+    assert node.player.hold(STALLED, patience=0.0).efficiency is None
 
     def warned():
         node.player.send_inputs(STALLED)
