@@ -24,6 +24,7 @@ def test_inputs_received_are_those_accepted_and_those_refused(node):
         return [int(values.get(f"{name} {word}", 0)) for word in (
             "received", "accepted", "refused, not finite", "refused, out of range")]
 
+    node.player.statuses.clear()
     assert node.comes(lambda: "inputs" in node.player.statuses)
     before = {name: counts(name) for name in GOOD._fields}
     for name, publisher in zip(GOOD._fields, node.player._inputs, strict=True):

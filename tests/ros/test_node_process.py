@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD, command, message
 
 import hmcvt_core as hmcvt
+from hmcvt_core.physics.effects.gears import PlanetaryMesh
 
 ROOT = Path(hmcvt.__file__).parents[1]
 HMCVT_NODE = [sys.executable, "-m", "hmcvt_core.cli", "node"]
@@ -129,11 +131,16 @@ def test_a_model_that_was_named_is_no_reason_to_warn(node):
 def test_unusable_state_folder_and_unknown_parameter_do_not_stop_it(
     start_node, paper_file, table2, tmp_path
 ):
+    # Nor does a model with an effect in it, as the diagnosis writes them.
+    plain = hmcvt.load_model(paper_file)
+    model = dataclasses.replace(plain, effects=(PlanetaryMesh(0.08),))
+    model.save(tmp_path / "diagnosed.yaml")
     (tmp_path / "file").write_text("")
-    node = start_node(paper_file, state=tmp_path / "file" / "state", inputtimeout=1.0)
+    node = start_node(tmp_path / "diagnosed.yaml", state=tmp_path / "file" / "state",
+                      inputtimeout=1.0)
     assert node.says("parameter inputtimeout is unknown and has no effect")
     assert node.says("state_folder")
-    assert node.player.hold(GOOD).efficiency is not None
+    assert plain.efficiency(*GOOD) != model.efficiency(*GOOD) == node.player.hold(GOOD).efficiency
     assert not node.player.call("reidentify").success
     node.player.send_sample(message(table2, 0))
     assert node.comes(lambda: node.value("bench samples refused, not written") == "1")
