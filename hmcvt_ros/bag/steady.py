@@ -78,13 +78,14 @@ def block_statistics(time: Array, channels: Sequence[Channel], block: float) -> 
     span = time[-1] - time[0] + np.median(np.diff(time))
     count = int(span / block + 1e-6)
     edges = np.searchsorted(time, time[0] + block * (np.arange(count + 1) - 1e-6))
-    values = np.stack([channel.values for channel in channels])
+    origin = np.array([[channel.values[0]] for channel in channels])
+    values = np.stack([channel.values for channel in channels]) - origin
     means, deviations = np.full((2, len(channels), count), np.nan)
     for k, (first, last) in enumerate(pairwise(edges)):
         if last - first >= _LEAST_READINGS:
             means[:, k] = values[:, first:last].mean(axis=1)
             deviations[:, k] = values[:, first:last].std(axis=1, ddof=1)
-    return Blocks(edges, means, deviations)
+    return Blocks(edges, means + origin, deviations)
 
 
 def find_windows(

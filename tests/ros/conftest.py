@@ -75,7 +75,18 @@ class NodeUnderTest:
 
     def value(self, key: str, part: str = "model") -> str:
         """What the last diagnostics say under a key; empty before they say it."""
-        return self.player.statuses.get(part, {"values": {}})["values"].get(key, "")
+        return str(self.status(part)["values"].get(key, ""))
+
+    def status(self, part: str = "model") -> dict[str, Any]:
+        """The last diagnostics, with nothing in them before they come."""
+        found: dict[str, Any] = self.player.statuses.get(
+            part, {"level": None, "message": "", "values": {}})
+        return found
+
+    def forget_status(self) -> None:
+        """Forget the last diagnostics, and what waits to be read of them."""
+        self.player.spin_for(0.05)
+        self.player.statuses.clear()
 
     def comes(self, condition: Callable[[], Any], timeout: float = 5.0) -> bool:
         """Wait for a condition."""
@@ -100,6 +111,7 @@ class NodeUnderTest:
         assert all(result.successful for result in self.set(**{
             item.name.replace(".", "__"): item.default
             for item in PARAMETERS if not item.read_only}))
+        self.forget_status()
 
     def stop(self, number: int = signal.SIGINT) -> int:
         """Send a signal, wait for the end, return the exit code."""

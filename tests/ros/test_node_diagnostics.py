@@ -24,7 +24,7 @@ def test_inputs_received_are_those_accepted_and_those_refused(node):
         return [int(values.get(f"{name} {word}", 0)) for word in (
             "received", "accepted", "refused, not finite", "refused, out of range")]
 
-    node.player.statuses.clear()
+    node.forget_status()
     assert node.comes(lambda: "inputs" in node.player.statuses)
     before = {name: counts(name) for name in GOOD._fields}
     for name, publisher in zip(GOOD._fields, node.player._inputs, strict=True):
@@ -53,7 +53,7 @@ def test_extrapolation_names_the_input_and_its_range(node, changes, complaints):
         return all(word in text for word in complaints) and (text == "no") == (not complaints)
 
     assert node.comes(told), node.player.statuses
-    status = node.player.statuses["model"]
+    status = node.status()
     assert status["level"] == (DiagnosticStatus.WARN if complaints else DiagnosticStatus.OK)
     assert all(complaint in status["message"] for complaint in complaints)
     assert ("extrapolation" in status["message"]) == bool(complaints)

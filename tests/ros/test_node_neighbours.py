@@ -43,7 +43,7 @@ def test_two_nodes_in_two_namespaces_do_not_mix(node, refused, paper_file, table
 
     send_table(first, table2)
     assert first.player.call("reidentify").success
-    second.player.statuses.clear()
+    second.forget_status()
     assert second.comes(lambda: second.value("fingerprint") == models[1].fingerprint)
     assert second.value("bench samples received") == received or received == ""
     assert models[1].fingerprint in second.player.model_text
@@ -57,7 +57,7 @@ def test_stranger_on_the_domain_does_no_harm(node, paper_file, stranger: Node):
                 for reason in ("not finite", "out of range")] + [
                 node.value("bench samples received")]
 
-    node.player.statuses.clear()
+    node.forget_status()
     assert node.comes(lambda: all(counts()))
     before = counts()
     space = node.namespace
@@ -85,7 +85,7 @@ def test_stranger_on_the_domain_does_no_harm(node, paper_file, stranger: Node):
         node.player.spin_for(0.005)
 
     assert node.player.hold(GOOD).efficiency == model.efficiency(*GOOD)
-    node.player.statuses.clear()
+    node.forget_status()
     assert node.comes(lambda: all(counts()))
     assert counts() == before
     late = node.connect(space)

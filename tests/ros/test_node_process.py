@@ -144,4 +144,4 @@ def test_unusable_state_folder_and_unknown_parameter_do_not_stop_it(
     assert not node.player.call("reidentify").success
     node.player.send_sample(message(table2, 0))
     assert node.comes(lambda: node.value("bench samples refused, not written") == "1")
-    assert node.player.statuses["model"]["level"] == DiagnosticStatus.ERROR
+    assert node.status()["level"] == DiagnosticStatus.ERROR

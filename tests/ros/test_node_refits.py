@@ -137,10 +137,10 @@ def test_bench_samples_are_logged_and_bad_ones_refused(start_node, table2):
         player.send_sample(refused)
     assert node.comes(lambda: node.value("bench samples refused, invalid") == "4")
     assert "bench_sample: displacement_ratio = 1.3 is outside" in (
-        player.statuses["model"]["message"])
+        node.status()["message"])
     for i in range(3):
         player.send_sample(message(table2, i))
-    assert node.comes(lambda: "takes no more" in player.statuses["model"]["message"])
+    assert node.comes(lambda: "takes no more" in node.status()["message"])
     assert len(hmcvt.read_bench(node.bench_file)) == 9
     assert {key: node.value(f"bench samples {key}") for key in (
         "logged", "received", "accepted", "refused, log full", "refused, not written")} == {
@@ -187,7 +187,7 @@ def test_diagnose_answers_with_the_contract_and_leaves_a_report(node, paper_file
     assert f"report {page}" in node.log
 
     assert node.comes(lambda: node.value("gap verdict") == found["verdict"])
-    values = node.player.statuses["model"]["values"]
+    values = node.status()["values"]
     assert values["running"] == "-"
     assert float(values["gap rmse [-]"]) == pytest.approx(found["gap"]["rmse"], rel=1e-3)
     leading = found["causes"][0]["effect"] if found["causes"] else "-"

@@ -23,7 +23,7 @@ def reported(node, level, *words, send=None):
     def found():
         if send is not None:
             node.player.send_inputs(send)
-        status = node.player.statuses.get("inputs", {"level": None, "message": ""})
+        status = node.status("inputs")
         return status["level"] == level and all(word in status["message"] for word in words)
 
     return node.comes(found)

@@ -44,10 +44,10 @@ def test_each_arrival_is_answered_once(node):
 def test_diagnostics_are_good_while_inputs_flow(node, model):
     def good():
         node.player.send_inputs(GOOD)
-        return node.player.statuses.get("inputs", {}).get("level") == DiagnosticStatus.OK
+        return node.status("inputs")["level"] == DiagnosticStatus.OK
 
     assert node.comes(good), node.player.statuses
-    inputs, served = node.player.statuses["inputs"], node.player.statuses["model"]
+    inputs, served = node.status("inputs"), node.status()
     assert inputs["message"] == "three fresh inputs"
     assert float(inputs["values"]["engine_speed age [s]"]) < 0.5
     assert served["values"]["fingerprint"] == model.fingerprint
@@ -80,7 +80,7 @@ def test_point_without_an_answer_is_silence_and_a_warning(node, model):
 
     def warned():
         node.player.send_inputs(STALLED)
-        return "the load cannot be carried" in node.player.statuses["model"]["message"]
+        return "the load cannot be carried" in node.status()["message"]
 
     assert node.comes(warned), node.player.statuses
 

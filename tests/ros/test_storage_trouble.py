@@ -29,7 +29,7 @@ from hmcvt_ros.state_folder import StateFolder
 def says(node, level, *words):
     """Wait for a level and words in the status of the model."""
     def said():
-        status = node.player.statuses.get("model", {"level": None, "message": ""})
+        status = node.status()
         return status["level"] == level and all(word in status["message"] for word in words)
 
     return node.comes(said)
@@ -43,7 +43,7 @@ def serves(node, paper_file):
 def logs_again(node, table2):
     before = node.logged()
     node.player.send_sample(message(table2, 0))
-    assert node.comes(lambda: node.logged() == before + 1), node.player.statuses["model"]
+    assert node.comes(lambda: node.logged() == before + 1), node.status()
     assert says(node, DiagnosticStatus.OK, "serving")
     assert len(hmcvt.read_bench(node.bench_file)) == before + 1
 
@@ -107,7 +107,7 @@ def test_full_file_system(start_node, paper_file, table2, small_disk):
 
     def refused():
         node.player.send_sample(message(table2, 0))
-        return node.player.statuses["model"]["level"] == DiagnosticStatus.ERROR
+        return node.status()["level"] == DiagnosticStatus.ERROR
 
     # The page that the log ends in has room for some samples.
     assert node.player.wait_until(refused, 10.0)
