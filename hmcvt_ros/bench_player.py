@@ -124,7 +124,7 @@ class BenchPlayer(Node):
         for publisher, value in zip(self._inputs, point, strict=True):
             publisher.publish(messages.float64(value))
 
-    def hold(self, point: OperatingPoint, rounds: int = 6, patience: float = 5.0) -> Answer:
+    def hold(self, point: OperatingPoint, rounds: int = 3, patience: float = 5.0) -> Answer:
         """Hold an operating point as a bench would, and return the last answer of the node.
 
         Args:
@@ -132,22 +132,26 @@ class BenchPlayer(Node):
             rounds: how often the three inputs are sent.
             patience: how much longer to hold when there is no answer [s].
         """
+        # In a round before the first the node meets mixtures of this point and the one before.
+        self.send_inputs(point)
+        self._settle()
+        self.efficiencies.clear()
+        self.optima.clear()
         end = time.monotonic() + rounds * ROUND + patience
-        number = 0
-        while number < rounds or (not self.optima and time.monotonic() < end):
+        while rounds > 0 or (not self.optima and time.monotonic() < end):
             self.send_inputs(point)
-            self.spin_for(ROUND if number else 3 * ROUND)
-            if number == 0:
-                # In the first round the node meets mixtures of this point and the one before.
-                self.efficiencies.clear()
-                self.optima.clear()
-            number += 1
-        count = -1
-        while count != len(self.optima):  # a busy machine lags behind
-            count = len(self.optima)
-            self.spin_for(2 * ROUND)
+            self.spin_for(ROUND)
+            rounds -= 1
+        self._settle()
         return Answer(self.efficiencies[-1] if self.efficiencies else None,
                       self.optima[-1] if self.optima else None)
+
+    def _settle(self) -> None:
+        """Take messages until the outputs pause; a busy machine lags behind."""
+        count = -1
+        while count != len(self.optima):
+            count = len(self.optima)
+            self.spin_for(1.5 * ROUND)
 
     def send_sample(self, message: JointState) -> None:
         """Publish one bench sample."""

@@ -13,18 +13,18 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
 
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.stage import speed_ratio
 
-from .bench_player import Answer, BenchPlayer
+from .bench_player import BenchPlayer
 from .inputs import OperatingPoint
 from .messages import bench_sample_to_message
 
@@ -43,7 +43,7 @@ def main() -> int:
     try:
         with tempfile.TemporaryDirectory(prefix="hmcvt-demo-") as folder:
             _loopback_only(Path(folder))
-            with _node(Path(folder)) as process, _player(process) as player:
+            with _player(Path(folder)) as player:
                 return _tell(player)
     except KeyboardInterrupt:
         print("\nInterrupted; the node has been stopped.")
@@ -58,6 +58,7 @@ def main() -> int:
 
 def _tell(player: BenchPlayer) -> int:
     samples = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
+    fitted, held_back = (", ".join(map(str, tests)) for tests in (FITTED, HELD_BACK))
     print(f"""
 hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it on ROS 2.
 
@@ -69,67 +70,57 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
    load_torque and displacement_ratio; the node answers on efficiency and
    optimal_displacement_ratio: the one that wastes least at the same engine speed and load.
 """)
-    before = _play(player, samples)
-    _print_table(samples, before)
+    before = _play_and_print(player, samples)
     print(f"""
-3. Tests {_listed(FITTED)} are published on bench_sample, then the service ~/reidentify is called.
-   Tests {_listed(HELD_BACK)} are held back: the node never sees their measured efficiency.
+3. Tests {fitted} are published on bench_sample, then the service ~/reidentify is called.
+   Tests {held_back} are held back: the node never sees their measured efficiency.
 """)
-    _print_refit(_refit(player, samples))
+    _refit_and_print(player, samples)
     print("\n4. The same eight tests again; the node swapped its model without a restart.\n")
-    after = _play(player, samples)
-    _print_table(samples, after)
-    return _print_improvement(samples, before, after)
+    after = _play_and_print(player, samples)
+    print("\n5. Mean |predicted - measured| / measured:\n")
+    for title, old, new in zip(("tests the refit used", "tests held back"), before, after,
+                               strict=True):
+        print(f"     {title:22s} {old:6.2f} %  ->  {new:5.2f} %")
+    better = all(new < old for old, new in zip(before, after, strict=True))
+    print("\n   The paper's own figures for the same split: 2.16 % and 1.90 %.\n"
+          if better else "\n   The refit did not improve the node.\n")
+    return 0 if better else 1
 
 
-def _play(player: BenchPlayer, samples: hmcvt.BenchSamples) -> list[Answer]:
-    return [player.hold(OperatingPoint(*map(float, point)))
-            for point in zip(samples.displacement_ratio, samples.engine_speed,
-                             samples.load_torque, strict=True)]
-
-
-def _refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> dict[str, Any]:
-    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
-    for test in FITTED:
-        i = test - 1
-        engine_speed = float(samples.engine_speed[i])
-        output_power = float(samples.load_torque[i]) * engine_speed
-        # Table 2 has no output speed. A bench sample needs one; without slip it is eq. (5).
-        output_speed = engine_speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
-        player.send_sample(bench_sample_to_message(
-            displacement_ratio=float(samples.displacement_ratio[i]),
-            engine_speed=engine_speed,
-            engine_torque=output_power / float(samples.efficiency[i]) / engine_speed,
-            output_speed=output_speed,
-            output_torque=output_power / output_speed))
-    if not player.wait_for_logged(len(FITTED)):
-        raise TimeoutError("the node did not log the bench samples")
-    reply = player.call("reidentify")
-    if not reply.success:
-        raise RuntimeError(f"~/reidentify: {reply.data['error']}")
-    return reply.data
-
-
-# --- printing -------------------------------------------------------------------------------------
-
-
-def _print_table(samples: hmcvt.BenchSamples, answers: Sequence[Answer]) -> None:
+def _play_and_print(player: BenchPlayer, samples: hmcvt.BenchSamples) -> tuple[float, float]:
+    """Hold every test; return the mean errors on the tests fitted and held back [%]."""
     print("   test   displacement   engine     load | measured  predicted   error | optimal")
     print("          ratio         [rad/s]    [N m] |      [%]        [%]     [%] |   ratio")
     print("   " + "-" * 38 + "+" + "-" * 30 + "+" + "-" * 9)
-    for i, answer in enumerate(answers):
-        error = _error(samples, answers, i)
-        held = "*" if i + 1 in HELD_BACK else " "
-        print(f"   {i + 1:3d}{held} {samples.displacement_ratio[i]:+13.2f}"
-              f"{samples.engine_speed[i]:10.2f}{samples.load_torque[i]:9.1f} |"
-              f"{100 * samples.efficiency[i]:9.1f}{_percent(answer.efficiency):>11}"
-              f"{_percent(error, '+'):>8} |{_ratio(answer.optimal_displacement_ratio):>8}")
-    print(f"   * held back.  Mean |error|: {_mean(samples, answers, FITTED):.1f} % on tests "
-          f"{_listed(FITTED)}; {_mean(samples, answers, HELD_BACK):.1f} % on tests "
-          f"{_listed(HELD_BACK)}.")
+    errors = {}
+    for i, measured in enumerate(samples.efficiency):
+        point = OperatingPoint(*(float(column[i]) for column in (
+            samples.displacement_ratio, samples.engine_speed, samples.load_torque)))
+        answer = player.hold(point)
+        if answer.efficiency is None or answer.optimal_displacement_ratio is None:
+            raise RuntimeError(f"the node was silent in test {i + 1}")
+        errors[i + 1] = 100.0 * (answer.efficiency / measured - 1.0)
+        print(f"   {i + 1:3d}{'*' if i + 1 in HELD_BACK else ' '} {point.displacement_ratio:+13.2f}"
+              f"{point.engine_speed:10.2f}{point.load_torque:9.1f} |{100 * measured:9.1f}"
+              f"{100 * answer.efficiency:11.1f}{errors[i + 1]:+8.1f} |"
+              f"{answer.optimal_displacement_ratio:+8.3f}")
+    of_fitted, of_held_back = (sum(abs(errors[test]) for test in tests) / len(tests)
+                               for tests in (FITTED, HELD_BACK))
+    print(f"   * held back.  Mean |error|: {of_fitted:.1f} % on tests "
+          f"{', '.join(map(str, FITTED))}; {of_held_back:.1f} % on tests "
+          f"{', '.join(map(str, HELD_BACK))}.")
+    return of_fitted, of_held_back
 
 
-def _print_refit(result: dict[str, Any]) -> None:
+def _refit_and_print(player: BenchPlayer, samples: hmcvt.BenchSamples) -> None:
+    for test in FITTED:
+        player.send_sample(bench_message(samples, test - 1))
+    if not player.wait_for_logged(len(FITTED)):
+        raise TimeoutError("the node did not log the bench samples")
+    success, result = player.call("reidentify")
+    if not success:
+        raise RuntimeError(f"~/reidentify: {result['error']}")
     print(f"   refitted to {result['samples']} samples in {result['seconds']:.1f} s, in a process "
           "of its own:")
     for name, entry in result["parameters"].items():
@@ -140,44 +131,18 @@ def _print_refit(result: dict[str, Any]) -> None:
         print(f"     note: {warning}")
 
 
-def _print_improvement(
-    samples: hmcvt.BenchSamples, before: Sequence[Answer], after: Sequence[Answer]
-) -> int:
-    print("\n5. Mean |predicted - measured| / measured:\n")
-    better = True
-    for title, tests in (("tests the refit used", FITTED), ("tests held back", HELD_BACK)):
-        old, new = _mean(samples, before, tests), _mean(samples, after, tests)
-        better = better and new < old
-        print(f"     {title:22s} {old:6.2f} %  ->  {new:5.2f} %")
-    print("\n   The paper's own figures for the same split: 2.16 % and 1.90 %.\n"
-          if better else "\n   The refit did not improve the node.\n")
-    return 0 if better else 1
+def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
+    """Return a bench message with the shaft powers of sample i.
 
-
-def _error(samples: hmcvt.BenchSamples, answers: Sequence[Answer], i: int) -> float | None:
-    predicted = answers[i].efficiency
-    return None if predicted is None else predicted / float(samples.efficiency[i]) - 1.0
-
-
-def _mean(
-    samples: hmcvt.BenchSamples, answers: Sequence[Answer], tests: Sequence[int]
-) -> float:
-    errors = [_error(samples, answers, test - 1) for test in tests]
-    if None in errors:
-        raise RuntimeError(f"the node was silent in one of the tests {_listed(tests)}")
-    return 100.0 * sum(abs(error) for error in errors if error is not None) / len(errors)
-
-
-def _percent(value: float | None, sign: str = "-") -> str:
-    return "silent" if value is None else f"{100 * value:{sign}.1f}"
-
-
-def _ratio(value: float | None) -> str:
-    return "silent" if value is None else f"{value:+.3f}"
-
-
-def _listed(tests: Sequence[int]) -> str:
-    return ", ".join(map(str, tests))
+    Table 2 has no output speed. A bench sample needs one; without slip it is eq. (5).
+    """
+    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
+    ratio, speed = float(samples.displacement_ratio[i]), float(samples.engine_speed[i])
+    power = float(samples.load_torque[i]) * speed
+    output_speed = speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
+    return bench_sample_to_message(
+        ratio, speed, power / float(samples.efficiency[i]) / speed, output_speed,
+        power / output_speed)
 
 
 # --- processes ------------------------------------------------------------------------------------
@@ -198,44 +163,31 @@ def _loopback_only(folder: Path) -> None:
 
 
 @contextmanager
-def _node(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the node as a process of its own."""
+def _player(folder: Path) -> Iterator[BenchPlayer]:
+    """Run the node as a process of its own, and yield a client of it."""
     output = folder / "node.log"
-    with output.open("w") as log:
-        process = subprocess.Popen(
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    with output.open("w") as log, subprocess.Popen(
             [sys.executable, "-m", "hmcvt_ros.efficiency_node", "--ros-args",
              "-p", f"model_file:={hmcvt.data_path(MODEL_FILE)}",
              "-p", f"state_folder:={folder / 'state'}"],
-            stdout=log, stderr=log, start_new_session=True)
+            stdout=log, stderr=log, start_new_session=True) as process:
+        player = BenchPlayer()
         try:
-            yield process
+            if not player.wait_for_node(running=lambda: process.poll() is None):
+                raise TimeoutError("the node did not come up")
+            yield player
         except (TimeoutError, RuntimeError):
             print(f"The node said:\n{output.read_text()}", file=sys.stderr)
             raise
         finally:
-            _stop(process)
-
-
-def _stop(process: subprocess.Popen[bytes]) -> None:
-    process.send_signal(signal.SIGINT)
-    try:
-        process.wait(timeout=5.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-@contextmanager
-def _player(process: subprocess.Popen[bytes]) -> Iterator[BenchPlayer]:
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    player = BenchPlayer()
-    try:
-        if not player.wait_for_node(running=lambda: process.poll() is None):
-            raise TimeoutError("the node did not come up")
-        yield player
-    finally:
-        player.close()
-        rclpy.try_shutdown()
+            player.close()
+            rclpy.try_shutdown()
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(timeout=5.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
 
 if __name__ == "__main__":

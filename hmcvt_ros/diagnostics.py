@@ -58,39 +58,19 @@ class BenchCounts:
         self.reason, self.complaint = NOT_WRITTEN, complaint
 
 
-@dataclass(frozen=True)
-class GapSummary:
-    """The last diagnosis in a few words; see the contract of `hmcvt diagnose` for the terms."""
-
-    time: str
-    model: str
-    samples: int
-    verdict: str
-    leading_cause: str
-    rmse: float
-    shrinkage: float | None
-    report: str
-
-    @classmethod
-    def of(cls, found: Mapping[str, Any], model: str, time: str) -> GapSummary:
-        """Summarise an answer of `~/diagnose` about the model with a fingerprint."""
-        causes = found["causes"]
-        leading = (f"{causes[0]['effect']}, probability {causes[0]['probability']:.2f}"
-                   if causes else "-")
-        return cls(time, model, found["gap"]["samples"], found["verdict"], leading,
-                   found["gap"]["rmse"], found["shrinkage"]["fraction"], found["report"] or "-")
-
-    def values(self) -> dict[str, Any]:
-        """Return what is shown."""
-        return {
-            "gap verdict": self.verdict,
-            "gap leading cause": self.leading_cause,
-            "gap rmse [-]": f"{self.rmse:.4g}",
-            "gap shrinkage [-]": "-" if self.shrinkage is None else f"{self.shrinkage:.3f}",
-            "gap diagnosed": f"{self.time}, {self.samples} samples",
-            "gap of model": self.model,
-            "report": self.report,
-        }
+def gap_values(found: Mapping[str, Any], model: str, time: str) -> dict[str, str]:
+    """Return what is shown of an answer of `~/diagnose` about the model with a fingerprint."""
+    causes, fraction = found["causes"], found["shrinkage"]["fraction"]
+    return {
+        "gap verdict": found["verdict"],
+        "gap leading cause": f"{causes[0]['effect']}, probability {causes[0]['probability']:.2f}"
+                             if causes else "-",
+        "gap rmse [-]": f"{found['gap']['rmse']:.4g}",
+        "gap shrinkage [-]": "-" if fraction is None else f"{fraction:.3f}",
+        "gap diagnosed": f"{time}, {found['gap']['samples']} samples",
+        "gap of model": model,
+        "report": found["report"] or "-",
+    }
 
 
 @dataclass
@@ -101,14 +81,14 @@ class Activity:
         bench: the bench samples.
         last_refit: how the last refit ended.
         last_diagnosis: how the last diagnosis ended.
-        gap: what the last one that succeeded found.
+        gap: `gap_values` of the last one that succeeded; empty before.
         running: the background job, empty when there is none.
     """
 
     bench: BenchCounts = field(default_factory=BenchCounts)
     last_refit: str = "none"
     last_diagnosis: str = "none"
-    gap: GapSummary | None = None
+    gap: Mapping[str, str] = field(default_factory=dict)
     running: str = ""
 
 
@@ -162,21 +142,8 @@ def model_status(
         level = DiagnosticStatus.ERROR  # data is being lost
     else:
         level = DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK
+    model, bench = now.model, activity.bench
     values = {
-        **_model_values(now),
-        "extrapolation": "; ".join(outside) or "no",
-        **_bench_values(activity.bench, logged),
-        "last refit": activity.last_refit,
-        "last diagnosis": activity.last_diagnosis,
-        **(activity.gap.values() if activity.gap else {}),
-        "running": activity.running or "-",
-    }
-    return _status(f"{name}: model", name, level, message, values)
-
-
-def _model_values(now: InService) -> dict[str, Any]:
-    model = now.model
-    return {
         "file": now.path,
         "fingerprint": model.fingerprint,
         "formulation": model.formulation,
@@ -184,16 +151,17 @@ def _model_values(now: InService) -> dict[str, Any]:
         "identified": model.provenance.get("date", "-"),
         "fit error [-]": model.provenance.get("fit_error", "-"),
         "in service since": now.since,
-    }
-
-
-def _bench_values(bench: BenchCounts, logged: int) -> dict[str, Any]:
-    return {
+        "extrapolation": "; ".join(outside) or "no",
         "bench samples logged": logged,
         "bench samples received": bench.received,
         "bench samples accepted": bench.accepted,
         **{f"bench samples refused, {reason}": bench.refused[reason] for reason in BENCH_REASONS},
+        "last refit": activity.last_refit,
+        "last diagnosis": activity.last_diagnosis,
+        **activity.gap,
+        "running": activity.running or "-",
     }
+    return _status(f"{name}: model", name, level, message, values)
 
 
 def _status(

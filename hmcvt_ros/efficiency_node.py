@@ -1,309 +1,59 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node `hmcvt`: efficiency and optimal displacement ratio as topics.
+"""The executable of the node `hmcvt`: arguments, signals, exit codes.
 
-It computes nothing itself. It takes messages, checks ages and ranges, asks the model of
-`hmcvt_core`, and publishes the answers. A plain node and a single-threaded executor: a lookup takes
-a millisecond, and the rest runs in a process of its own or, where that takes milliseconds too, in a
-thread.
+The process for heavy work is given this module too, as every process that Python spawns is given
+the main module of its parent; so nothing that takes time to load is loaded before `main`.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType, JumpThreshold
-from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, String
-
-from hmcvt_core.errors import HmcvtError, InputError
-from hmcvt_core.files.bench import BenchSamples
-from hmcvt_core.files.resources import data_path
-from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
-
-from . import messages, parameters, qos
-from .bench_log import BenchLog
-from .beside import Beside
-from .diagnostics import NOT_WRITTEN, Activity, inputs_status, model_status
-from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint
-from .model_store import ModelStore
-from .outputs import Outputs
-from .services import Services
-from .state_folder import StateFolder
-
-TICK = 0.1
-DIAGNOSTICS_EVERY = 10  # ticks: 1 Hz
-QUIET = 5.0  # seconds between two warnings of one kind
-
-
-class EfficiencyNode(Node):
-    """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
-
-    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `bench_sample`;
-    outputs `efficiency` [-], `optimal_displacement_ratio` [-], `~/model`, `~/efficiency_map`,
-    `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/revert`, `~/clear_samples`.
-
-    Raises:
-        InputError: a parameter is wrong, the model file cannot be used, or another node has the
-            state folder.
-    """
-
-    def __init__(self) -> None:
-        super().__init__("hmcvt")
-        self._settings = parameters.declare(self)
-        self.add_on_set_parameters_callback(
-            lambda changes: parameters.check_changes(self, changes))
-        self.add_post_set_parameters_callback(self._guarded(self._take_settings))
-        self._state = self._state_folder()
-        folder = self._state.path
-        self._store = ModelStore(
-            Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
-        self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
-        self._inputs, self._activity = Inputs(), Activity()
-        if not self._state.writable:
-            self._activity.bench.cannot_write(self._state.complaint)
-        self._warned: dict[str, float] = {}
-        self._last_output = -math.inf
-        self._output_due = False
-        self._ticks = 0
-        # Ages follow the node's clock, which a simulation may drive; the timer must run even when
-        # a simulated clock stands still.
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        # Held on to: the callback lives as long as what is returned.
-        self._jumps = self.get_clock().create_jump_callback(
-            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
-            post_callback=lambda jump: self._inputs.clock_jumped())
-        self._create_publishers()
-        self._create_subscriptions()
-        self._beside = Beside(self)
-        self._service_handlers = Services(self, self._store, self._log, self._activity,
-                                  lambda: self._settings, self._change_model)
-        self.create_timer(TICK, self._guarded(self._tick), clock=self._steady)
-        self._model_publisher.publish(self._model_message())
-        self._map_publisher.publish(self._map_message(self._settings))
-        self._report_start()
-
-    def close(self) -> None:
-        """End what runs beside the node."""
-        self._service_handlers.close()
-        self._beside.close()
-        self._state.close()
-
-    # --- set-up -------------------------------------------------------------------------------
-
-    def _state_folder(self) -> StateFolder:
-        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-        named = self._settings.state_folder
-        return StateFolder(
-            Path(named) if named else home / self.get_fully_qualified_name().strip("/"))
-
-    def _create_publishers(self) -> None:
-        def create(kind: Any, topic: str, profile: Any, **options: Any) -> Any:
-            return self.create_publisher(kind, topic, qos.own(profile),
-                                         qos_overriding_options=qos.overridable(), **options)
-
-        self._outputs = Outputs(create)
-        # rclpy goes through every event of every topic before each message. The default ones warn
-        # of subscribers that ask for more than is offered, which is hardly possible here.
-        rare = {"event_callbacks": PublisherEventCallbacks(use_default_callbacks=False)}
-        self._model_publisher = create(String, "~/model", qos.LATCHED, **rare)
-        self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED, **rare)
-        self._diagnostics_publisher = create(
-            DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS, **rare)
-
-    def _create_subscriptions(self) -> None:
-        def create(kind: Any, topic: str, callback: Callable[..., None], profile: Any) -> None:
-            self.create_subscription(kind, topic, self._guarded(callback), qos.own(profile),
-                                     qos_overriding_options=qos.overridable())
-
-        for limits in INPUT_RANGES:
-            create(Float64, limits.name, self._input_callback(limits.name), qos.INPUT)
-        create(JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)
-
-    def _report_start(self) -> None:
-        logger = self.get_logger()
-        for name in parameters.undeclared(self):
-            logger.warning(f"parameter {name} is unknown and has no effect")
-        for complaint in filter(None, (self._state.complaint, self._store.complaint,
-                                       self._log.recovered)):
-            logger.warning(complaint)
-        if not self._settings.model_file and self._store.path == self._store.base:
-            logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
-                           "served, an example identified from five tests of one transmission")
-        logger.info(f"serving {self._store.path}, {len(self._log)} bench samples in "
-                    f"{self._log.path}")
-
-    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """Keep an exception of a callback, which would end the node, to a line in the log."""
-        def guarded(*arguments: Any) -> None:
-            try:
-                callback(*arguments)
-            except Exception as error:
-                self._warn(type(error).__name__, f"{type(error).__name__}: {error}")
-        return guarded
-
-    def _warn(self, about: str, text: str) -> None:
-        # The throttle of the logger is one for each line of code, not one for each input.
-        now = self._steady_seconds()
-        if now - self._warned.get(about, -math.inf) >= QUIET:
-            self._warned[about] = now
-            self.get_logger().warning(text)
-
-    # --- parameters ---------------------------------------------------------------------------
-
-    def _take_settings(self, changes: Sequence[Parameter]) -> None:
-        before = self._settings
-        self._settings = parameters.Settings.of(parameters.current_values(self))
-        if self._settings.engine_speed_limits != before.engine_speed_limits:
-            self._map_publisher.publish(self._map_message(self._settings))
-
-    # --- inputs -> outputs --------------------------------------------------------------------
-
-    def _input_callback(self, name: str) -> Callable[[Float64], None]:
-        def take(message: Float64) -> None:
-            item, now = self._inputs.by_name[name], self._now()
-            if not item.take(float(message.data), now):
-                self._warn(name, item.complaint)
-            self._output_due = True
-            self._publish_outputs(now)
-        return take
-
-    def _point(self, now: int) -> OperatingPoint | None:
-        return self._inputs.point(now, self._settings.input_timeouts)
-
-    def _publish_outputs(self, now: int) -> None:
-        """Answer the inputs as they stand, unless the rate limit says later."""
-        rate = self._settings.max_output_rate
-        if rate > 0.0 and self._steady_seconds() - self._last_output < 1.0 / rate:
-            return
-        self._output_due = False
-        point = self._point(now)
-        if point is not None:
-            self._outputs.answer(self._store.model, point, self._settings)
-            if self._outputs.refusal:
-                self._warn("no answer", self._outputs.refusal)
-        elif self._settings.invalid_output == parameters.NAN:
-            self._outputs.deny()
-        else:
-            return
-        if rate > 0.0:
-            self._last_output = self._steady_seconds()
-
-    # --- bench samples ------------------------------------------------------------------------
-
-    def _on_bench_sample(self, message: JointState) -> None:
-        bench = self._activity.bench
-        bench.received += 1
-        try:
-            sample = messages.bench_sample_from_message(message, self._now() * NANOSECONDS)
-        except InputError as error:
-            bench.refuse("invalid", str(error))
-        else:
-            self._log_bench_sample(sample)
-        if bench.complaint:
-            self._warn("bench_sample", bench.complaint)
-
-    def _log_bench_sample(self, sample: BenchSamples) -> None:
-        bench = self._activity.bench
-        try:
-            self._log.append(sample)
-            bench.accept()
-        except InputError as error:
-            bench.refuse("log full", str(error))
-        except OSError as error:
-            bench.refuse(NOT_WRITTEN, f"bench log: {error}")
-
-    # --- model --------------------------------------------------------------------------------
-
-    async def _change_model(self, change: Callable[[], object]) -> None:
-        """Let `change` put another model into service, and tell it to the world."""
-        settings = self._settings
-        _, model, grid = await self._beside.run(
-            change, self._model_message, lambda: self._map_message(settings))
-        self._model_publisher.publish(model)
-        # The limits of the map may have changed meanwhile.
-        self._map_publisher.publish(
-            grid if settings is self._settings else self._map_message(self._settings))
-        self._publish_outputs(self._now())
-
-    def _model_message(self) -> String:
-        now = self._store.in_service
-        return messages.model_to_message(now.model, {
-            "file": str(now.path), "since": now.since, "fingerprint": now.model.fingerprint})
-
-    def _map_message(self, settings: parameters.Settings) -> Float64MultiArray:
-        intervals = ((DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high),
-                     settings.engine_speed_limits, settings.map_load_torque_limits)
-        axes = (np.linspace(low, high, count)
-                for (low, high), count in zip(intervals, settings.map_points, strict=True))
-        return messages.map_to_message(self._store.model.efficiency_map(*axes))
-
-    # --- time ---------------------------------------------------------------------------------
-
-    def _now(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
-
-    def _steady_seconds(self) -> float:
-        return float(self._steady.now().nanoseconds) * NANOSECONDS
-
-    def _tick(self) -> None:
-        self._service_handlers.poll()
-        self._beside.poll()
-        # NaN is said again and again, so that whoever listens only now hears it too.
-        now = self._now()
-        unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
-        if self._output_due or unanswered:
-            self._publish_outputs(now)
-        self._ticks += 1
-        if self._ticks % DIAGNOSTICS_EVERY == 0:
-            self._publish_diagnostics()
-
-    def _publish_diagnostics(self) -> None:
-        name, now = self.get_fully_qualified_name().strip("/"), self._now()
-        array = DiagnosticArray(status=[
-            inputs_status(name, self._inputs, now, self._settings.input_timeouts,
-                          self._outputs.answered),
-            model_status(name, self._store.in_service, self._activity, len(self._log),
-                         self._point(now), self._outputs.refusal),
-        ])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(array)
+if TYPE_CHECKING:
+    from .node import EfficiencyNode
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM.
 
     Returns:
-        Exit code: 0, or 2 when an argument, a parameter or the model file is wrong.
+        Exit code: 0, or 2 when an argument, a parameter or the model file is wrong, or ROS missing.
     """
     given = list(sys.argv if arguments is None else arguments)
     stop = _StopSignals()
     try:
+        import rclpy
+    except ImportError as error:
+        return _failed(f"the node needs ROS 2 ({error}): source its setup.bash, or, in the "
+                       "folder of hmcvt, pip install '.[ros]'")
+    from rclpy.signals import SignalHandlerOptions
+    from rclpy.utilities import remove_ros_args
+
+    from hmcvt_core import HmcvtError
+    from hmcvt_core.fleet.threads import ONE_BLAS_THREAD
+
+    from .node import EfficiencyNode
+    from .parameters import usage
+
+    os.environ.update(ONE_BLAS_THREAD)  # for the worker process, which computes with one thread
+    try:
         other = remove_ros_args(given)[1:]
+        if other[:1] in (["-h"], ["--help"]):
+            print(usage())
+            return 0
         if other:
-            return _answer_other(other[0])
+            return _failed(f"unknown argument {other[0]}; see --help")
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         node = EfficiencyNode()
-    except (HmcvtError, OSError) as error:
-        return _failed(str(error))
-    except RuntimeError as error:
-        # What rclpy raises on a parameter file or ROS argument that it cannot read.
-        return _failed(f"{type(error).__name__}: {error}")
+    except (HmcvtError, OSError, RuntimeError) as error:
+        rclpy.try_shutdown()
+        # A RuntimeError is what rclpy raises on a parameter file or argument that it cannot read.
+        kind = f"{type(error).__name__}: " if isinstance(error, RuntimeError) else ""
+        return _failed(f"{kind}{error}")
     _spin(node, stop)
     return 0
 
@@ -326,11 +76,14 @@ class _StopSignals:
 
 
 def _spin(node: EfficiencyNode, stop: _StopSignals) -> None:
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
         while not stop.asked:
-            executor.spin_once()  # the node's timer wakes it up every TICK
+            executor.spin_once()  # the node's timer wakes it up every 0.1 s
         node.get_logger().info("stopping: asked to by a signal")
     finally:
         node.close()
@@ -339,16 +92,8 @@ def _spin(node: EfficiencyNode, stop: _StopSignals) -> None:
         rclpy.try_shutdown()
 
 
-def _answer_other(argument: str) -> int:
-    if argument in ("-h", "--help"):
-        print(parameters.usage())
-        return 0
-    return _failed(f"unknown argument {argument}; see --help")
-
-
 def _failed(text: str) -> int:
     print(f"hmcvt: error: {' '.join(text.split())}", file=sys.stderr)
-    rclpy.try_shutdown()
     return 2
 
 

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The heavy work of the node: a refit, a diagnosis."""
+"""The heavy work of the node: a refit, a diagnosis. Done in a process of its own."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from numpy.typing import ArrayLike
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
@@ -17,29 +20,60 @@ from hmcvt_core.identification.cross_validation import (
     cross_validate,
 )
 from hmcvt_core.model.agreement import RelativeError, predicted_at
-from hmcvt_ros.json_text import json_text
-from hmcvt_ros.numbered_files import keep_newest, next_name
+
+from .json_text import json_text
+from .model_store import servable
+from .numbered_files import keep_newest, next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
 
 
-def reidentify(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Refit the model `model` to the samples `samples`.
+class Ready(NamedTuple):
+    """A model that can go into service without further computing."""
 
-    The refit goes to the file `output`, or to a file in the folder `candidates` when it is worse
-    than the model on samples held back.
+    model: hmcvt.EfficiencyModel
+    grid: hmcvt.EfficiencyMap
+
+
+class Done(NamedTuple):
+    """What a job found, as plain data for the caller of the service, and the refit to adopt."""
+
+    answer: dict[str, Any]
+    refit: Ready | None = None
+
+
+def run(job: Callable[..., Done], request: Mapping[str, Any]) -> Done:
+    """Do a job and add the time that it took."""
+    started = time.monotonic()
+    answer, refit = job(**request)
+    return Done({**answer, "seconds": round(time.monotonic() - started, 3)}, refit)
+
+
+def reidentify(
+    samples: Path, model: Path, seed: int, output: Path, candidates: Path, min_samples: int,
+    map_axes: tuple[ArrayLike, ArrayLike, ArrayLike],
+) -> Done:
+    """Refit a model to samples.
+
+    Args:
+        samples, model: files to read.
+        seed: of the random numbers.
+        output: file for the refit; in the folder `candidates` instead, when it is worse than the
+            model on samples held back.
+        min_samples: fewer are refused.
+        map_axes: of the efficiency map of the refit.
 
     Returns:
         Sample count, error (mean |predicted - measured| / measured) before and after, parameters
         with standard errors, what the samples leave open, and the comparison on samples held back;
         `refused` and `candidate` when the refit is worse.
     """
-    samples = hmcvt.read_bench(request["samples"])
-    if len(samples) < request["min_samples"]:
-        raise hmcvt.InputError(f"{samples.source}: {len(samples)} samples; reidentify_min_samples "
-                               f"= {request['min_samples']}")
-    served, seed = hmcvt.load_model(request["model"]), request["seed"]
+    bench = hmcvt.read_bench(samples)
+    if len(bench) < min_samples:
+        raise hmcvt.InputError(f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
+                               f"= {min_samples}")
+    served = hmcvt.load_model(model)
 
     def fitted(
         part: hmcvt.BenchSamples, schedule: hmcvt.Schedule | None = None
@@ -47,32 +81,28 @@ def reidentify(request: Mapping[str, Any]) -> dict[str, Any]:
         return hmcvt.identify(part, stage=served.stage, formulation=served.formulation,
                               effects=served.effects, schedule=schedule, seed=seed)
 
-    fit = fitted(samples)
+    fit = fitted(bench)
     compared = cross_validate(
-        samples, fit.model, served, lambda part: fitted(part, QUICK).model, seed)
-    result = {
-        "samples": len(samples),
-        "source": samples.source,
-        "error_before": RelativeError.of(predicted_at(served, samples), samples.efficiency).mean,
+        bench, fit.model, served, lambda part: fitted(part, QUICK).model, seed)
+    unchecked = [] if compared is not None else [
+        f"fewer than {FEWEST} samples: none could be held back to check the refit"]
+    answer = {
+        "samples": len(bench),
+        "source": bench.source,
+        "error_before": RelativeError.of(predicted_at(served, bench), bench.efficiency).mean,
         "error_after": float(fit.fit_error),
         "parameters": fit.model.to_mapping()["parameters"],
-        "warnings": [*fit.warnings, *_unchecked(compared)],
+        "warnings": [*fit.warnings, *unchecked],
         "held_back": None if compared is None else asdict(compared),
     }
-    if compared is None or not compared.worse:
-        fit.save(request["output"])
-        return result
-    return {**result, **_set_aside(fit.model, compared, Path(request["candidates"]))}
+    if compared is not None and compared.worse:
+        return Done({**answer, **_set_aside(fit.model, compared, candidates)})
+    fit.save(output)
+    refit = servable(output)  # what a restart would read, to the last digit
+    return Done(answer, Ready(refit, refit.efficiency_map(*map_axes)))
 
 
-def _unchecked(compared: CrossValidation | None) -> list[str]:
-    return [] if compared is not None else [
-        f"fewer than {FEWEST} samples: none could be held back to check the refit"]
-
-
-def _set_aside(
-    model: hmcvt.EfficiencyModel, compared: CrossValidation, folder: Path
-) -> dict[str, str]:
+def _set_aside(model: hmcvt.EfficiencyModel, compared: CrossValidation, folder: Path) -> dict[str, str]:
     path = next_name(folder).with_suffix(".yaml")
     hmcvt.save_model(model, path)
     keep_newest(folder, CANDIDATES_KEPT)
@@ -81,8 +111,8 @@ def _set_aside(
         f"model in service {100 * compared.error_in_service:.2f} %; it is kept as {path}")}
 
 
-def diagnose(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Say why the model `model` and the samples `samples` disagree.
+def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> Done:
+    """Say why a model and samples disagree.
 
     Returns:
         The object of `hmcvt diagnose --json`, and `report`: the page of it in the folder `reports`,
@@ -90,21 +120,14 @@ def diagnose(request: Mapping[str, Any]) -> dict[str, Any]:
     """
     from hmcvt_core.report import write_html
 
-    samples = hmcvt.read_bench(request["samples"])
-    found = hmcvt.diagnose(hmcvt.load_model(request["model"]), samples, seed=request["seed"])
-    result: dict[str, Any] = found.to_dict()
-    folder = Path(request["reports"])
+    found = hmcvt.diagnose(hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed)
+    answer = found.to_dict()
     try:
-        path = next_name(folder).with_suffix(".html")
-        write_atomically(path.with_suffix(".json"), json_text(result) + "\n")
+        path = next_name(reports).with_suffix(".html")
+        write_atomically(path.with_suffix(".json"), json_text(answer) + "\n")
         write_html(found, path)
-        keep_newest(folder, REPORTS_KEPT)
+        keep_newest(reports, REPORTS_KEPT)
     except (OSError, hmcvt.InputError) as error:  # such as a full disk, or no matplotlib
         # The answer is worth more than the page.
-        return {**result, "report": None, "report_error": str(error)}
-    return {**result, "report": str(path)}
-
-
-JOBS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
-    "reidentify": reidentify, "diagnose": diagnose,
-}
+        return Done({**answer, "report": None, "report_error": str(error)})
+    return Done({**answer, "report": str(path)})

@@ -17,14 +17,13 @@ import yaml
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
 
-from hmcvt_core.errors import InputError
-from hmcvt_core.files.bench import BenchSamples
-from hmcvt_core.model.efficiency_map import EfficiencyMap
-from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, InputError
 
-JOINTS = ("engine", "output", "displacement")
+from .shafts import JOINTS, UnreadableError, read_shafts
+
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 _SOURCE = "bench_sample"
+_OF_SHAFTS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed")
 
 
 def float64(value: float) -> Float64:
@@ -33,49 +32,26 @@ def float64(value: float) -> Float64:
 
 
 def bench_sample_from_message(message: JointState, now: float) -> BenchSamples:
-    """Read one bench sample from shaft speeds [rad/s], torques [N m] and displacement ratio.
+    """Read one bench sample.
 
     Args:
-        message: joints `engine`, `output`, `displacement` in any order, others are ignored;
-            `velocity` and `effort` of the shafts, `position` of `displacement`.
+        message: see `read_shafts`.
         now: time of the sample when the header has none [s].
-
-    Returns:
-        One sample; efficiency = output power / engine power, load torque = output power / engine
-        speed.
 
     Raises:
         InputError: a joint or field is missing or doubled, or a value is out of range.
     """
-    for joint in JOINTS:
-        if message.name.count(joint) != 1:
-            raise InputError(f"{_SOURCE}: joint {joint!r} stands {message.name.count(joint)} times "
-                             f"in name; needs {', '.join(JOINTS)}")
-    engine_speed = _value(message, "engine", "velocity")
-    output_speed = _value(message, "output", "velocity")
-    engine_power = _value(message, "engine", "effort") * engine_speed
-    output_power = _value(message, "output", "effort") * output_speed
-    if not (engine_speed > 0.0 and engine_power > 0.0):
-        raise InputError(f"{_SOURCE}: engine speed {engine_speed:g} rad/s and engine power "
-                         f"{engine_power:g} W must be positive")
+    try:
+        shafts = read_shafts(message.name, message.position, message.velocity, message.effort)
+    except UnreadableError as error:
+        raise InputError(f"{_SOURCE}: {error}") from None
+    if not (shafts.engine_speed > 0.0 and shafts.engine_power > 0.0):
+        raise InputError(f"{_SOURCE}: engine speed {shafts.engine_speed:g} rad/s and engine power "
+                         f"{shafts.engine_power:g} W must be positive")
     stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+    columns: dict[str, Any] = {name: np.array(getattr(shafts, name)) for name in _OF_SHAFTS}
     return BenchSamples(
-        displacement_ratio=np.array(_value(message, "displacement", "position")),
-        engine_speed=np.array(engine_speed),
-        load_torque=np.array(output_power / engine_speed),
-        efficiency=np.array(output_power / engine_power),
-        output_speed=np.array(output_speed),
-        stamp=np.array(stamp if stamp > 0.0 else now),
-        source=_SOURCE,
-    )
-
-
-def _value(message: JointState, joint: str, field: str) -> float:
-    values = getattr(message, field)
-    if len(values) != len(message.name):
-        raise InputError(f"{_SOURCE}: {field} has {len(values)} values for "
-                         f"{len(message.name)} joints")
-    return float(values[message.name.index(joint)])
+        **columns, stamp=np.array(stamp if stamp > 0.0 else now), source=_SOURCE)
 
 
 def bench_sample_to_message(

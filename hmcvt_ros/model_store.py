@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
-from hmcvt_core.errors import HmcvtError, InputError
+from hmcvt_core import EfficiencyModel, HmcvtError, InputError, load_model
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.model.model import EfficiencyModel
-from hmcvt_core.model.parameter_file import load_model
 
 from .numbered_files import next_name
 
@@ -60,7 +58,7 @@ class ModelStore:
         self._folder = folder
         self._models = folder / "models"
         self._state = folder / "in_service.json"
-        base_model = _servable(base)
+        base_model = servable(base)
         self._base_fingerprint = base_model.fingerprint
         self._stack: list[str] = []
         self._serve(self._resumed() or base_model)
@@ -83,12 +81,14 @@ class ModelStore:
         """
         return next_name(self._models).with_suffix(".yaml")
 
-    def adopt(self, path: Path, instead_of: Path | None = None) -> EfficiencyModel:
+    def adopt(self, path: Path, instead_of: Path | None = None,
+              model: EfficiencyModel | None = None) -> EfficiencyModel:
         """Put a model written under `new_path` into service.
 
         Args:
             path: of the model.
             instead_of: the parameter file that must be in service; any when left out.
+            model: what `servable` makes of the file, where that has been done already.
 
         Raises:
             HmcvtError: another is in service.
@@ -98,7 +98,7 @@ class ModelStore:
         if instead_of not in (None, self.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call again")
-        model = _servable(path)
+        model = model or servable(path)
         self._commit([*self._stack, path.name], model)
         return model
 
@@ -112,7 +112,7 @@ class ModelStore:
         if not self._stack:
             raise HmcvtError("the model in service is the one of model_file; there is none before")
         stack = self._stack[:-1]
-        model = _servable(self._models / stack[-1] if stack else self.base)
+        model = servable(self._models / stack[-1] if stack else self.base)
         self._commit(stack, model)
         return model
 
@@ -125,7 +125,7 @@ class ModelStore:
 
     def _serve(self, model: EfficiencyModel) -> None:
         path = self._models / self._stack[-1] if self._stack else self.base
-        self.in_service = InService(model, path, _now())
+        self.in_service = InService(model, path, utc_now())
 
     def _resumed(self) -> EfficiencyModel | None:
         try:
@@ -143,7 +143,7 @@ class ModelStore:
             return None
         while stack:
             try:
-                model = _servable(self._models / stack[-1])
+                model = servable(self._models / stack[-1])
             except HmcvtError as error:
                 self.complaint = str(error)
                 stack.pop()
@@ -153,8 +153,12 @@ class ModelStore:
         return None
 
 
-def _servable(path: Path) -> EfficiencyModel:
-    """Load the model of a transmission: not what the meters of one bench make of it."""
+def servable(path: Path) -> EfficiencyModel:
+    """Load the model of a transmission: not what the meters of one bench make of it.
+
+    Raises:
+        InputError: the file is missing, damaged or not to be served.
+    """
     model = load_model(path)
     if model.formulation != "power_balance":
         raise InputError(f"{path}: formulation {model.formulation!r} is not served: it has a pole "
@@ -162,5 +166,6 @@ def _servable(path: Path) -> EfficiencyModel:
     return model.without_meters()
 
 
-def _now() -> str:
+def utc_now() -> str:
+    """Return the time as the node writes it everywhere."""
     return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -7,10 +7,12 @@ import math
 import textwrap
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -21,9 +23,15 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from hmcvt_core.errors import InputError
+from hmcvt_core import InputError
 from hmcvt_core.model.optimum import HOLDS
-from hmcvt_core.transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, Range
+from hmcvt_core.transmission.ranges import (
+    DISPLACEMENT_RATIO,
+    ENGINE_SPEED,
+    ENGINE_SPEED_LIMITS,
+    LOAD_TORQUE,
+    Range,
+)
 
 from .inputs import INPUT_RANGES
 
@@ -42,27 +50,22 @@ class Declaration:
     """One parameter.
 
     Attributes:
-        name: as in YAML; a dot stands for a level.
         default: also tells the type.
         unit: empty where there is none.
         description: what it does, for a person.
         limits: closed interval of the value, or of each element of an array.
         choices: what a text may be; empty when anything.
         read_only: settled at start.
+        name: as in YAML; a dot stands for a level.
     """
 
-    name: str
     default: Any
     unit: str
     description: str
     limits: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = False
-
-    @property
-    def field(self) -> str:
-        """Name of the field of `Settings`."""
-        return self.name.replace(".", "_")
+    name: str = ""
 
     @property
     def allowed(self) -> str:
@@ -75,116 +78,108 @@ class Declaration:
         low, high = (f"{limit:.10g}" for limit in self.limits)
         return f"{each}{low} to {high} {self.unit}".rstrip()
 
-    def range(self) -> Range:
-        """Return the range of the value, for a parameter that has limits."""
-        low, high = self.limits or (-math.inf, math.inf)
-        return Range(self.name, low, high, self.unit or "-")
+    def check(self, value: Any) -> None:
+        """Refuse a value.
+
+        Raises:
+            InputError: it is no choice or out of range.
+        """
+        if self.choices and value not in self.choices:
+            raise InputError(f"{self.name} = {value!r}; there is {', '.join(self.choices)}")
+        if self.limits is not None:
+            # The middleware checks single numbers too, but lets NaN through and skips arrays.
+            Range(self.name, *self.limits, self.unit or "-").check(value)
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows."""
         text = f"{self.description} [{self.unit}]" if self.unit else self.description
         descriptor = ParameterDescriptor(description=text, read_only=self.read_only,
                                          additional_constraints=self.allowed)
-        if self.limits is None or isinstance(self.default, list):
-            return descriptor
-        low, high = self.limits
-        if isinstance(self.default, int):
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
-        else:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(low), to_value=float(high))
-            ]
+        if self.limits is not None and not isinstance(self.default, list):
+            low, high = map(type(self.default), self.limits)
+            ends = {"from_value": low, "to_value": high}
+            if isinstance(self.default, int):
+                descriptor.integer_range = [IntegerRange(**ends)]
+            else:
+                descriptor.floating_point_range = [FloatingPointRange(**ends)]
         return descriptor
 
 
-PARAMETERS: tuple[Declaration, ...] = (
-    Declaration(
-        "model_file", "", "",
-        "Parameter file of the model to start from; empty for the paper's stage, params/hm4.yaml. "
-        "A model refitted from it in an earlier run is taken up again from the state folder.",
-        read_only=True),
-    Declaration(
-        "state_folder", "", "",
-        "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else ~/.ros) "
-        "/ name of the node with its namespace.",
-        read_only=True),
-    Declaration(
-        "samples_file", "", "",
-        "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for the "
-        "log of bench_sample."),
-    Declaration(
-        "input_timeout", 0.5, "s",
-        "Age of its last message at which an input is stale; there is no output before all three "
-        "are fresh.", (SHORTEST_TIMEOUT, LONGEST_TIMEOUT)),
-    *(Declaration(
-        f"input_timeouts.{limits.name}", 0.0, "s",
-        f"Age at which {limits.name} is stale; 0 for input_timeout.",
-        (0.0, LONGEST_TIMEOUT))
-      for limits in INPUT_RANGES),
-    Declaration(
-        "invalid_output", SILENCE, "",
-        "What the outputs do while an input is missing, stale or refused, or the model has no "
-        "answer: silence, or nan for every arrival and ten times a second when none comes.",
-        choices=(SILENCE, NAN)),
-    Declaration(
-        "max_output_rate", 0.0, "Hz",
-        "Limit to the rate of the outputs by the wall clock, the last input is always answered; 0 "
-        "answers every arrival.", (0.0, 1000.0)),
-    Declaration(
-        "optimum_hold", HOLDS[0], "",
-        "What stays the same when the displacement ratio is optimised, besides the output power.",
-        choices=HOLDS),
-    Declaration(
-        "engine_speed_limits", [round(limit, 2) for limit in ENGINE_SPEED_LIMITS], "rad/s",
-        "Engine speeds that the optimum may use and the map covers.",
-        (ENGINE_SPEED.low, ENGINE_SPEED.high)),
-    Declaration(
-        "map_load_torque_limits", [50.0, 400.0], "N m", "Load torques that the map covers.",
-        (LOAD_TORQUE.low, LOAD_TORQUE.high), read_only=True),
-    Declaration(
-        "map_points", [41, 17, 15], "",
-        "Points of the map along displacement ratio, engine speed, load torque.", (2, 500),
-        read_only=True),
-    Declaration(
-        "reidentify_min_samples", 4, "", "Fewest samples that ~/reidentify accepts.", (1, 100_000)),
-    Declaration(
-        "reidentify_seed", 0, "",
-        "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be repeated.",
-        (0, 2**31 - 1)),
-    Declaration(
-        "bench_log_limit", 100_000, "", "Samples that the bench log holds before it refuses more.",
-        (1, 10_000_000), read_only=True),
-)
+def _parameter(*values: Any, **options: Any) -> Any:
+    return field(metadata={"declaration": Declaration(*values, **options)})
+
+
+def _input_timeout(limits: Range) -> Any:
+    return _parameter(0.0, "s", f"Age at which {limits.name} is stale; 0 for input_timeout.",
+                      (0.0, LONGEST_TIMEOUT))
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The values of `PARAMETERS`, checked.
+    """The values of all parameters, checked; the fields are the table of them.
 
     Raises:
         InputError: a value is out of range; the parameter is named.
     """
 
-    model_file: str
-    state_folder: str
-    samples_file: str
-    input_timeout: float
-    input_timeouts_displacement_ratio: float
-    input_timeouts_engine_speed: float
-    input_timeouts_load_torque: float
-    invalid_output: str
-    max_output_rate: float
-    optimum_hold: str
-    engine_speed_limits: tuple[float, float]
-    map_load_torque_limits: tuple[float, float]
-    map_points: tuple[int, int, int]
-    reidentify_min_samples: int
-    reidentify_seed: int
-    bench_log_limit: int
+    model_file: str = _parameter(
+        "", "",
+        "Parameter file of the model to start from; empty for the paper's stage, params/hm4.yaml. "
+        "A model refitted from it in an earlier run is taken up again from the state folder.",
+        read_only=True)
+    state_folder: str = _parameter(
+        "", "",
+        "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else ~/.ros) "
+        "/ name of the node with its namespace.",
+        read_only=True)
+    samples_file: str = _parameter(
+        "", "",
+        "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for the "
+        "log of bench_sample.")
+    input_timeout: float = _parameter(
+        0.5, "s",
+        "Age of its last message at which an input is stale; there is no output before all three "
+        "are fresh.", (SHORTEST_TIMEOUT, LONGEST_TIMEOUT))
+    input_timeouts_displacement_ratio: float = _input_timeout(DISPLACEMENT_RATIO)
+    input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
+    input_timeouts_load_torque: float = _input_timeout(LOAD_TORQUE)
+    invalid_output: str = _parameter(
+        SILENCE, "",
+        "What the outputs do while an input is missing, stale or refused, or the model has no "
+        "answer: silence, or nan for every arrival and ten times a second when none comes.",
+        choices=(SILENCE, NAN))
+    max_output_rate: float = _parameter(
+        0.0, "Hz",
+        "Limit to the rate of the outputs by the wall clock, the last input is always answered; 0 "
+        "answers every arrival.", (0.0, 1000.0))
+    optimum_hold: str = _parameter(
+        HOLDS[0], "",
+        "What stays the same when the displacement ratio is optimised, besides the output power.",
+        choices=HOLDS)
+    engine_speed_limits: tuple[float, float] = _parameter(
+        [round(limit, 2) for limit in ENGINE_SPEED_LIMITS], "rad/s",
+        "Engine speeds that the optimum may use and the map covers.",
+        (ENGINE_SPEED.low, ENGINE_SPEED.high))
+    map_load_torque_limits: tuple[float, float] = _parameter(
+        [50.0, 400.0], "N m", "Load torques that the map covers.",
+        (LOAD_TORQUE.low, LOAD_TORQUE.high), read_only=True)
+    map_points: tuple[int, int, int] = _parameter(
+        [41, 17, 15], "",
+        "Points of the map along displacement ratio, engine speed, load torque.", (2, 500),
+        read_only=True)
+    reidentify_min_samples: int = _parameter(
+        4, "", "Fewest samples that ~/reidentify accepts.", (1, 100_000))
+    reidentify_seed: int = _parameter(
+        0, "",
+        "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be repeated.",
+        (0, 2**31 - 1))
+    bench_log_limit: int = _parameter(
+        100_000, "", "Samples that the bench log holds before it refuses more.", (1, 10_000_000),
+        read_only=True)
 
     def __post_init__(self) -> None:
         for declaration in PARAMETERS:
-            _check(declaration, getattr(self, declaration.field))
+            declaration.check(getattr(self, _field(declaration.name)))
         for name, timeout in self.input_timeouts.items():
             if timeout < SHORTEST_TIMEOUT:
                 raise InputError(f"input_timeouts.{name} = {timeout:g}; needs 0 for input_timeout, "
@@ -200,7 +195,7 @@ class Settings:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
         """Take the fields from a mapping of parameter values, ignoring the rest."""
-        return cls(**{item.field: values[item.name] for item in PARAMETERS})
+        return cls(**{_field(item.name): values[item.name] for item in PARAMETERS})
 
     @cached_property
     def input_timeouts(self) -> dict[str, float]:
@@ -208,14 +203,25 @@ class Settings:
         return {limits.name: getattr(self, f"input_timeouts_{limits.name}") or self.input_timeout
                 for limits in INPUT_RANGES}
 
+    @cached_property
+    def map_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Displacement ratios [-], engine speeds [rad/s], load torques [N m] of the map."""
+        intervals = ((DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high),
+                     self.engine_speed_limits, self.map_load_torque_limits)
+        first, second, third = (np.linspace(low, high, count) for (low, high), count in zip(
+            intervals, self.map_points, strict=True))
+        return first, second, third
 
-def _check(declaration: Declaration, value: Any) -> None:
-    if declaration.choices and value not in declaration.choices:
-        raise InputError(f"{declaration.name} = {value!r}; there is "
-                         f"{', '.join(declaration.choices)}")
-    if declaration.limits is not None:
-        # The middleware checks single numbers too, but lets NaN through and skips arrays.
-        declaration.range().check(value)
+
+_LEVEL = ("input_timeouts_", "input_timeouts.")
+PARAMETERS: tuple[Declaration, ...] = tuple(
+    replace(item.metadata["declaration"], name=item.name.replace(*_LEVEL))
+    for item in fields(Settings))
+"""All of them, in the order of the table."""
+
+
+def _field(name: str) -> str:
+    return name.replace(".", "_")
 
 
 def declare(node: Node) -> Settings:

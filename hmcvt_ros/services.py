@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Awaitable, Callable
-from datetime import datetime, timezone
+from concurrent.futures import Future as Running
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +16,15 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from hmcvt_core.errors import HmcvtError, InputError
+from hmcvt_core import EfficiencyMap, HmcvtError, InputError
 
+from . import jobs
 from .bench_log import BenchLog
-from .diagnostics import Activity, GapSummary
+from .diagnostics import Activity, gap_values
 from .json_text import json_text
-from .model_store import ModelStore
+from .model_store import ModelStore, utc_now
 from .parameters import Settings
-from .refit import BackgroundJob
+from .worker import Worker
 
 Data = dict[str, Any]
 
@@ -36,7 +40,8 @@ class _NotAdoptedError(HmcvtError):
 class Services:
     """`~/reidentify`, `~/diagnose`, `~/revert` and `~/clear_samples`.
 
-    None takes a file name: whoever can reach the node over the network can call them.
+    None takes a file name: whoever can reach the node over the network can call them. Refits and
+    diagnoses are done by the worker process, changes of model by a thread, which waits for disks.
     """
 
     def __init__(
@@ -46,13 +51,14 @@ class Services:
         log: BenchLog,
         activity: Activity,
         settings: Callable[[], Settings],
-        change_model: Callable[[Callable[[], object]], Awaitable[None]],
+        announce: Callable[[Settings, EfficiencyMap], None],
     ) -> None:
         self._node, self._store, self._log, self._activity = node, store, log, activity
-        self._settings, self._change_model = settings, change_model
+        self._settings, self._announce = settings, announce
         self._folder = log.path.parent
-        self._job = BackgroundJob()
-        self._answer: Future | None = None
+        self._worker, self._thread = Worker(), ThreadPoolExecutor(1)
+        self._waiting: list[tuple[Running[Any], Future]] = []
+        self._job, self._started = "", 0.0  # of the worker; empty when it has none
         # Of their own group: one that awaits a job would hold up all else in the node's default
         # group; and re-entrant: a second request is refused while the first is being served.
         group = ReentrantCallbackGroup()
@@ -61,20 +67,23 @@ class Services:
                                 callback_group=group)
 
     def poll(self) -> None:
-        """Look whether the background job has ended; from the node's timer.
+        """Hand on what has been done; from the node's timer.
 
-        The coroutine that waits for it only goes on when the executor wakes up, which the timer
-        that calls this sees to.
+        A coroutine that waits only goes on when the executor wakes up, which the timer sees to.
         """
-        waiting = self._answer
-        if waiting is not None and (result := self._job.poll()) is not None:
-            self._answer = None
-            waiting.set_result(result)
-        self._activity.running = self._job.running
+        for running, answer in [item for item in self._waiting if item[0].done()]:
+            self._waiting.remove((running, answer))
+            error = running.exception()
+            if error is None:
+                answer.set_result(running.result())
+            else:
+                answer.set_exception(error)
+        self._activity.running = self._running()
 
     def close(self) -> None:
-        """Kill a running job."""
-        self._job.cancel()
+        """Kill a running job; finish a change of model that has begun."""
+        self._worker.kill()
+        self._thread.shutdown(cancel_futures=True)
 
     # --- services -----------------------------------------------------------------------------
 
@@ -82,42 +91,43 @@ class Services:
         """Refit the model in service to the bench samples and put the refit into service."""
         try:
             result = await self._refit()
-        except _NotAdoptedError as error:
-            self._activity.last_refit = f"{_utc_now()}, not adopted: {error}"
-            raise
         except (HmcvtError, OSError) as error:
-            self._activity.last_refit = f"{_utc_now()}, failed: {error}"
+            how = "not adopted" if isinstance(error, _NotAdoptedError) else "failed"
+            self._activity.last_refit = f"{utc_now()}, {how}: {error}"
             raise
         self._activity.last_refit = (
             f"{self._store.in_service.since}, {result['samples']} samples")
         return {**result, **self._in_service()}
 
     async def _refit(self) -> Data:
-        output, before = self._store.new_path(), self._store.path
-        result = await self._in_background(
-            "reidentify", output=str(output), candidates=str(self._folder / "candidates"),
-            min_samples=self._settings().reidentify_min_samples)
-        if "refused" in result:
+        settings, output, before = self._settings(), self._store.new_path(), self._store.path
+        result, refit = await self._in_worker(
+            jobs.reidentify, output=output, candidates=self._folder / "candidates",
+            min_samples=settings.reidentify_min_samples, map_axes=settings.map_axes)
+        if refit is None:
             raise _NotAdoptedError(result)
-        await self._change_model(lambda: self._store.adopt(output, instead_of=before))
+        await self._finished(self._thread.submit(self._store.adopt, output, before, refit.model))
+        self._announce(settings, refit.grid)
         return result
 
     async def diagnose(self) -> Data:
         """Say why model and bench samples disagree."""
         fingerprint = self._store.model.fingerprint
         try:
-            result = await self._in_background("diagnose", reports=str(self._folder / "reports"))
+            result, _ = await self._in_worker(jobs.diagnose, reports=self._folder / "reports")
         except (HmcvtError, OSError) as error:
-            self._activity.last_diagnosis = f"{_utc_now()}, failed: {error}"
+            self._activity.last_diagnosis = f"{utc_now()}, failed: {error}"
             raise
-        found = GapSummary.of(result, fingerprint, _utc_now())
-        self._activity.gap = found
-        self._activity.last_diagnosis = f"{found.time}, {found.verdict}"
+        self._activity.gap = gap_values(result, fingerprint, utc_now())
+        self._activity.last_diagnosis = f"{utc_now()}, {result['verdict']}"
         return result
 
     async def revert(self) -> Data:
         """Put the model before into service."""
-        await self._change_model(self._store.revert)
+        settings = self._settings()
+        grid = await self._finished(self._thread.submit(
+            lambda: self._store.revert().efficiency_map(*settings.map_axes)))
+        self._announce(settings, grid)
         return self._in_service()
 
     async def clear_samples(self) -> Data:
@@ -129,7 +139,7 @@ class Services:
 
     def _answering(self, work: Callable[[], Awaitable[Data]]) -> Callable[..., Any]:
         """Make a service callback of what returns the answer or raises why there is none."""
-        name = work.__name__
+        name, logger = work.__name__, self._node.get_logger()
 
         async def serve(
             request: Trigger.Request, response: Trigger.Response
@@ -139,27 +149,45 @@ class Services:
             except Exception as error:  # of any kind: it must not end the node
                 expected = isinstance(error, (HmcvtError, OSError))
                 text = str(error) if expected else f"{type(error).__name__}: {error}"
-                self._node.get_logger().warning(f"{name}: {text}")
+                logger.warning(f"{name}: {text}")
                 found = error.found if isinstance(error, _NotAdoptedError) else {}
                 response.success, response.message = False, json_text({"error": text, **found})
             else:
-                self._node.get_logger().info(f"{name}: {self._told(result)}")
+                logger.info(f"{name}: {self._told(result)}")
                 response.success, response.message = True, json_text(result)
             return response
 
         return serve
 
-    async def _in_background(self, job: str, **options: Any) -> Data:
+    def _running(self) -> str:
+        """What the worker does and for how long; empty when nothing."""
+        if not self._job:
+            return ""
+        return f"{self._job} has been running for {time.monotonic() - self._started:.1f} s"
+
+    async def _in_worker(self, job: Callable[..., jobs.Done], **options: Any) -> jobs.Done:
         """Run a job of the worker and wait for its answer without blocking the executor."""
-        request = {"job": job, "samples": str(self._samples()), "model": str(self._store.path),
-                   "seed": self._settings().reidentify_seed, **options}
-        self._job.start(request)
-        self._node.get_logger().info(f"{job}: started on {request['samples']}")
-        self._answer = Future(executor=self._node.executor)
-        result: Data = await self._answer
-        if "error" in result:
-            raise HmcvtError(result["error"])
-        return result
+        samples = self._samples()
+        if self._job:
+            raise HmcvtError(f"busy: {self._running()}")
+        running = self._worker.submit(jobs.run, job, {
+            "samples": samples, "model": self._store.path,
+            "seed": self._settings().reidentify_seed, **options})
+        self._job, self._started = job.__name__, time.monotonic()
+        self._node.get_logger().info(f"{self._job}: started on {samples}")
+        try:
+            done: jobs.Done = await self._finished(running)
+        except BrokenProcessPool:
+            raise HmcvtError("the worker process ended with status "
+                             f"{self._worker.exit_status}") from None
+        finally:
+            self._job = ""
+        return done
+
+    async def _finished(self, running: Running[Any]) -> Any:
+        answer = Future(executor=self._node.executor)
+        self._waiting.append((running, answer))
+        return await answer
 
     def _samples(self) -> Path:
         name = self._settings().samples_file
@@ -178,16 +206,12 @@ class Services:
         """What the log says of an answer."""
         if "file" in result:
             return f"{result['file']} ({result['model']}) in service"
-        if "verdict" in result and self._activity.gap is not None:
+        if "verdict" in result:
             report = result["report"] or f"not written: {result['report_error']}"
-            return (f"{result['verdict']}, leading cause {self._activity.gap.leading_cause}; "
-                    f"report {report}")
+            cause = self._activity.gap["gap leading cause"]
+            return f"{result['verdict']}, leading cause {cause}; report {report}"
         return "done"
 
     def _in_service(self) -> Data:
         now = self._store.in_service
         return {"model": now.model.fingerprint, "file": str(now.path)}
-
-
-def _utc_now() -> str:
-    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")

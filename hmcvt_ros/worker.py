@@ -1,67 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The process beside the node that does the heavy work: `python -m hmcvt_ros.worker`.
+"""A process beside the node for heavy work, so that lookups keep their latency meanwhile.
 
-It reads JSON requests from standard input, a line each, and answers each with a line on standard
-output. It ends when its standard input closes, which happens in whatever way the node dies.
+One process for all jobs, started for the first: a start in itself costs the neighbours more time
+than a refit. It can be killed, and it does not outlive a node that was. This module is the first
+that the process loads, and at full priority: nothing but the standard library.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import queue
 import signal
 import threading
-import time
-from collections.abc import Mapping
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children, get_context, parent_process
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 
-def main() -> None:
-    """Answer requests until there are no more."""
-    _step_back()
-    # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # What the work prints is not an answer.
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    # Imported now: that is heavy work, too.
-    from hmcvt_ros.json_text import json_text
+class Worker:
+    """An executor of one process, replaced when it has died; the only child of this process."""
 
-    requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_read, args=(requests,), daemon=True).start()
-    while True:
-        print(json_text(answer(json.loads(requests.get()))), file=answers, flush=True)
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+        self._processes: list[BaseProcess] = []
+
+    def submit(self, job: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Start a job; the future raises `BrokenProcessPool` when the process dies meanwhile.
+
+        Raises:
+            OSError: no process can be started.
+        """
+        try:
+            return self._submit(job, *arguments)
+        except BrokenProcessPool:  # it has died while it had nothing to do
+            self.kill()
+            return self._submit(job, *arguments)
+
+    @property
+    def exit_status(self) -> int | None:
+        """How the process ended, negative by a signal; None while it runs."""
+        for process in self._processes:
+            process.join(timeout=1.0)
+        return next((process.exitcode for process in self._processes), None)
+
+    def kill(self) -> None:
+        """Kill the process, and a running job with it."""
+        for process in self._processes:
+            process.kill()
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        self._pool, self._processes = None, []
+
+    def _submit(self, job: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+        try:
+            return self._pool.submit(job, *arguments)
+        except OSError:
+            self.kill()
+            raise
+        finally:
+            self._processes = active_children() or self._processes
 
 
-def answer(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Do one job; a failure that a person can mend comes back as `error`."""
-    from hmcvt_core.errors import HmcvtError
-    from hmcvt_ros.jobs import JOBS
-
-    started = time.monotonic()
-    try:
-        result = JOBS[request["job"]](request)
-    except (HmcvtError, OSError) as error:
-        return {"error": str(error)}
-    return {**result, "seconds": round(time.monotonic() - started, 3)}
-
-
-def _step_back() -> None:
-    """Compute only while nobody else wants to."""
-    if hasattr(os, "SCHED_IDLE"):  # Linux
+def _begin() -> None:
+    """Make the new process step back, and end with its parent."""
+    if hasattr(os, "SCHED_IDLE"):  # Linux: compute only while nobody else wants to
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     else:
         os.nice(19)
+    # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _read(requests: queue.SimpleQueue[bytes]) -> None:
-    """Take requests; when no more can come, end the process, in the middle of its work too."""
-    with os.fdopen(0, "rb") as lines:
-        for line in lines:
-            requests.put(line)
-    os._exit(0)
-
-
-if __name__ == "__main__":
-    main()
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)  # in the middle of its work, too

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bench samples from recorded bags (rosbag2): read, aligned in time, cut to steady windows."""
 
-from .importing import Imported, import_bag
+from .importing import Imported, ImportReport, import_bag
 from .reader import BAG_FILES
-from .report import ImportReport
 from .settings import ImportSettings, Steadiness
 
 __all__ = ["BAG_FILES", "ImportReport", "ImportSettings", "Imported", "Steadiness", "import_bag"]

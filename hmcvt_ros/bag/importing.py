@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a bag to bench samples."""
+"""From a bag to bench samples, and what became of its messages."""
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hmcvt_core.errors import InputError
-from hmcvt_core.files.bench import BenchSamples
+from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
-from .collect import Collected, collect
-from .hints import nothing_steady
+from ..shafts import Shafts
 from .reader import Bag
-from .report import ImportReport, SteadyWindow
+from .recording import Recording, Stretches, align, record, split_at_gaps
 from .samples import (
     Readings,
     Sample,
@@ -26,12 +26,82 @@ from .samples import (
     steady_channels,
     window_sample,
 )
-from .series import Stretches, align, split_at_gaps
-from .settings import ImportSettings
-from .steady import find_windows
-from .topics import Topics, find_topics
+from .settings import ImportSettings, Steadiness
+from .steady import block_statistics, find_windows
+from .topics import find_topics
 
-OUT_OF_ORDER = "out of order"
+
+@dataclass(frozen=True)
+class SteadyWindow:
+    """One steady window.
+
+    Attributes:
+        start: time of its first message [s].
+        duration: [s].
+        messages: in it.
+        effective_size: independent messages that would tell as much.
+    """
+
+    start: float
+    duration: float
+    messages: int
+    effective_size: float
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """What became of a bag.
+
+    Attributes:
+        bag: its path.
+        clock: `header stamp` or `time of receipt`.
+        read: messages by topic.
+        refused: messages by topic and reason.
+        averaged: every message was taken as a steady average; the times below are 0 then.
+        seconds_logged: time covered by usable messages, gaps left out.
+        seconds_steady: in windows.
+        seconds_transient: seconds_logged less seconds_steady.
+        gaps: count of pauses and steps back of the clock.
+        windows_found: steady windows, or messages that are averages already.
+        windows_refused: of those, by reason.
+        windows: those that became samples.
+        notes: what else is worth knowing, in sentences.
+    """
+
+    bag: str
+    clock: str
+    read: Mapping[str, int]
+    refused: Mapping[str, Mapping[str, int]]
+    averaged: bool
+    seconds_logged: float
+    seconds_steady: float
+    gaps: int
+    windows_found: int
+    windows_refused: Mapping[str, int]
+    windows: tuple[SteadyWindow, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def seconds_transient(self) -> float:
+        """Time that is in no window [s]."""
+        return self.seconds_logged - self.seconds_steady
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {**asdict(self), "seconds_transient": self.seconds_transient}
+
+    def text(self) -> str:
+        """Return the report as lines."""
+        lines = [f"{self.bag}, times by {self.clock}"]
+        for topic, count in self.read.items():
+            lines.append(f"  {topic}: {count} messages read, {_refused(self.refused[topic])}")
+        if not self.averaged:
+            lines.append(
+                f"  {self.seconds_logged:.1f} s logged: {self.seconds_steady:.1f} s steady, "
+                f"{self.seconds_transient:.1f} s rejected as transient; gaps: {self.gaps}")
+        kind = "averages" if self.averaged else "steady windows"
+        lines.append(f"  {self.windows_found} {kind}, {_refused(self.windows_refused)}")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
 
 class Imported(NamedTuple):
@@ -39,11 +109,6 @@ class Imported(NamedTuple):
 
     samples: BenchSamples
     report: ImportReport
-
-
-class _Found(NamedTuple):
-    window: SteadyWindow
-    sample: Sample
 
 
 def import_bag(
@@ -68,26 +133,41 @@ def import_bag(
     settings = settings or ImportSettings()
     with Bag(path) as bag:
         topics = find_topics(bag, settings)
-        collected = collect(bag, topics, settings.age_limit, progress)
-    readings = _readings(collected, settings)
+        recording = record(bag, topics, settings.age_limit, progress)
+    readings = _readings(recording, settings)
     stretches = _stretches(readings, settings)
     if stretches.out_of_order:
-        collected.counts[topics.bench].refused[OUT_OF_ORDER] += stretches.out_of_order
+        recording.refused[topics.bench]["out of order"] += stretches.out_of_order
     found = _find(readings, stretches, settings)
     if not found:
-        raise InputError(f"{path}: {nothing_steady(readings, stretches, settings)}")
-    good, refused = _judge(str(path), found)
-    report = _report(str(path), topics, collected, settings.averaged,
-                     stretches.seconds(readings.time), len(stretches.parts) - 1,
-                     found, good, refused)
-    return Imported(_samples(good, str(path)), report)
+        raise InputError(f"{path}: {_nothing_steady(readings, stretches, settings)}")
+    wrong = [complaint(sample) for _, sample in found]
+    good = [item for item, reason in zip(found, wrong, strict=True) if reason is None]
+    refused = Counter(reason for reason in wrong if reason is not None)
+    if not good:
+        reasons = ", ".join(f"{number} {reason}" for reason, number in refused.items())
+        raise InputError(f"{path}: none of the {len(found)} steady windows can be used: {reasons}")
+    return Imported(_samples([sample for _, sample in good], str(path)), ImportReport(
+        bag=str(path),
+        clock="header stamp" if recording.bench.stamped else "time of receipt",
+        read=dict(recording.read),
+        refused={name: dict(count) for name, count in recording.refused.items()},
+        averaged=settings.averaged,
+        seconds_logged=stretches.seconds(readings.time),
+        seconds_steady=sum(window.duration for window, _ in found),
+        gaps=0 if settings.averaged else len(stretches.parts) - 1,
+        windows_found=len(found),
+        windows_refused=dict(refused),
+        windows=tuple(window for window, _ in good),
+        notes=topics.notes,
+    ))
 
 
-def _readings(collected: Collected, settings: ImportSettings) -> Readings:
-    temperature = None
-    if collected.oil_temperature is not None:
-        temperature = align(collected.oil_temperature, collected.bench, settings.age_limit)
-    return Readings.of(collected.bench, temperature)
+def _readings(recording: Recording, settings: ImportSettings) -> Readings:
+    temperature, bench = None, recording.bench
+    if recording.oil_temperature is not None:
+        temperature = align(recording.oil_temperature, bench, settings.age_limit)
+    return Readings(bench.time, Shafts(*bench.values.T), temperature)
 
 
 def _stretches(readings: Readings, settings: ImportSettings) -> Stretches:
@@ -96,58 +176,65 @@ def _stretches(readings: Readings, settings: ImportSettings) -> Stretches:
     return split_at_gaps(readings.time, settings.gap)
 
 
-def _find(readings: Readings, stretches: Stretches, settings: ImportSettings) -> list[_Found]:
+def _find(
+    readings: Readings, stretches: Stretches, settings: ImportSettings
+) -> list[tuple[SteadyWindow, Sample]]:
     found = []
     for index in stretches.parts:
         part = readings.select(index)
         if settings.averaged:
-            found.append(_Found(SteadyWindow(float(part.time[0]), 0.0, 1, 1.0),
-                                averaged_sample(part)))
+            found.append((SteadyWindow(float(part.time[0]), 0.0, 1, 1.0), averaged_sample(part)))
             continue
         channels = steady_channels(part, settings.steadiness)
         for window in find_windows(part.time, channels, settings.steadiness):
-            start, end = part.time[window.start], part.time[window.stop - 1]
+            start, end = float(part.time[window.start]), float(part.time[window.stop - 1])
             sample = window_sample(part, window)
-            found.append(_Found(SteadyWindow(
-                float(start), float(end - start), window.stop - window.start,
-                sample.effective_size), sample))
+            found.append((SteadyWindow(start, end - start, window.stop - window.start,
+                                       sample.effective_size), sample))
     return found
 
 
-def _judge(path: str, found: list[_Found]) -> tuple[list[_Found], Counter[str]]:
-    """Part the windows into those that are bench samples and counts of the others."""
-    complaints = [complaint(item.sample) for item in found]
-    good = [item for item, wrong in zip(found, complaints, strict=True) if wrong is None]
-    refused = Counter(wrong for wrong in complaints if wrong is not None)
-    if not good:
-        reasons = ", ".join(f"{number} {reason}" for reason, number in refused.items())
-        raise InputError(f"{path}: none of the {len(found)} steady windows can be used: {reasons}")
-    return good, refused
-
-
-def _samples(found: list[_Found], source: str) -> BenchSamples:
-    rows = [item.sample.values for item in found]
+def _samples(found: list[Sample], source: str) -> BenchSamples:
     columns: dict[str, Any] = {
-        column.name: np.array([row[column.name] for row in rows])
-        for column in BENCH_COLUMNS if column.name in rows[0]}
+        column.name: np.array([sample.values[column.name] for sample in found])
+        for column in BENCH_COLUMNS if column.name in found[0].values}
     return BenchSamples(**columns, source=source)
 
 
-def _report(
-    path: str, topics: Topics, collected: Collected, averaged: bool, seconds: float, gaps: int,
-    found: list[_Found], good: list[_Found], refused: Counter[str],
-) -> ImportReport:
-    return ImportReport(
-        bag=path,
-        clock="header stamp" if collected.bench.stamped else "time of receipt",
-        read={name: count.read for name, count in collected.counts.items()},
-        refused={name: dict(count.refused) for name, count in collected.counts.items()},
-        averaged=averaged,
-        seconds_logged=seconds,
-        seconds_steady=sum(item.window.duration for item in found),
-        gaps=0 if averaged else gaps,
-        windows_found=len(found),
-        windows_refused=dict(refused),
-        windows=tuple(item.window for item in good),
-        notes=topics.notes,
-    )
+def _refused(reasons: Mapping[str, int]) -> str:
+    listed = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+    return f"{sum(reasons.values())} refused" + (f" ({listed})" if listed else "")
+
+
+def _nothing_steady(readings: Readings, stretches: Stretches, settings: ImportSettings) -> str:
+    """Return the sentence for a log in which no steady window was found."""
+    least = settings.steadiness.min_duration
+    head = f"no steady window of {least:g} s in {stretches.seconds(readings.time):.1f} s"
+    spans = [float(readings.time[part[-1]] - readings.time[part[0]]) for part in stretches.parts]
+    if max(spans) < least:
+        steps = np.abs(np.diff(readings.time))
+        apart = (f"messages come {np.median(steps):.3g} s apart" if len(steps)
+                 else "one message only")
+        return (f"{head}: the longest stretch without a gap of {settings.gap:g} s lasts "
+                f"{max(spans):.1f} s, {apart} (--gap; or --averaged when each message is a steady "
+                "average)")
+    longest = readings.select(stretches.parts[int(np.argmax(spans))])
+    return f"{head}; {_unsettled(longest, settings.steadiness)}"
+
+
+def _unsettled(readings: Readings, limits: Steadiness) -> str:
+    channels = steady_channels(readings, limits)
+    blocks = block_statistics(readings.time, channels, limits.block)
+    parts = []
+    for channel, means, deviations in zip(channels, blocks.means, blocks.deviations, strict=True):
+        scale = np.abs(means) if channel.relative else np.ones_like(means)
+        scatter, change = _median(deviations / scale), _median(np.abs(np.diff(means)) / scale[1:])
+        parts.append(f"{channel.name} {scatter} (limit {channel.scatter:g}) and {change} "
+                     f"({channel.drift:g})")
+    return (f"median scatter in blocks of {limits.block:g} s and change from one to the next: "
+            f"{', '.join(parts)}")
+
+
+def _median(values: NDArray[np.float64]) -> str:
+    known = values[np.isfinite(values)]
+    return f"{np.median(known):.2g}" if len(known) else "unknown"

@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hmcvt_core.errors import InputError
+from hmcvt_core import InputError
 
 BAG_FILES = (".mcap", ".db3")
 """How the names of the files end that hold messages."""

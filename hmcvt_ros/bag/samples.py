@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One bench sample out of the readings of one steady window."""
+"""One bench sample out of the readings of one steady window, and how well it is known."""
 
 from __future__ import annotations
 
@@ -12,59 +12,55 @@ from numpy.typing import NDArray
 
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD
 
-from .scatter import ratio_of_means
-from .series import Series
+from ..shafts import Shafts
 from .settings import Steadiness
 from .steady import Channel, Window
 
 Array = NDArray[np.float64]
 _ZERO_ERROR = 0.01
 """At full stroke a stroke sensor may read this much above 1 on average."""
+_LAGS_SUMMED = 3.0  # in correlation times
+_MOST_LAGS = 4  # a quarter of the readings: further lags have too few pairs
 
 
 class Readings(NamedTuple):
-    """Momentary readings of a bench, each of shape (n,): s, rad/s, N m, -, deg C.
+    """Momentary readings of a bench.
 
-    `oil_temperature` is NaN where none is known, and None when no topic carries it.
+    Attributes:
+        time: [s], shape (n,).
+        shafts: arrays of shape (n,).
+        oil_temperature: [deg C], shape (n,), NaN where none is known; None when no topic has it.
     """
 
     time: Array
-    engine_speed: Array
-    engine_torque: Array
-    output_speed: Array
-    output_torque: Array
-    displacement_ratio: Array
+    shafts: Shafts
     oil_temperature: Array | None
-
-    @classmethod
-    def of(cls, bench: Series, oil_temperature: Array | None) -> Readings:
-        """Name the channels of a bench series."""
-        engine_speed, engine_torque, output_speed, output_torque, stroke = bench.values.T
-        return cls(bench.time, engine_speed, engine_torque, output_speed, output_torque, stroke,
-                   oil_temperature)
-
-    @property
-    def engine_power(self) -> Array:
-        """[W]."""
-        return self.engine_torque * self.engine_speed
-
-    @property
-    def output_power(self) -> Array:
-        """[W]."""
-        return self.output_torque * self.output_speed
 
     def select(self, index: slice | NDArray[np.intp]) -> Readings:
         """Return some of the readings."""
         temperature = None if self.oil_temperature is None else self.oil_temperature[index]
-        return Readings(self.time[index], self.engine_speed[index], self.engine_torque[index],
-                        self.output_speed[index], self.output_torque[index],
-                        self.displacement_ratio[index], temperature)
+        return Readings(self.time[index], Shafts(*(column[index] for column in self.shafts)),
+                        temperature)
 
 
 class Sample(NamedTuple):
     """One bench sample by column, and the readings in it that count as independent."""
 
     values: Mapping[str, float]
+    effective_size: float
+
+
+class Ratio(NamedTuple):
+    """Ratio of two means.
+
+    Attributes:
+        value: [-].
+        std: its standard deviation [-].
+        effective_size: independent readings that would tell as much.
+    """
+
+    value: float
+    std: float
     effective_size: float
 
 
@@ -75,15 +71,15 @@ def steady_channels(readings: Readings, limits: Steadiness) -> list[Channel]:
     The output speed besides the engine speed: it shows a stroke that still moves when the
     displacement ratio in the log is the one commanded.
     """
-    speed, torque = (limits.speed_drift, limits.speed_scatter), (
-        limits.torque_drift, limits.torque_scatter)
-    stroke = limits.displacement_drift
+    speed = limits.speed_drift, limits.speed_scatter
+    torque = limits.torque_drift, limits.torque_scatter
+    stroke, shafts = limits.displacement_drift, readings.shafts
     return [
-        Channel("engine_speed", readings.engine_speed, *speed),
-        Channel("output_speed", readings.output_speed, *speed),
-        Channel("engine_torque", readings.engine_torque, *torque),
-        Channel("load_torque", readings.output_power / readings.engine_speed, *torque),
-        Channel("displacement_ratio", readings.displacement_ratio, stroke, stroke, relative=False),
+        Channel("engine_speed", shafts.engine_speed, *speed),
+        Channel("output_speed", shafts.output_speed, *speed),
+        Channel("engine_torque", shafts.engine_torque, *torque),
+        Channel("load_torque", shafts.load_torque, *torque),
+        Channel("displacement_ratio", shafts.displacement_ratio, stroke, stroke, relative=False),
     ]
 
 
@@ -94,21 +90,17 @@ def window_sample(readings: Readings, window: Window) -> Sample:
     scatter within the window.
     """
     part = readings.select(slice(window.start, window.stop))
-    efficiency = ratio_of_means(part.output_power, part.engine_power)
-    values = _averages(part, efficiency.value)
-    values["stamp"] = float(part.time[0] + part.time[-1]) / 2.0
+    efficiency = ratio_of_means(part.shafts.output_power, part.shafts.engine_power)
     # A log without any noise still has a last digit.
-    values["efficiency_std"] = max(efficiency.std, EFFICIENCY_STD.low)
-    return Sample(values, efficiency.effective_size)
+    std = max(efficiency.std, EFFICIENCY_STD.low)
+    return Sample({**_averages(part, efficiency.value), "efficiency_std": std},
+                  efficiency.effective_size)
 
 
 def averaged_sample(part: Readings) -> Sample:
     """Take a single reading as a steady average; how well it is known it does not say."""
-    engine_power = float(part.engine_power[0])
-    efficiency = float(part.output_power[0]) / engine_power if engine_power else math.nan
-    values = _averages(part, efficiency)
-    values["stamp"] = float(part.time[0])
-    return Sample(values, 1.0)
+    powered = bool(part.shafts.engine_power[0])
+    return Sample(_averages(part, float(part.shafts.efficiency[0]) if powered else math.nan), 1.0)
 
 
 def complaint(sample: Sample) -> str | None:
@@ -123,16 +115,17 @@ def complaint(sample: Sample) -> str | None:
 
 
 def _averages(part: Readings, efficiency: float) -> dict[str, float]:
-    speed = float(part.engine_speed.mean())
-    stroke = float(part.displacement_ratio.mean())
+    shafts = part.shafts
+    speed, stroke = float(shafts.engine_speed.mean()), float(shafts.displacement_ratio.mean())
     if abs(stroke) <= DISPLACEMENT_RATIO.high + _ZERO_ERROR:
         stroke = float(np.clip(stroke, DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high))
     values = {
         "displacement_ratio": stroke,
         "engine_speed": speed,
-        "load_torque": float(part.output_power.mean()) / speed,
+        "load_torque": float(shafts.output_power.mean()) / speed,
         "efficiency": efficiency,
-        "output_speed": float(part.output_speed.mean()),
+        "output_speed": float(shafts.output_speed.mean()),
+        "stamp": float(part.time[0] + part.time[-1]) / 2.0,
     }
     if part.oil_temperature is not None:
         known = part.oil_temperature[~np.isnan(part.oil_temperature)]
@@ -140,3 +133,51 @@ def _averages(part: Readings, efficiency: float) -> dict[str, float]:
         enough = 2 * len(known) > len(part.oil_temperature)
         values["oil_temperature"] = float(known.mean()) if enough else math.nan
     return values
+
+
+def effective_size(values: Array) -> float:
+    """Return the number of independent readings with as good a mean.
+
+    The autocorrelations rho_k are summed up to the first lag M that is 3 times the sum so far,
+    S = 1 + 2 sum(rho_k) (Sokal's automatic windowing): further lags add noise only. About the
+    sample's own mean every rho_k comes out too small by the very variance sought; with that put
+    back, variance of the mean = s^2 S / (n - 2 M - 1) = s^2 / (size - 1). Readings that alternate
+    would give S < 1; that gain is not taken.
+
+    The deviation that follows is still a fifth too small when the time constant of the noise is
+    1/20 of the series: nothing in so short a series tells.
+
+    Args:
+        values: equally spaced readings, shape (n,), n at least 2.
+    """
+    count = len(values)
+    centred = values - values.mean()
+    spectrum = np.fft.rfft(centred, 1 << (2 * count - 1).bit_length())
+    products = np.fft.irfft(np.abs(spectrum) ** 2)[:count // _MOST_LAGS + 1]
+    if not products[0] > 0.0:
+        return float(count)
+    sums = np.maximum(2.0 * np.cumsum(products / products[0]) - 1.0, 1.0)
+    enough = np.flatnonzero(np.arange(len(sums)) >= _LAGS_SUMMED * sums)
+    last = int(enough[0]) if len(enough) else len(sums) - 1
+    return 1.0 + float((count - 2 * last - 1) / sums[last])
+
+
+def ratio_of_means(numerator: Array, denominator: Array) -> Ratio:
+    """Return mean(numerator) / mean(denominator) with its standard deviation.
+
+    The deviation is that of the mean of `numerator - ratio denominator`: what moves both alike
+    cancels.
+
+    Args:
+        numerator, denominator: equally spaced readings, shape (n,), n at least 2.
+
+    Returns:
+        NaN where the denominator is 0 on average.
+    """
+    base = float(denominator.mean())
+    if base == 0.0:
+        return Ratio(np.nan, np.nan, 2.0)
+    value = float(numerator.mean()) / base
+    residual = numerator - value * denominator
+    size = effective_size(residual)
+    return Ratio(value, float(residual.std()) / abs(base) / float(np.sqrt(size - 1.0)), size)

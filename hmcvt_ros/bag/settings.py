@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from hmcvt_core.errors import InputError
+from hmcvt_core import InputError
 
 LEAST_BLOCKS = 3
 """Fewer block means than this show no drift."""

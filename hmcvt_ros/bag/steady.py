@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -77,17 +78,14 @@ def block_statistics(time: Array, channels: Sequence[Channel], block: float) -> 
     span = time[-1] - time[0] + np.median(np.diff(time))
     count = int(span / block + 1e-6)
     edges = np.searchsorted(time, time[0] + block * (np.arange(count + 1) - 1e-6))
-    sizes = np.diff(edges).astype(float)
-    sizes[sizes < _LEAST_READINGS] = np.nan
-    means = np.empty((len(channels), count))
-    deviations = np.empty_like(means)
-    for row, channel in enumerate(channels):
-        centre = float(np.mean(channel.values))
-        first = _block_sums(channel.values - centre, edges) / sizes
-        second = _block_sums((channel.values - centre) ** 2, edges) / sizes
-        means[row] = centre + first
-        deviations[row] = np.sqrt(np.maximum(second - first**2, 0.0) * sizes / (sizes - 1.0))
-    return Blocks(edges, means, deviations)
+    origin = np.array([[channel.values[0]] for channel in channels])
+    values = np.stack([channel.values for channel in channels]) - origin
+    means, deviations = np.full((2, len(channels), count), np.nan)
+    for k, (first, last) in enumerate(pairwise(edges)):
+        if last - first >= _LEAST_READINGS:
+            means[:, k] = values[:, first:last].mean(axis=1)
+            deviations[:, k] = values[:, first:last].std(axis=1, ddof=1)
+    return Blocks(edges, means + origin, deviations)
 
 
 def find_windows(
@@ -106,43 +104,30 @@ def find_windows(
             for first, last in _longest_first(reach, steadiness.least_blocks)]
 
 
-def _block_sums(values: Array, edges: NDArray[np.intp]) -> Array:
-    running = np.concatenate([[0.0], np.cumsum(values)])
-    return np.diff(running[edges])
-
-
 def _reach(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.intp]:
     """For each block the end (exclusive) of the longest steady run that starts there."""
     means = blocks.means
-    drift = np.array([channel.drift for channel in channels])
-    relative = np.array([channel.relative for channel in channels])
-    quiet = _quiet(blocks, channels)
+    relative, drift, scatter = np.array(
+        [(channel.relative, channel.drift, channel.scatter) for channel in channels]).T[..., None]
+    # False for NaN.
+    quiet = np.all(
+        blocks.deviations <= scatter * np.where(relative, np.abs(means), 1.0), axis=0)
     count = means.shape[1]
     reach = np.arange(count, dtype=np.intp)
     end = 0
-    for start in range(count):
-        if not quiet[start]:
-            continue
+    for start in np.flatnonzero(quiet).tolist():
         end = max(end, start + 1)
         low, high = means[:, start:end].min(axis=1), means[:, start:end].max(axis=1)
         while end < count and quiet[end]:
             low, high = np.minimum(low, means[:, end]), np.maximum(high, means[:, end])
             # The larger end as the scale: then a run never becomes steady by growing, and the
             # ends of successive runs never go back.
-            scale = np.where(relative, np.maximum(np.abs(low), np.abs(high)), 1.0)
-            if np.any(high - low > drift * scale):
+            scale = np.where(relative[:, 0], np.maximum(np.abs(low), np.abs(high)), 1.0)
+            if np.any(high - low > drift[:, 0] * scale):
                 break
             end += 1
         reach[start] = end
     return reach
-
-
-def _quiet(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.bool_]:
-    quiet = np.ones(blocks.means.shape[1], dtype=bool)
-    for row, channel in enumerate(channels):
-        scale = np.abs(blocks.means[row]) if channel.relative else 1.0
-        quiet &= blocks.deviations[row] <= channel.scatter * scale  # false for NaN
-    return quiet
 
 
 def _longest_first(reach: NDArray[np.intp], least: int) -> list[tuple[int, int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hmcvt_core.errors import InputError
+from hmcvt_core import InputError
 
 from .reader import Bag
 from .settings import ImportSettings
@@ -13,7 +13,6 @@ from .settings import ImportSettings
 DISPLACEMENT_TOPIC = "displacement_ratio"
 TEMPERATURE_TOPIC = "oil_temperature"
 _INPUT_TOPICS = ("engine_speed", "load_torque", DISPLACEMENT_TOPIC)
-_BENCH_TYPE, _NUMBER_TYPE, _TEMPERATURE_TYPE = "JointState", "Float64", "Temperature"
 
 
 @dataclass(frozen=True)
@@ -48,46 +47,41 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
     """
     bench = _bench_topic(bag, settings)
     notes: list[str] = []
-    displacement = _side_topic(bag, settings, bench, DISPLACEMENT_TOPIC, _NUMBER_TYPE, notes)
-    temperature = None
-    if settings.use_oil_temperature:
-        temperature = _side_topic(
-            bag, settings, bench, TEMPERATURE_TOPIC, _TEMPERATURE_TYPE, notes)
-    return Topics(bench, displacement, temperature, tuple(notes))
+
+    def beside(name: str, kind: str) -> str | None:
+        """The one topic of a name, the one beside that of the shafts first."""
+        found = _matching(bag, name, settings.namespace)
+        nearest = f"{bench.rpartition('/')[0]}/{name}"
+        first = nearest if nearest in found else next(iter(found), None)
+        if len(found) > 1 and first != nearest:
+            notes.append(f"{' and '.join(found)}: none used; choose one by --namespace")
+        elif first is not None and not _is(bag.topics[first], kind):
+            notes.append(f"{first} is {bag.topics[first]}, not {kind}: not used")
+        else:
+            return first
+        return None
+
+    stroke = beside(DISPLACEMENT_TOPIC, "Float64")
+    warmth = beside(TEMPERATURE_TOPIC, "Temperature") if settings.use_oil_temperature else None
+    return Topics(bench, stroke, warmth, tuple(notes))
 
 
 def _bench_topic(bag: Bag, settings: ImportSettings) -> str:
     found = _matching(bag, settings.topic, settings.namespace)
-    if not found:
-        raise InputError(f"{bag.path}: holds no topic {_wanted(settings)}{_inputs_only(bag)}; "
-                         f"topics in it: {bag.describe_topics()}")
     if len(found) > 1:
         raise InputError(f"{bag.path}: holds {' and '.join(found)}; choose one by --namespace "
                          "or its full name")
-    kind = bag.topics[found[0]]
-    if not _is(kind, _BENCH_TYPE):
-        raise InputError(f"{bag.path}: {found[0]} is {kind}, not {_BENCH_TYPE}; "
-                         f"topics in it: {bag.describe_topics()}")
-    if not bag.counts[found[0]]:
-        raise InputError(f"{bag.path}: {found[0]} holds no messages; "
-                         f"topics in it: {bag.describe_topics()}")
-    return found[0]
-
-
-def _side_topic(
-    bag: Bag, settings: ImportSettings, bench: str, name: str, kind: str, notes: list[str]
-) -> str | None:
-    found = _matching(bag, name, settings.namespace)
-    beside = f"{bench.rpartition('/')[0]}/{name}"
-    if beside in found:
-        found = [beside]
-    if len(found) > 1:
-        notes.append(f"{' and '.join(found)}: none used; choose one by --namespace")
-        return None
-    if found and not _is(bag.topics[found[0]], kind):
-        notes.append(f"{found[0]} is {bag.topics[found[0]]}, not {kind}: not used")
-        return None
-    return found[0] if found else None
+    if not found:
+        where = "" if settings.namespace is None or settings.topic.startswith("/") else (
+            f" in namespace {settings.namespace}")
+        problem = f"holds no topic {settings.topic}{where}{_inputs_only(bag)}"
+    elif not _is(bag.topics[found[0]], "JointState"):
+        problem = f"{found[0]} is {bag.topics[found[0]]}, not JointState"
+    elif not bag.counts[found[0]]:
+        problem = f"{found[0]} holds no messages"
+    else:
+        return found[0]
+    raise InputError(f"{bag.path}: {problem}; topics in it: {bag.describe_topics()}")
 
 
 def _matching(bag: Bag, name: str, namespace: str | None) -> list[str]:
@@ -97,12 +91,6 @@ def _matching(bag: Bag, name: str, namespace: str | None) -> list[str]:
         return sorted(topic for topic in bag.topics if f"/{topic}".endswith(f"/{name}"))
     full = "/".join(part for part in ("", namespace.strip("/"), name) if part)
     return [topic for topic in bag.topics if topic.lstrip("/") == full]
-
-
-def _wanted(settings: ImportSettings) -> str:
-    if settings.namespace is None or settings.topic.startswith("/"):
-        return settings.topic
-    return f"{settings.topic} in namespace {settings.namespace}"
 
 
 def _inputs_only(bag: Bag) -> str:

@@ -3,13 +3,9 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
 import click
 
-from hmcvt_core.errors import InputError
-
-_SCRIPT = "hmcvt-node"
+from ..efficiency_node import main
 
 
 class _Verbatim(click.Command):
@@ -32,14 +28,4 @@ Examples:
 @click.pass_context
 def command(ctx: click.Context, arguments: tuple[str, ...]) -> None:
     """Start the ROS 2 node, like the command hmcvt-node; `-- --help` lists its parameters."""
-    # Found by the name it is installed under: the core knows nothing of ROS.
-    found = tuple(entry_points(group="console_scripts", name=_SCRIPT))
-    if not found:
-        raise InputError(f"{_SCRIPT} is not installed here; in the folder of hmcvt: "
-                         "pip install '.[ros]'")
-    try:
-        main = found[0].load()
-    except ImportError as error:
-        raise InputError(f"the node needs ROS 2 ({error}): source its setup.bash, or, in the "
-                         "folder of hmcvt, pip install '.[ros]'") from error
-    ctx.exit(main([_SCRIPT, *arguments]))
+    ctx.exit(main(["hmcvt-node", *arguments]))

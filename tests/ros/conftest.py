@@ -6,7 +6,9 @@ Without rclpy these tests fail; on purpose they are left out with HMCVT_CORE_ONL
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
+import json
 import os
 import signal
 import subprocess
@@ -28,11 +30,14 @@ else:
 
     import rclpy
     from rclpy.context import Context
+    from rclpy.parameter import Parameter
+    from rclpy.parameter_client import AsyncParameterClient
     from rclpy.signals import SignalHandlerOptions
-    from ros_bench import command
+    from ros_bench import command, send_table
 
     import hmcvt_core as hmcvt
     from hmcvt_ros.bench_player import BenchPlayer
+    from hmcvt_ros.parameters import PARAMETERS
 
 _numbers = itertools.count(1)
 
@@ -63,13 +68,58 @@ class NodeUnderTest:
     def bench_file(self) -> Path:
         return self.state / "bench_samples.csv"
 
+    def logged(self) -> int:
+        """Rows in the bench log."""
+        lines = self.bench_file.read_bytes().count(b"\n") if self.bench_file.exists() else 0
+        return max(lines - 1, 0)
+
+    def value(self, key: str, part: str = "model") -> str:
+        """What the last diagnostics say under a key; empty before they say it."""
+        return str(self.status(part)["values"].get(key, ""))
+
+    def status(self, part: str = "model") -> dict[str, Any]:
+        """The last diagnostics, with nothing in them before they come."""
+        found: dict[str, Any] = self.player.statuses.get(
+            part, {"level": None, "message": "", "values": {}})
+        return found
+
+    def forget_status(self) -> None:
+        """Forget the last diagnostics, and what waits to be read of them."""
+        self.player.spin_for(0.05)
+        self.player.statuses.clear()
+
+    def comes(self, condition: Callable[[], Any], timeout: float = 5.0) -> bool:
+        """Wait for a condition."""
+        return self.player.wait_until(lambda: bool(condition()), timeout)
+
+    def set(self, **parameters: Any) -> Any:
+        """Set parameters, `__` for a dot; return the results."""
+        client = AsyncParameterClient(self.player, f"{self.namespace}/hmcvt")
+        assert client.wait_for_services(10.0)
+        future = client.set_parameters([Parameter(name.replace("__", "."), value=value)
+                                        for name, value in parameters.items()])
+        assert self.comes(future.done, 10.0)
+        return future.result().results
+
+    def reset(self) -> None:
+        """Back to the model file, the default parameters and an empty log; counts stay."""
+        state = self.state / "in_service.json"
+        while state.exists() and json.loads(state.read_text())["in_service"]:
+            assert self.player.call("revert").success
+        if self.logged():
+            assert self.player.call("clear_samples").success
+        assert all(result.successful for result in self.set(**{
+            item.name.replace(".", "__"): item.default
+            for item in PARAMETERS if not item.read_only}))
+        self.forget_status()
+
     def stop(self, number: int = signal.SIGINT) -> int:
         """Send a signal, wait for the end, return the exit code."""
         self.process.send_signal(number)
         return self.process.wait(timeout=10)
 
     def children(self) -> list[int]:
-        """Process ids of the node's children."""
+        """Process ids of the node's children: the worker, and what Python keeps beside it."""
         path = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
         return [int(pid) for pid in path.read_text().split()]
 
@@ -88,7 +138,7 @@ def context(environment: Mapping[str, str]) -> Iterator[Context]:
     context.try_shutdown()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
     """Make a client in a namespace."""
     players = []
@@ -102,7 +152,7 @@ def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
         player.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def start_node(
     connect: Callable[[str], BenchPlayer],
     environment: Mapping[str, str],
@@ -147,3 +197,34 @@ def paper_file() -> Path:
 @pytest.fixture(scope="session")
 def table2() -> hmcvt.BenchSamples:
     return hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
+
+
+@pytest.fixture(scope="session")
+def shared_node(start_node: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
+    """The node that most tests use, one after the other."""
+    return start_node(paper_file)
+
+
+@pytest.fixture
+def node(shared_node: NodeUnderTest) -> NodeUnderTest:
+    """A node as it is after its start, but for what it has counted."""
+    shared_node.reset()
+    return shared_node
+
+
+@pytest.fixture(scope="session")
+def refused(
+    start_node: Callable[..., NodeUnderTest], table2: hmcvt.BenchSamples
+) -> tuple[NodeUnderTest, Any]:
+    """A node of the shipped model that has refused a refit: the third test read 30 % too low."""
+    node = start_node("''")
+    efficiency = table2.efficiency.copy()
+    efficiency[2] *= 0.7
+    send_table(node, dataclasses.replace(table2, efficiency=efficiency))
+    return node, node.player.call("reidentify", 60.0)
+
+
+@pytest.fixture(scope="session")
+def sim_node(start_node: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
+    """A node that follows /clock."""
+    return start_node(paper_file, use_sim_time=True, input_timeout=0.5, max_output_rate=50.0)

@@ -12,18 +12,21 @@ from pathlib import Path
 
 
 @contextmanager
-def file_limit(size: int, process: int = 0) -> Iterator[None]:
-    """Let a process write no file beyond a size [bytes], as if the disk were full; 0 is this one.
+def file_limit(size: int, *processes: int) -> Iterator[None]:
+    """Let processes write no file beyond a size [bytes], as if the disk were full.
 
-    Python ignores the signal that goes with it, so that the writes fail.
+    Without processes this one. Python ignores the signal that goes with it, so that writes fail.
     """
-    assert process or signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN
-    soft, hard = resource.prlimit(process, resource.RLIMIT_FSIZE)
-    resource.prlimit(process, resource.RLIMIT_FSIZE, (size, hard))
+    assert processes or signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN
+    before = {process: resource.prlimit(process, resource.RLIMIT_FSIZE)
+              for process in processes or (0,)}
+    for process, (_, hard) in before.items():
+        resource.prlimit(process, resource.RLIMIT_FSIZE, (size, hard))
     try:
         yield
     finally:
-        resource.prlimit(process, resource.RLIMIT_FSIZE, (soft, hard))
+        for process, limits in before.items():
+            resource.prlimit(process, resource.RLIMIT_FSIZE, limits)
 
 
 @contextmanager

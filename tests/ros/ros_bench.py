@@ -8,11 +8,13 @@ import sys
 from typing import Any
 
 import hmcvt_core as hmcvt
-from hmcvt_core.transmission.stage import speed_ratio
+from hmcvt_ros.demo import bench_message as message
 from hmcvt_ros.inputs import OperatingPoint
-from hmcvt_ros.messages import bench_sample_to_message
+
+__all__ = ["GOOD", "STALLED", "command", "message", "points", "send_table"]
 
 GOOD = OperatingPoint(displacement_ratio=0.5, engine_speed=100.0, load_torque=200.0)
+STALLED = OperatingPoint(displacement_ratio=-1.0, engine_speed=20.0, load_torque=5000.0)
 
 
 def command(*parameters: str, arguments: tuple[str, ...] = ()) -> list[str]:
@@ -27,20 +29,10 @@ def points(samples: hmcvt.BenchSamples) -> list[OperatingPoint]:
         samples.displacement_ratio, samples.engine_speed, samples.load_torque, strict=True)]
 
 
-def message(samples: hmcvt.BenchSamples, i: int) -> Any:
-    """A bench message whose shaft powers are those of sample i; its output does not slip."""
-    point = points(samples)[i]
-    power = point.load_torque * point.engine_speed
-    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
-    output_speed = point.engine_speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
-    return bench_sample_to_message(
-        point.displacement_ratio, point.engine_speed,
-        power / float(samples.efficiency[i]) / point.engine_speed, output_speed,
-        power / output_speed)
-
-
-def send_table(player: Any, samples: hmcvt.BenchSamples) -> None:
-    """Publish all samples and wait until the node says that they are on disk."""
+def send_table(node: Any, samples: hmcvt.BenchSamples) -> None:
+    """Publish all samples and wait until they are on disk."""
+    before = node.logged()
     for i in range(len(samples)):
-        player.send_sample(message(samples, i))
-    assert player.wait_for_logged(len(samples)), player.statuses
+        node.player.send_sample(message(samples, i))
+    assert node.player.wait_until(
+        lambda: node.logged() == before + len(samples), 10.0), (node.logged(), node.log)

@@ -49,11 +49,11 @@ def served(node, folder):
     return hmcvt.load_model(path)
 
 
-def test_commands_the_best_pair_and_ends_by_itself(start_node, paper_file, run, tmp_path):
-    node = start_node("''")
+def test_commands_the_best_pair_and_ends_by_itself(refused, run, tmp_path):
+    node = refused[0]
     commands = []
     node.player.create_subscription(JointState, "cvt_command", commands.append, 10)
-    process = run("--seconds", "4", "--pretend", "--namespace", node.namespace)
+    process = run("--seconds", "3", "--pretend", "--namespace", node.namespace)
     assert node.player.wait_until(lambda: process.poll() is not None, 30.0)
     output, errors = process.communicate()
     assert process.returncode == 0 and "Traceback" not in errors, errors
@@ -68,10 +68,9 @@ def test_commands_the_best_pair_and_ends_by_itself(start_node, paper_file, run, 
     assert f"efficiency {node.player.efficiencies[-1]:.3f}" in output.splitlines()[-1]
 
 
-def test_refit_of_the_node_reaches_it(start_node, paper_file, table2, run, tmp_path):
-    node = start_node(paper_file)
+def test_refit_of_the_node_reaches_it(node, table2, run, tmp_path):
     before = best(served(node, tmp_path))
-    send_table(node.player, table2)
+    send_table(node, table2)
     commands = []
     node.player.create_subscription(JointState, "cvt_command", commands.append, 10)
     process = run("--seconds", "60", "--pretend", "--namespace", node.namespace)
@@ -104,10 +103,10 @@ def test_without_a_node_it_says_so(run):
     assert errors == "no command: model or inputs did not come; does the node run?\n"
 
 
-def test_script_of_the_page_saves_the_model(environment, start_node, tmp_path):
+def test_script_of_the_page_saves_the_model(environment, refused, tmp_path):
     page = (SCRIPT.parents[1] / "docs" / "live-view.md").read_text(encoding="utf-8")
     code, = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    node = start_node("''")
+    node = refused[0]
     # The page is about a node without a namespace.
     spaced = code.replace("BenchPlayer()", f"BenchPlayer(namespace={node.namespace!r})")
     assert spaced != code

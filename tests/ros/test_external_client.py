@@ -19,8 +19,7 @@ pytest.importorskip("cyclonedds")
 CLIENT = Path(__file__).with_name("cyclone_client.py")
 
 
-def test_cyclone_dds_reads_and_feeds_the_node(start_node, paper_file, table2):
-    node = start_node(paper_file)
+def test_cyclone_dds_reads_and_feeds_the_node(node, paper_file, table2):
     asked, sample = points(table2)[:3], message(table2, 0)
     given = {"points": asked, "sample": {
         "name": sample.name, **{field: list(getattr(sample, field))
@@ -39,6 +38,6 @@ def test_cyclone_dds_reads_and_feeds_the_node(start_node, paper_file, table2):
         best = model.optimal_displacement_ratio(point.engine_speed, point.load_torque)
         assert optimum == best.displacement_ratio
 
-    assert node.player.wait_for_logged(1), node.log
+    assert node.comes(lambda: node.logged() == 1), node.log
     logged = hmcvt.read_bench(node.bench_file)
     assert logged.efficiency[0] == pytest.approx(table2.efficiency[0], rel=1e-12)

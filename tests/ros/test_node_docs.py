@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import json
 import re
@@ -16,8 +15,9 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
-from ros_bench import command, send_table
+from ros_bench import GOOD, command, send_table
 
+import hmcvt_core as hmcvt
 from hmcvt_ros.diagnostics import _LEVELS
 from hmcvt_ros.inputs import INPUT_RANGES
 
@@ -83,23 +83,11 @@ def node(start_node, paper_file, tmp_path_factory):
 def replies(node, table2):
     """What the services answer in the order of the page."""
     found = {}
-    send_table(node.player, table2)
+    send_table(node, table2)
     for service in ("reidentify", "diagnose", "revert", "clear_samples"):
         success, found[service] = node.player.call(service, 60.0)
         assert success, found[service]
     return found
-
-
-@pytest.fixture(scope="module")
-def refused(start_node, table2):
-    """A node that has refused a refit, and its reply: the third test read 30 % too low."""
-    node = start_node("''")
-    efficiency = table2.efficiency.copy()
-    efficiency[2] *= 0.7
-    send_table(node.player, dataclasses.replace(table2, efficiency=efficiency))
-    success, data = node.player.call("reidentify", 60.0)
-    assert not success
-    return node, data
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -198,8 +186,32 @@ def test_replies(replies, service):
     same(reply(service), replies[service])
 
 
-def test_refused_refit(refused):
-    same(reply("reidentify, refused"), refused[1])
+def test_worse_refit_is_refused_and_kept_as_a_candidate(refused):
+    node, (success, data) = refused
+    assert not success
+    same(reply("reidentify, refused"), data)
+    compared, served = data["held_back"], hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    assert compared["error_refit"] > compared["error_in_service"] + compared["allowance"]
+
+    # The reason names both figures and the file, in the answer, the log and diagnostics.
+    candidate = node.state / "candidates" / "0001.yaml"
+    assert data["candidate"] == str(candidate)
+    for word in (f"{100 * compared['error_refit']:.2f} %",
+                 f"{100 * compared['error_in_service']:.2f} %", str(candidate)):
+        assert word in data["error"]
+    assert node.says(f"reidentify: {data['error']}")
+    assert "[WARN]" in next(
+        line for line in node.log.splitlines() if "samples held back" in line)
+    assert node.comes(
+        lambda: "not adopted: the refit is worse" in node.value("last refit"))
+
+    # The refit to all samples is there to be looked at; nothing of the service has changed.
+    refit = hmcvt.identify(hmcvt.read_bench(node.bench_file), stage=served.stage).model
+    assert hmcvt.load_model(candidate).fingerprint == refit.fingerprint
+    assert served.fingerprint in node.player.model_text
+    assert node.player.hold(GOOD).efficiency == served.efficiency(*GOOD)
+    assert list((node.state / "models").iterdir()) == []
+    assert not node.player.call("revert").success
 
 
 def test_reply_of_diagnose_names_the_report(node, replies):

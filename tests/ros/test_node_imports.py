@@ -10,7 +10,7 @@ import pytest
 START = """
 import json, sys
 import rclpy
-from hmcvt_ros.efficiency_node import EfficiencyNode
+from hmcvt_ros.node import EfficiencyNode
 rclpy.init(args=["--ros-args", "-p", "state_folder:=" + sys.argv[1]])
 node = EfficiencyNode()
 print(json.dumps(sorted(sys.modules)))
@@ -28,9 +28,16 @@ def loaded(tmp_path_factory):
     return set(json.loads(done.stdout))
 
 
-@pytest.mark.parametrize("name", [
-    "scipy.optimize", "scipy.stats", "scipy.interpolate", "matplotlib", "pymoo", "distributed",
-    "rosbags", "click"])
-def test_node_does_without(loaded, name):
+def test_node_does_without(loaded):
     assert "hmcvt_core.physics.steady_state" in loaded
-    assert name not in loaded
+    assert not loaded & {"scipy.optimize", "scipy.stats", "scipy.interpolate", "matplotlib",
+                         "pymoo", "distributed", "rosbags", "click"}
+
+
+def test_worker_is_given_nothing_of_ros(tmp_path):
+    """It is given the main module of the node, and at full priority."""
+    code = ("import hmcvt_ros.efficiency_node, hmcvt_ros.worker, sys\n"
+            "print(*sys.modules)")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
+                          timeout=60)
+    assert not {"rclpy", "numpy", "hmcvt_core"} & set(done.stdout.split())

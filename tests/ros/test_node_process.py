@@ -1,121 +1,147 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the process starts and ends."""
+"""How the process starts and ends, as `hmcvt-node` and as `hmcvt node`."""
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
-from ros_bench import GOOD, command
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_bench import GOOD, command, message
 
 import hmcvt_core as hmcvt
+from hmcvt_core.physics.effects.gears import PlanetaryMesh
+
+ROOT = Path(hmcvt.__file__).parents[1]
+HMCVT_NODE = [sys.executable, "-m", "hmcvt_core.cli", "node"]
 
 
-def run(environment, *parameters, arguments=()):
-    return subprocess.run(command(*parameters, arguments=arguments), env=dict(environment),
-                          capture_output=True, text=True, timeout=20)
+@pytest.fixture(scope="module")
+def place(environment):
+    return {**environment, "PYTHONPATH": str(ROOT)}
 
 
-@pytest.mark.parametrize(("parameter", "words"), [
-    ("model_file:=/nowhere/x.yaml", ["/nowhere/x.yaml", "No such file"]),
-    ("input_timeout:=1", ["input_timeout", "write 1.0"]),
-    ("input_timeout:=100.0", ["input_timeout", "0.01 to 60 s"]),
-    ("input_timeout:=.nan", ["input_timeout", "0.01 to 60 s"]),
-    ("optimum_hold:=ground", ["optimum_hold", "engine_speed, output_speed"]),
-    ("map_points:=[400, 400, 400]", ["map_points", "100000"]),
-    ("engine_speed_limits:=[750.0, 2200.0]", ["engine_speed_limits", "10 to 320 rad/s"]),
-])
-def test_wrong_parameter_is_one_line_and_exit_code_2(
-    environment, tmp_path, paper_file, parameter, words
-):
-    result = run(environment, f"model_file:={paper_file}", f"state_folder:={tmp_path}", parameter)
-    assert result.returncode == 2
-    assert result.stderr.count("\n") == 1
-    assert result.stderr.startswith("hmcvt: error: ")
-    assert all(word in result.stderr for word in words), result.stderr
+def run(environment, *arguments):
+    return subprocess.run(arguments, env=environment, capture_output=True, text=True, timeout=60)
 
 
-def published(paper_file):
-    lines = paper_file.read_text().splitlines(keepends=True)
-    kept = "".join(line for line in lines if not line.startswith("checksum:"))
-    return kept.replace("power_balance", "published")
+def all_at_once(environment, commands):
+    """Run commands side by side: most of their time goes into starting Python."""
+    with ThreadPoolExecutor(4) as pool:
+        return list(pool.map(lambda words: run(environment, *words), commands))
 
 
-def test_damaged_model_file_is_one_line_and_exit_code_2(environment, tmp_path, paper_file):
+def damaged(paper_file, folder):
+    """Files that are no model to serve, and the word that tells why."""
     text = paper_file.read_text()
+    kept = "".join(line for line in text.splitlines(keepends=True)
+                   if not line.startswith("checksum:"))
     for name, damage, word in [
-        ("cut.yaml", text[: len(text) // 2], "cut.yaml"),
-        ("edited.yaml", text.replace("0.0333", "0.0334"), "checksum"),
-        ("empty.yaml", "", "empty"),
-        ("published.yaml", published(paper_file), "'published' is not served"),
-    ]:
-        path = tmp_path / name
-        path.write_text(damage)
-        result = run(environment, f"model_file:={path}", f"state_folder:={tmp_path}")
-        assert result.returncode == 2
-        assert result.stderr.count("\n") == 1 and word in result.stderr, result.stderr
+            ("cut.yaml", text[: len(text) // 2], "cut.yaml"),
+            ("edited.yaml", text.replace("0.0333", "0.0334"), "checksum"),
+            ("published.yaml", kept.replace("power_balance", "published"),
+             "'published' is not served")]:
+        (folder / name).write_text(damage)
+        yield f"model_file:={folder / name}", [word]
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (("--params-file", "/nowhere.yaml"), "Couldn't parse params file"),
-    (("-z",), "-z"),
-    (("--", "--model", "x.yaml"), "unknown argument --model"),
-])
-def test_wrong_argument_is_told(environment, arguments, words):
-    result = run(environment, arguments=arguments)
-    assert result.returncode == 2
-    last = result.stderr.splitlines()[-1]
-    assert last.startswith("hmcvt: error: ") and words in last
-    assert "Traceback" not in result.stderr
+def test_wrong_parameter_is_one_line_and_exit_code_2(place, tmp_path, paper_file):
+    cases = [
+        *damaged(paper_file, tmp_path),
+        ("model_file:=/nowhere/x.yaml", ["/nowhere/x.yaml", "No such file"]),
+        ("input_timeout:=1", ["input_timeout", "write 1.0"]),
+        ("input_timeout:=100.0", ["input_timeout", "0.01 to 60 s"]),
+        ("input_timeout:=.nan", ["input_timeout", "0.01 to 60 s"]),
+        ("optimum_hold:=ground", ["optimum_hold", "engine_speed, output_speed"]),
+        ("map_points:=[400, 400, 400]", ["map_points", "100000"]),
+    ]
+    found = all_at_once(place, [
+        command(f"model_file:={paper_file}", f"state_folder:={tmp_path / str(i)}", parameter)
+        for i, (parameter, _) in enumerate(cases)])
+    for (parameter, words), result in zip(cases, found, strict=True):
+        assert result.returncode == 2, parameter
+        assert result.stderr.count("\n") == 1 and result.stderr.startswith("hmcvt: error: ")
+        assert all(word in result.stderr for word in words), result.stderr
 
 
-def test_help_is_printed(environment):
-    result = run(environment, arguments=("--", "--help"))
-    assert result.returncode == 0 and result.stderr == ""
-    assert result.stdout.startswith("usage: hmcvt-node") and "input_timeout [s]" in result.stdout
+def test_wrong_argument_is_told_and_help_is_printed(place, tmp_path):
+    state = f"state_folder:={tmp_path}"
+    parsed, unknown, passed_on, own, node, other = all_at_once(place, [
+        command(arguments=("--params-file", "/nowhere.yaml")),
+        command(arguments=("-z",)),
+        # `--` ends the arguments of ROS; what follows is the node's, which knows none but --help.
+        [*HMCVT_NODE, "--ros-args", "-p", state, "--", "--wrong"],
+        [*HMCVT_NODE, "--help"],
+        [*HMCVT_NODE, "--", "--help"],
+        command(arguments=("--", "--help"))])
+    for result, words in ((parsed, "Couldn't parse params file"), (unknown, "-z"),
+                          (passed_on, "unknown argument --wrong; see --help")):
+        assert result.returncode == 2 and "Traceback" not in result.stderr
+        last = result.stderr.splitlines()[-1]
+        assert last.startswith("hmcvt: error: ") and words in last
+    assert own.returncode == node.returncode == other.returncode == 0
+    assert "hmcvt node --ros-args" in own.stdout
+    assert node.stdout == other.stdout and other.stderr == ""
+    assert node.stdout.startswith("usage: hmcvt-node") and "input_timeout [s]" in node.stdout
 
 
-@pytest.mark.parametrize(("number", "busy"), [
-    (signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGTERM, True)])
-def test_signal_ends_it_with_code_0(start_node, paper_file, number, busy):
-    node = start_node(paper_file)
-    for _ in range(20 if busy else 0):
-        node.player.send_inputs(GOOD)
-    assert node.stop(number) == 0, node.log
-    assert "Traceback" not in node.log
-    assert "stopping: asked to by a signal" in node.log
+@pytest.mark.parametrize("start", [
+    "from hmcvt_core.cli import main; main(['node'])",
+    "from hmcvt_ros.efficiency_node import main; sys.exit(main(['hmcvt-node']))"])
+def test_without_ros_it_says_what_to_install(place, start):
+    code = f"import sys; sys.modules['rclpy'] = None\n{start}"
+    done = run(place, sys.executable, "-c", code)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.startswith("hmcvt: error: the node needs ROS 2 (")
+    assert "pip install '.[ros]'" in done.stderr and done.stderr.count("\n") == 1
 
 
-def test_unknown_parameter_is_told(start_node, paper_file):
-    node = start_node(paper_file, inputtimeout=1.0)
-    assert node.says("parameter inputtimeout is unknown and has no effect")
+def test_hmcvt_node_serves_until_it_is_stopped(place, connect, tmp_path):
+    with (tmp_path / "log").open("w") as log:
+        process = subprocess.Popen(
+            [*HMCVT_NODE, "--ros-args", "-p", f"state_folder:={tmp_path / 'state'}",
+             "-r", "__ns:=/command"], env=place, stdout=log, stderr=log)
+    try:
+        player = connect("/command")
+        up = player.wait_for_node(running=lambda: process.poll() is None)
+        assert up, (tmp_path / "log").read_text()
+        # The model that comes with hmcvt is the default, and the log says so.
+        shipped = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+        assert shipped.fingerprint in player.model_text
+        for _ in range(20):
+            player.send_inputs(GOOD)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=10) == 0
+    finally:
+        process.kill()
+        process.wait()
+    said = (tmp_path / "log").read_text()
+    assert "Traceback" not in said and "the model that comes with hmcvt is served" in said
 
 
-def test_shipped_model_is_the_default(start_node):
-    node = start_node("''")
-    shipped = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    assert shipped.fingerprint in node.player.model_text
-    assert node.says("the model that comes with hmcvt is served")
-
-
-def test_a_model_that_was_named_is_no_reason_to_warn(start_node, paper_file):
-    node = start_node(paper_file)
+def test_a_model_that_was_named_is_no_reason_to_warn(node):
     assert node.says("serving ") and "comes with hmcvt" not in node.log
 
 
-def test_damaged_state_does_not_stop_the_node(start_node, paper_file, tmp_path):
-    (tmp_path / "in_service.json").write_text('{"base": ')
-    (tmp_path / "bench_samples.csv").write_text("stamp,displ")
-    node = start_node(paper_file, state=tmp_path)
-    assert node.says("in_service.json: cannot be read")
-    assert node.says("damaged lines taken out")
-    assert node.player.hold(GOOD).efficiency is not None
-
-
-def test_unusable_state_folder_does_not_stop_the_node(start_node, paper_file, tmp_path):
+def test_unusable_state_folder_and_unknown_parameter_do_not_stop_it(
+    start_node, paper_file, table2, tmp_path
+):
+    # Nor does a model with an effect in it, as the diagnosis writes them.
+    plain = hmcvt.load_model(paper_file)
+    model = dataclasses.replace(plain, effects=(PlanetaryMesh(0.08),))
+    model.save(tmp_path / "diagnosed.yaml")
     (tmp_path / "file").write_text("")
-    node = start_node(paper_file, state=tmp_path / "file" / "state")
+    node = start_node(tmp_path / "diagnosed.yaml", state=tmp_path / "file" / "state",
+                      inputtimeout=1.0)
+    assert node.says("parameter inputtimeout is unknown and has no effect")
     assert node.says("state_folder")
-    assert node.player.hold(GOOD).efficiency is not None
+    assert plain.efficiency(*GOOD) != model.efficiency(*GOOD) == node.player.hold(GOOD).efficiency
     assert not node.player.call("reidentify").success
+    node.player.send_sample(message(table2, 0))
+    assert node.comes(lambda: node.value("bench samples refused, not written") == "1")
+    assert node.status()["level"] == DiagnosticStatus.ERROR

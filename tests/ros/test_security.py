@@ -50,15 +50,10 @@ def used(observer, node, namespace):
         return {}
 
 
-@pytest.fixture(scope="module")
-def node(start_node, paper_file):
-    return start_node(paper_file, use_sim_time="true")  # subscribes to /clock
-
-
 @pytest.mark.parametrize("name", ["hmcvt", "bench_player"])
-def test_policy_allows_what_the_node_uses_and_nothing_else(node, connect, name):
+def test_policy_allows_what_the_node_uses_and_nothing_else(sim_node, connect, name):
     observer = connect("/observer")
-    namespace = node.namespace
+    namespace = sim_node.namespace  # it subscribes to /clock
     assert observer.wait_until(
         lambda: used(observer, name, namespace) == allowed(name, namespace), 10.0
     ), (used(observer, name, namespace), allowed(name, namespace))

@@ -29,10 +29,10 @@ from hmcvt_ros.state_folder import StateFolder
 def says(node, level, *words):
     """Wait for a level and words in the status of the model."""
     def said():
-        status = node.player.statuses.get("model", {"level": None, "message": ""})
+        status = node.status()
         return status["level"] == level and all(word in status["message"] for word in words)
 
-    return node.player.wait_until(said, 5.0)
+    return node.comes(said)
 
 
 def serves(node, paper_file):
@@ -40,27 +40,22 @@ def serves(node, paper_file):
     return node.player.hold(GOOD).efficiency == pytest.approx(expected, rel=1e-12)
 
 
-def logs_again(node, table2, before):
+def logs_again(node, table2):
+    before = node.logged()
     node.player.send_sample(message(table2, 0))
-    assert node.player.wait_for_logged(before + 1), node.player.statuses["model"]
+    assert node.comes(lambda: node.logged() == before + 1), node.status()
     assert says(node, DiagnosticStatus.OK, "serving")
     assert len(hmcvt.read_bench(node.bench_file)) == before + 1
 
 
-def large_log(folder: Path) -> int:
-    """Make a log larger than all else that a node writes; return how many samples it has."""
-    count = 20_000
+def test_full_disk_while_logging(start_node, paper_file, table2, tmp_path):
+    # A log larger than all else that a node writes.
+    state, count = tmp_path / "state", 20_000
     column = np.full(count, 0.5)
-    folder.mkdir()
-    BenchLog(folder / "bench_samples.csv", 10 * count).append(hmcvt.BenchSamples(
+    state.mkdir()
+    BenchLog(state / "bench_samples.csv", 10 * count).append(hmcvt.BenchSamples(
         displacement_ratio=column, engine_speed=200.0 * column, load_torque=400.0 * column,
         efficiency=column, output_speed=200.0 * column, stamp=np.arange(float(count))))
-    return count
-
-
-def test_full_disk_while_logging(start_node, paper_file, table2, tmp_path):
-    state = tmp_path / "state"
-    count = large_log(state)
     node = start_node(paper_file, state=state)
     whole = node.bench_file.read_bytes()
     with file_limit(len(whole) + 10, node.process.pid):
@@ -68,26 +63,25 @@ def test_full_disk_while_logging(start_node, paper_file, table2, tmp_path):
             node.player.send_sample(message(table2, i))
         assert says(node, DiagnosticStatus.ERROR, "bench log", "File too large"), node.log
         assert serves(node, paper_file)
-        values = node.player.statuses["model"]["values"]
-        assert values["bench samples logged"] == str(count)
-        assert values["bench samples refused, not written"] == "3"
+        assert node.value("bench samples logged") == str(count)
+        assert node.value("bench samples refused, not written") == "3"
         assert node.bench_file.read_bytes() == whole
-    logs_again(node, table2, count)
+    logs_again(node, table2)
 
 
-def test_full_disk_while_refitting(start_node, paper_file, table2):
-    node = start_node(paper_file)
-    send_table(node.player, table2)
-    # Less than a parameter file needs, and more than the answer of the worker.
-    with file_limit(1000, node.process.pid):
+def test_full_disk_while_refitting(node, paper_file, table2):
+    send_table(node, table2)
+    before = set(node.state.glob("models/*"))
+    # Less than a parameter file needs.
+    with file_limit(1000, node.process.pid, *node.children()):
         reply = node.player.call("reidentify")
         assert not reply.success and "File too large" in reply.data["error"], reply.data
-        assert "0001.yaml" in reply.data["error"]
-        assert node.player.wait_until(lambda: "failed: [Errno" in node.player.statuses["model"][
-            "values"]["last refit"], 5.0)
+        assert "/models/0" in reply.data["error"]
+        assert node.comes(lambda: "failed: [Errno" in node.value("last refit"))
         assert serves(node, paper_file)
-    assert list((node.state / "models").iterdir()) == []
-    for worker in node.children():  # it has inherited the limit
+        children = node.children()
+    assert set(node.state.glob("models/*")) == before
+    for worker in children:  # it may have inherited the limit
         resource.prlimit(worker, resource.RLIMIT_FSIZE, resource.prlimit(0, resource.RLIMIT_FSIZE))
     assert node.player.call("reidentify").success
 
@@ -108,87 +102,79 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.slow  # a diagnosis
 def test_full_file_system(start_node, paper_file, table2, small_disk):
     node = start_node(paper_file, state=small_disk / "state")
-    send_table(node.player, table2)
+    send_table(node, table2)
     ballast = fill(small_disk)
 
     def refused():
         node.player.send_sample(message(table2, 0))
-        return node.player.statuses["model"]["level"] == DiagnosticStatus.ERROR
+        return node.status()["level"] == DiagnosticStatus.ERROR
 
     # The page that the log ends in has room for some samples.
     assert node.player.wait_until(refused, 10.0)
     assert says(node, DiagnosticStatus.ERROR, "bench log", "No space left")
     assert serves(node, paper_file)
-    logged = int(node.player.statuses["model"]["values"]["bench samples logged"])
-    read = hmcvt.read_bench(node.bench_file)
-    assert len(read) == logged > 8
+    logged = int(node.value("bench samples logged"))
+    assert len(hmcvt.read_bench(node.bench_file)) == logged > 8
     reply = node.player.call("reidentify")
     assert not reply.success and "No space left" in reply.data["error"]
     reply = node.player.call("diagnose", timeout=90.0)
     assert reply.success and reply.data["report"] is None
     assert "No space left" in reply.data["report_error"]
     ballast.unlink()
-    logs_again(node, table2, logged)
+    logs_again(node, table2)
     assert node.player.call("reidentify").success
     assert node.stop() == 0
-    assert f"{logged + 1} bench samples" in start_node(paper_file, state=node.state).log
+    assert len(BenchLog(node.bench_file, 100)) == logged + 1
 
 
-def test_folder_turns_read_only_and_back(start_node, paper_file, table2):
-    node = start_node(paper_file, launcher=BOUND_BY_PERMISSIONS)
-    send_table(node.player, table2)
-    with read_only(node.state, node.bench_file):
-        node.player.send_sample(message(table2, 0))
-        assert says(node, DiagnosticStatus.ERROR, "bench log", "Permission denied")
-        reply = node.player.call("reidentify")
-        assert not reply.success and "Permission denied" in reply.data["error"]
-        reply = node.player.call("clear_samples")
-        assert not reply.success and "Permission denied" in reply.data["error"]
-        assert serves(node, paper_file)
-    logs_again(node, table2, 8)
-    assert node.player.call("reidentify").success
-
-
-def test_start_in_a_read_only_folder_is_told_before_a_sample_is_lost(
-    start_node, paper_file, table2, tmp_path
-):
-    state = tmp_path / "state"
+@pytest.fixture(scope="module")
+def bound(start_node, paper_file, tmp_path_factory):
+    """A node that permissions bind, started in a folder that it may not write; then it may."""
+    state = tmp_path_factory.mktemp("bound")
     StateFolder(state).close()
     with read_only(state):
         node = start_node(paper_file, state=state, launcher=BOUND_BY_PERMISSIONS)
         assert node.says("state_folder: ")
         assert says(node, DiagnosticStatus.ERROR, str(state), "cannot be written")
         assert serves(node, paper_file)
-    logs_again(node, table2, 0)
+    return node
 
 
-def test_refit_that_cannot_be_put_into_service(start_node, paper_file, table2):
-    node = start_node(paper_file, launcher=BOUND_BY_PERMISSIONS)
-    send_table(node.player, table2)
-    (node.state / "models").mkdir()
-    with read_only(node.state):  # but not the folder of the models
-        reply = node.player.call("reidentify")
+def test_start_in_a_read_only_folder_is_told_before_a_sample_is_lost(bound, table2):
+    logs_again(bound, table2)
+
+
+def test_folder_turns_read_only_and_back(bound, paper_file, table2):
+    send_table(bound, table2)
+    with read_only(bound.state, bound.bench_file):
+        bound.player.send_sample(message(table2, 0))
+        assert says(bound, DiagnosticStatus.ERROR, "bench log", "Permission denied")
+        for service in ("reidentify", "clear_samples"):
+            reply = bound.player.call(service)
+            assert not reply.success and "Permission denied" in reply.data["error"]
+        assert serves(bound, paper_file)
+    logs_again(bound, table2)
+
+
+def test_refit_that_cannot_be_put_into_service(bound, paper_file):
+    models = bound.state / "models"
+    models.mkdir(exist_ok=True)
+    with read_only(bound.state):  # but not the folder of the models
+        reply = bound.player.call("reidentify")
         assert not reply.success and "in_service.json" in reply.data["error"], reply.data
-        assert serves(node, paper_file)
-    assert [path.name for path in (node.state / "models").iterdir()] == ["0001.yaml"]
-    reply = node.player.call("reidentify")
+        assert serves(bound, paper_file)
+    assert [path.name for path in models.iterdir()] == ["0001.yaml"]
+    reply = bound.player.call("reidentify")
     assert reply.success and Path(reply.data["file"]).name == "0002.yaml"
 
 
-def test_second_node_on_one_state_folder_does_not_start(
-    start_node, environment, paper_file, table2
-):
-    first = start_node(paper_file)
-    given = command(f"model_file:={paper_file}", f"state_folder:={first.state}")
+def test_second_node_on_one_state_folder_does_not_start(node, environment, paper_file):
+    given = command(f"model_file:={paper_file}", f"state_folder:={node.state}")
     second = subprocess.run(given, env=dict(environment), capture_output=True, text=True,
-                            timeout=20)
+                            timeout=30)
     assert second.returncode == 2
-    assert second.stderr.startswith(f"hmcvt: error: state_folder: {first.state} is in use by")
+    assert second.stderr.startswith(f"hmcvt: error: state_folder: {node.state} is in use by")
     assert second.stderr.count("\n") == 1
-    send_table(first.player, table2)
-    first.process.kill()
-    first.process.wait()
-    assert "8 bench samples" in start_node(paper_file, state=first.state).log
 
 
 # --- what it is made of ---------------------------------------------------------------------------

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of a bag as time series on one clock, and counts of what is refused."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hmcvt_core import InputError
+from hmcvt_core.transmission.ranges import (
+    DISPLACEMENT_RATIO,
+    ENGINE_SPEED,
+    LOAD_TORQUE,
+    OIL_TEMPERATURE,
+    OUTPUT_SPEED,
+    Range,
+)
+
+from ..shafts import Shafts, UnreadableError, read_shafts
+from .reader import Bag
+from .topics import DISPLACEMENT_TOPIC, Topics
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_OVERSHOOT = 0.05
+"""A stroke reading at full stroke, with its noise, may exceed 1 by this much."""
+_STROKE = Range("displacement_ratio", DISPLACEMENT_RATIO.low - _OVERSHOOT,
+                DISPLACEMENT_RATIO.high + _OVERSHOOT, "-")
+_NANOSECONDS = 1e-9
+_EVERY = 2000  # messages between two reports of progress
+
+
+class Series(NamedTuple):
+    """Readings in the order they were received.
+
+    Attributes:
+        stamp: time in the header [s], 0 where there is none; shape (n,).
+        receipt: when the recorder received them [s]; shape (n,).
+        values: shape (n, channels).
+    """
+
+    stamp: Array
+    receipt: Array
+    values: Array
+
+    @property
+    def stamped(self) -> bool:
+        """Whether every reading carries its own time.
+
+        Half of the readings on one clock and half on another make no time series.
+        """
+        return bool(len(self.stamp) and np.all(self.stamp > 0.0))
+
+    @property
+    def time(self) -> Array:
+        """Header stamps when every reading has one, else times of receipt."""
+        return self.stamp if self.stamped else self.receipt
+
+
+class Recording(NamedTuple):
+    """What a bag holds.
+
+    Attributes:
+        bench: channels of `Shafts`.
+        oil_temperature: one channel [deg C], or None.
+        read: messages by full name of the topic.
+        refused: messages by topic and reason.
+    """
+
+    bench: Series
+    oil_temperature: Series | None
+    read: Counter[str]
+    refused: dict[str, Counter[str]]
+
+
+def record(
+    bag: Bag, topics: Topics, age_limit: float, progress: Callable[[str], None] | None = None
+) -> Recording:
+    """Read a bag.
+
+    Args:
+        bag: open.
+        topics: to read.
+        age_limit: of the displacement ratio, where it comes on a topic of its own [s].
+        progress: told how far the reading is.
+
+    Raises:
+        InputError: the bag is damaged, or no message of the shafts can be used.
+    """
+    read: Counter[str] = Counter(dict.fromkeys(topics.names, 0))
+    refused: dict[str, Counter[str]] = {name: Counter() for name in topics.names}
+    numbers = {name: array("d") for name in topics.names}
+    total = sum(bag.counts[name] for name in topics.names)
+    for number, (topic, receipt, message) in enumerate(bag.records(topics.names), start=1):
+        read[topic] += 1
+        try:
+            values = _values(message, topic, topics)
+        except UnreadableError as error:
+            refused[topic][error.reason] += 1
+            continue
+        numbers[topic].extend((_stamp(message), receipt, *values))
+        if progress is not None and number % _EVERY == 0:
+            progress(f"{number} of {total} messages")
+    series = {}
+    for name, found in numbers.items():
+        channels = len(Shafts._fields) if name == topics.bench else 1
+        table = np.array(found, dtype=float).reshape(-1, 2 + channels)
+        series[name] = Series(table[:, 0], table[:, 1], table[:, 2:])
+    bench = series[topics.bench]
+    if topics.displacement_ratio is not None:
+        bench = _with_stroke(bench, series[topics.displacement_ratio], age_limit)
+        missing = len(series[topics.bench].time) - len(bench.time)
+        if missing:
+            refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = missing
+    if not len(bench.time):
+        reasons = ", ".join(
+            f"{count} {reason}" for reason, count in refused[topics.bench].most_common())
+        raise InputError(
+            f"{bag.path}: none of the {read[topics.bench]} messages on {topics.bench} can be used: "
+            f"{reasons} (needs velocity and effort of joints engine and output, and position of "
+            f"joint displacement or a topic {DISPLACEMENT_TOPIC})")
+    warmth = None if topics.oil_temperature is None else series[topics.oil_temperature]
+    return Recording(bench, warmth, read, refused)
+
+
+def _stamp(message: Any) -> float:
+    header = getattr(message, "header", None)
+    return 0.0 if header is None else header.stamp.sec + header.stamp.nanosec * _NANOSECONDS
+
+
+def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
+    """Return the readings in a message.
+
+    One message is a momentary reading: only what no sensor can rightly show is refused. What the
+    average has to satisfy is checked when there is one.
+
+    Raises:
+        UnreadableError: with the reason.
+    """
+    if message is None:
+        raise _refused("unreadable")
+    if topic == topics.displacement_ratio:
+        return (_checked(message.data, _STROKE),)
+    if topic == topics.oil_temperature:
+        return (_checked(message.temperature, OIL_TEMPERATURE),)
+    found = read_shafts(list(message.name), message.position, message.velocity, message.effort,
+                        stroke_elsewhere=topics.displacement_ratio is not None)
+    if not all(map(math.isfinite, found[:4])) or math.isinf(found.displacement_ratio) or (
+            math.isnan(found.displacement_ratio) and "displacement" in message.name):
+        raise _refused("not finite")
+    # Either sign: in a transient the output may drive, and noise straddles zero.
+    if (not ENGINE_SPEED.low <= found.engine_speed <= ENGINE_SPEED.high
+            or abs(found.load_torque) > LOAD_TORQUE.high
+            or abs(found.engine_torque) > LOAD_TORQUE.high
+            or abs(found.output_speed) > OUTPUT_SPEED.high
+            or abs(found.displacement_ratio) > _STROKE.high):
+        raise _refused("out of range")
+    return found
+
+
+def _checked(value: Any, limits: Range) -> float:
+    if not math.isfinite(value):
+        raise _refused("not finite")
+    if not limits.low <= value <= limits.high:
+        raise _refused("out of range")
+    return float(value)
+
+
+def _refused(reason: str) -> UnreadableError:
+    return UnreadableError(reason, reason)
+
+
+def _with_stroke(bench: Series, stroke: Series, age_limit: float) -> Series:
+    """Put the displacement ratio of its own topic where the shafts' message has none.
+
+    Messages without one in time are left out.
+    """
+    values = bench.values.copy()
+    missing = np.isnan(values[:, -1])
+    values[missing, -1] = align(stroke, bench, age_limit)[missing]
+    known = ~np.isnan(values[:, -1])
+    return Series(bench.stamp[known], bench.receipt[known], values[known])
+
+
+def align(slow: Series, fast: Series, age_limit: float) -> Array:
+    """Return the first channel of a slow series at the times of a fast one.
+
+    Both on header stamps when both have them and those of the slow one rise, else both on times of
+    receipt: two clocks are never mixed.
+
+    Args:
+        slow, fast: the series.
+        age_limit: a reading further away than this in time is not used [s].
+
+    Returns:
+        Shape (len(fast),); between two readings linear, beside only one that reading, else NaN.
+    """
+    stamps = slow.stamped and fast.stamped and bool(np.all(np.diff(slow.stamp) >= 0.0))
+    times, at = (slow.stamp, fast.stamp) if stamps else (slow.receipt, fast.receipt)
+    if not len(times):
+        return np.full(len(at), np.nan)
+    order = np.argsort(times, kind="stable")
+    times, values = times[order], slow.values[order, 0]
+    after = np.searchsorted(times, at)
+    before = np.maximum(after - 1, 0)
+    after = np.minimum(after, len(times) - 1)
+    # At the ends both are the same reading, on one side.
+    fresh_before = np.abs(at - times[before]) <= age_limit
+    fresh_after = np.abs(times[after] - at) <= age_limit
+    between = np.interp(at, times, values)
+    return np.select([fresh_before & fresh_after, fresh_before, fresh_after],
+                     [between, values[before], values[after]], np.nan)
+
+
+class Stretches(NamedTuple):
+    """Readings split where the time has a gap or goes back.
+
+    Attributes:
+        parts: indices of each stretch; time rises strictly within.
+        out_of_order: count of readings left out because another of that time or later came before.
+    """
+
+    parts: list[Index]
+    out_of_order: int
+
+    def seconds(self, time: Array) -> float:
+        """Return the time that the stretches cover, gaps left out [s]."""
+        return float(sum(time[part[-1]] - time[part[0]] for part in self.parts))
+
+
+def split_at_gaps(time: Array, gap: float) -> Stretches:
+    """Split readings at every step of the time by more than `gap` [s], forwards or backwards.
+
+    Args:
+        time: [s], shape (n,), in the order received.
+        gap: [s].
+    """
+    parts: list[list[int]] = []
+    out_of_order, last = 0, -np.inf
+    for i, now in enumerate(time.tolist()):
+        if abs(now - last) > gap:
+            parts.append([i])
+        elif now > last:
+            parts[-1].append(i)
+        else:
+            out_of_order += 1
+            continue
+        last = now
+    return Stretches([np.array(part, dtype=np.intp) for part in parts], out_of_order)

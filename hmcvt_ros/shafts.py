@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bench message says of the shafts: one reader for live messages and for those in bags."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from hmcvt_core import HmcvtError
+
+JOINTS = ("engine", "output", "displacement")
+
+
+class UnreadableError(HmcvtError):
+    """A message does not say what it should; `reason` is a word or two to count it by."""
+
+    def __init__(self, reason: str, text: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class Shafts(NamedTuple):
+    """Readings of both shafts: numbers, or arrays of one shape.
+
+    Attributes:
+        engine_speed, engine_torque, output_speed, output_torque: rad/s, N m.
+        displacement_ratio: NaN where the message does not hold it.
+    """
+
+    engine_speed: Any
+    engine_torque: Any
+    output_speed: Any
+    output_torque: Any
+    displacement_ratio: Any
+
+    @property
+    def engine_power(self) -> Any:
+        """[W]."""
+        return self.engine_torque * self.engine_speed
+
+    @property
+    def output_power(self) -> Any:
+        """[W]."""
+        return self.output_torque * self.output_speed
+
+    @property
+    def load_torque(self) -> Any:
+        """Output power / engine speed [N m]."""
+        return self.output_power / self.engine_speed
+
+    @property
+    def efficiency(self) -> Any:
+        """Output power / engine power [-]."""
+        return self.output_power / self.engine_power
+
+
+def read_shafts(
+    names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
+    effort: Sequence[float], *, stroke_elsewhere: bool = False,
+) -> Shafts:
+    """Read the fields of a sensor_msgs/JointState.
+
+    Args:
+        names: joints `engine`, `output`, `displacement` in any order; others are ignored.
+        position: of `displacement` the displacement ratio [-].
+        velocity, effort: of the shafts [rad/s, N m].
+        stroke_elsewhere: whether the joint `displacement` may be missing.
+
+    Raises:
+        UnreadableError: a joint is missing or doubled, or a field has not a value for each.
+    """
+    for joint in JOINTS:
+        count = names.count(joint)
+        if count != 1 and not (count == 0 and joint == "displacement" and stroke_elsewhere):
+            raise UnreadableError("wrong names", f"joint {joint!r} stands {count} times in name; "
+                                                 f"needs {', '.join(JOINTS)}")
+    has_stroke = "displacement" in names
+    for field, values in (("velocity", velocity), ("effort", effort), ("position", position)):
+        if len(values) != len(names) and (field != "position" or has_stroke):
+            raise UnreadableError("unequal arrays", f"{field} has {len(values)} values for "
+                                                    f"{len(names)} joints")
+    engine, output = names.index("engine"), names.index("output")
+    stroke = float(position[names.index("displacement")]) if has_stroke else math.nan
+    return Shafts(float(velocity[engine]), float(effort[engine]),
+                  float(velocity[output]), float(effort[output]), stroke)
