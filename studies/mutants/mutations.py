@@ -2,8 +2,8 @@
 """Small wrong edits of a source file, each at one place of its syntax tree.
 
 Operators, comparisons, numbers, conditions and pairs of names such as min and max are changed.
-Left alone are words (docstrings, messages, keys), annotations, decorators, what is raised and `__all__`: a
-mutant there says nothing about an answer.
+Left alone are words (docstrings, messages, keys), annotations, decorators, what is raised and
+`__all__`: a mutant there says nothing about an answer.
 """
 
 from __future__ import annotations
