@@ -13,7 +13,7 @@ from .errors import HmcvtError, IdentificationError, InputError
 from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw_bench import read_raw_bench
 from .files.resources import data_path
-from .identification import Identification, identify, identify_gear_efficiency
+from .identification import Identification, Schedule, identify
 from .model.domain import Domain
 from .model.efficiency_map import EfficiencyMap
 from .model.model import EfficiencyModel, Prediction
@@ -27,8 +27,8 @@ from .version import __version__
 __all__ = [
     "BenchSamples", "Breakdown", "Diagnosis", "Domain", "EfficiencyMap", "EfficiencyModel",
     "GearPair", "HmcvtError", "HydraulicParameters", "Identification", "IdentificationError",
-    "InputError", "Isolability", "Optimum", "Path", "Prediction", "PumpMotor", "Stage",
-    "__version__", "data_path", "diagnose", "identify", "identify_gear_efficiency",
+    "InputError", "Isolability", "Optimum", "Path", "Prediction", "PumpMotor", "Schedule", "Stage",
+    "__version__", "data_path", "diagnose", "identify",
     "load_model", "load_stage", "read_bench", "read_raw_bench", "save_model", "separable",
     "write_bench",
 ]

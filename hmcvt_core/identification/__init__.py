@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification of the hydraulic parameters from bench samples."""
 
-from .identify import Identification, identify, identify_gear_efficiency
+from .annealing import Schedule
+from .identify import identify
+from .result import Identification
 
-__all__ = ["Identification", "identify", "identify_gear_efficiency"]
+__all__ = ["Identification", "Schedule", "identify"]

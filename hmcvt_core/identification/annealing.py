@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated annealing: the paper's improved one (section 4.1) and the standard one beside it.
 
-The parts are separate so that each improvement can be switched off alone: how a move is drawn
-(`Disturbance`), how the temperature falls (`Cooling`) and when to stop (`threshold`). Independent
-chains are evaluated together, as rows of one array; chain count 1 is the paper's algorithm.
+Each improvement is a setting of its own: how the disturbance shrinks (`Shrink`), how the
+temperature falls (`cooling`) and when to stop (`threshold`). Independent chains are evaluated
+together, as rows of one array; chain count 1 is the paper's algorithm.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,85 +20,36 @@ from ..errors import InputError
 Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
 """Takes points of shape (m, d), gives values of shape (m,); NaN counts as infinitely bad."""
+Shrink = Callable[[int, Array], Array]
+"""i of eq. (19), shape (m,), from the cooling steps done and from the number of steps at the slower
+rate that would have cooled each chain as far, shape (m,)."""
 
-SLOW_COOLING, FAST_COOLING = 0.9, 0.7  # Eq. (20)
-
-
-class Disturbance(Protocol):
-    """Draws the next trial points."""
-
-    def __call__(
-        self, points: Array, width: Array, generation: int, last: int, rng: np.random.Generator
-    ) -> Array:
-        """Move points of shape (m, d); `width` (d,) is that of the bounds."""
+PART_OF_WIDTH = 0.1  # L_x of eq. (19) / width of the bounds
 
 
-class Cooling(Protocol):
-    """Gives the factor by which each chain's temperature falls."""
-
-    def __call__(self, improved: NDArray[np.bool_]) -> Array:
-        """`improved` (m,) tells which chains found a new best in this generation."""
+def with_temperature(steps: int, slow_steps: Array) -> Array:
+    """Eq. (19) read so that it agrees with (20): the disturbance is small when the run is cold."""
+    return slow_steps
 
 
-@dataclass(frozen=True)
-class ShrinkingDisturbance:
-    """Eq. (19): x + L_x (rand - 0.5) (1 - i / (N + 2)), L_x = 0.1 of the width.
-
-    `generation` is i; `last` is N, the number of cooling steps at the slower rate 0.9.
-    """
-
-    part_of_width: float = 0.1
-
-    def __call__(
-        self, points: Array, width: Array, generation: int, last: int, rng: np.random.Generator
-    ) -> Array:
-        """See `Disturbance`."""
-        shrink = 1.0 - generation / (last + 2.0)
-        return points + self.part_of_width * width * (rng.random(points.shape) - 0.5) * shrink
+def with_steps(steps: int, slow_steps: Array) -> Array:
+    """Eq. (19) as printed: (20) may end the run long before i reaches N."""
+    return np.full_like(slow_steps, steps)
 
 
-@dataclass(frozen=True)
-class ConstantDisturbance:
-    """The standard algorithm's move: the same range from first to last."""
-
-    part_of_width: float = 0.1
-
-    def __call__(
-        self, points: Array, width: Array, generation: int, last: int, rng: np.random.Generator
-    ) -> Array:
-        """See `Disturbance`."""
-        return points + self.part_of_width * width * (rng.random(points.shape) - 0.5)
-
-
-@dataclass(frozen=True)
-class AdaptiveCooling:
-    """Eq. (20): cool slowly (0.9) while the best value improves, fast (0.7) while it does not."""
-
-    slow: float = SLOW_COOLING
-    fast: float = FAST_COOLING
-
-    def __call__(self, improved: NDArray[np.bool_]) -> Array:
-        """See `Cooling`."""
-        return np.where(improved, self.slow, self.fast)
-
-
-@dataclass(frozen=True)
-class ConstantCooling:
-    """The standard algorithm's cooling: one factor."""
-
-    factor: float = SLOW_COOLING
-
-    def __call__(self, improved: NDArray[np.bool_]) -> Array:
-        """See `Cooling`."""
-        return np.full(improved.shape, self.factor)
+def never(steps: int, slow_steps: Array) -> Array:
+    """The standard algorithm's disturbance: the same range from first to last."""
+    return np.zeros_like(slow_steps)
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Settings of one annealing run.
+    """Settings of one annealing run; the defaults are the improved algorithm of section 4.1.
 
     Attributes:
-        disturbance, cooling: see the module.
+        shrink: how the disturbance shrinks, see `Shrink`.
+        cooling: factor of a chain's temperature, eq. (20): while its best value improves, and
+            while it does not.
         initial_temperature, final_temperature: t_0 and t_end, in units of the objective.
         moves: trial points per chain at each temperature.
         chains: independent chains.
@@ -109,8 +59,8 @@ class Schedule:
         InputError: a setting is out of range.
     """
 
-    disturbance: Disturbance = field(default_factory=ShrinkingDisturbance)
-    cooling: Cooling = field(default_factory=AdaptiveCooling)
+    shrink: Shrink = with_temperature
+    cooling: tuple[float, float] = (0.9, 0.7)
     initial_temperature: float = 1.0
     final_temperature: float = 1e-6
     moves: int = 20
@@ -121,6 +71,8 @@ class Schedule:
         if not 0.0 < self.final_temperature < self.initial_temperature < math.inf:
             raise InputError(f"temperatures {self.initial_temperature} -> "
                              f"{self.final_temperature}: need 0 < final < initial, both finite")
+        if not all(0.0 < factor < 1.0 for factor in self.cooling):
+            raise InputError(f"cooling = {self.cooling}: need factors above 0 and below 1")
         for name in ("moves", "chains"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)} is not at least 1")
@@ -128,12 +80,15 @@ class Schedule:
     @property
     def generations(self) -> int:
         """N of eq. (19): cooling steps from t_0 to t_end at the slower rate."""
-        ratio = self.final_temperature / self.initial_temperature
-        return math.ceil(math.log(ratio) / math.log(SLOW_COOLING))
+        return math.ceil(float(self.slow_steps(np.array(self.final_temperature))))
+
+    def slow_steps(self, temperature: Array) -> Array:
+        """Cooling steps at the slower rate from t_0 to such a temperature, any shape."""
+        return np.log(temperature / self.initial_temperature) / math.log(max(self.cooling))
 
 
 IMPROVED = Schedule()
-STANDARD = Schedule(disturbance=ConstantDisturbance(), cooling=ConstantCooling())
+STANDARD = Schedule(shrink=never, cooling=(0.9, 0.9))
 
 
 @dataclass(frozen=True)
@@ -203,91 +158,85 @@ def minimise(
     Raises:
         InputError: bounds or start are malformed.
     """
-    run = _Run(objective, bounds, schedule, start, np.random.default_rng(seed))
-    history = []
-    for state in run.steps():
-        history.append(state.value)
+    limits = np.asarray(bounds, dtype=float)
+    if limits.ndim != 2 or limits.shape[1] != 2 or not np.isfinite(limits).all() \
+            or not (limits[:, 0] < limits[:, 1]).all():
+        raise InputError(f"bounds = {limits.tolist()}: need finite (lower, upper) rows")
+    rng = np.random.default_rng(seed)
+    run = _Chains(objective, limits, _starts(start, limits, schedule.chains, rng), rng)
+    threshold = -math.inf if schedule.threshold is None else schedule.threshold
+    temperature = np.full(schedule.chains, float(schedule.initial_temperature))
+    history: list[float] = []
+    while run.best_values.min() >= threshold:
+        # A chain that has cooled rests.
+        warm = np.flatnonzero(temperature > schedule.final_temperature)
+        if not len(warm):
+            break
+        i = schedule.shrink(len(history), schedule.slow_steps(temperature[warm]))
+        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
+        before = run.best_values[warm]
+        for _ in range(schedule.moves):
+            run.move(warm, size, temperature[warm])
+        temperature[warm] *= np.where(run.best_values[warm] < before, *schedule.cooling)
+        winner = int(run.best_values.argmin())
+        history.append(float(run.best_values[winner]))
         if progress is not None:
-            progress(state)
+            progress(AnnealingState(
+                len(history), run.best[winner].copy(), history[-1], float(temperature.max()),
+                run.evaluations))
     order = np.argsort(run.best_values)
-    reached = schedule.threshold is not None and run.best_values.min() < schedule.threshold
-    return AnnealingResult(
-        run.best[order[0]], float(run.best_values[order[0]]), run.best[order],
-        "threshold" if reached else "cooled", run.evaluations, tuple(history), seed,
-    )
+    value = float(run.best_values[order[0]])
+    return AnnealingResult(run.best[order[0]], value, run.best[order],
+                           "threshold" if value < threshold else "cooled",
+                           run.evaluations, tuple(history), seed)
 
 
-class _Run:
-    """State of the chains; `steps` yields after every temperature step."""
+def _starts(
+    start: ArrayLike | None, limits: Array, chains: int, rng: np.random.Generator
+) -> Array:
+    shape, (low, high) = (chains, len(limits)), limits.T
+    if start is None:
+        return rng.uniform(low, high, shape)
+    try:
+        points = np.broadcast_to(np.asarray(start, dtype=float), shape).copy()
+    except ValueError:
+        raise InputError(f"start has shape {np.shape(start)}, needs {shape}") from None
+    if not ((points >= low) & (points <= high)).all():
+        raise InputError(f"start = {points.tolist()} leaves the bounds")
+    return points
+
+
+class _Chains:
+    """Points side by side, their values, and the best point of each chain."""
 
     def __init__(
-        self,
-        objective: Objective,
-        bounds: ArrayLike,
-        schedule: Schedule,
-        start: ArrayLike | None,
-        rng: np.random.Generator,
+        self, objective: Objective, limits: Array, points: Array, rng: np.random.Generator
     ) -> None:
-        limits = np.asarray(bounds, dtype=float)
-        if limits.ndim != 2 or limits.shape[1] != 2 or not np.isfinite(limits).all() \
-                or not (limits[:, 0] < limits[:, 1]).all():
-            raise InputError(f"bounds = {limits.tolist()}: need finite (lower, upper) rows")
+        self.objective, self.rng, self.evaluations = objective, rng, 0
         self.low, self.high = limits.T
-        self.objective, self.schedule, self.rng = objective, schedule, rng
-        shape = (schedule.chains, len(limits))
-        if start is None:
-            self.points = self.low + (self.high - self.low) * rng.random(shape)
-        else:
-            try:
-                self.points = np.broadcast_to(np.asarray(start, dtype=float), shape).copy()
-            except ValueError:
-                raise InputError(f"start has shape {np.shape(start)}, needs {shape}") from None
-            if not ((self.points >= self.low) & (self.points <= self.high)).all():
-                raise InputError(f"start = {self.points.tolist()} leaves the bounds")
-        self.evaluations = 0
-        self.values = self.evaluate(self.points)
+        self.points, self.values = points, self._evaluate(points)
         self.best, self.best_values = self.points.copy(), self.values.copy()
-        self.temperature = np.full(schedule.chains, float(schedule.initial_temperature))
 
-    def evaluate(self, points: Array) -> Array:
-        """Objective with NaN as infinitely bad."""
+    def _evaluate(self, points: Array) -> Array:
         self.evaluations += len(points)
         values = np.asarray(self.objective(points), dtype=float)
         return np.where(np.isnan(values), np.inf, values)
 
-    def steps(self) -> Iterator[AnnealingState]:
-        """Anneal; every chain that has cooled rests."""
-        schedule, generation = self.schedule, 0
-        while not self.below_threshold() and self.active().any():
-            before = self.best_values.copy()
-            for _ in range(schedule.moves):
-                self.move(generation)
-            self.temperature *= schedule.cooling(self.best_values < before)
-            generation += 1
-            winner = int(self.best_values.argmin())
-            yield AnnealingState(generation, self.best[winner], float(self.best_values[winner]),
-                                 float(self.temperature.max()), self.evaluations)
+    def move(self, warm: NDArray[np.intp], size: Array, temperature: Array) -> None:
+        """Try one move in each warm chain (Metropolis rule).
 
-    def active(self) -> NDArray[np.bool_]:
-        """Chains that are still warm."""
-        return self.temperature > self.schedule.final_temperature
-
-    def below_threshold(self) -> bool:
-        """Improvement (1)."""
-        threshold = self.schedule.threshold
-        return threshold is not None and bool(self.best_values.min() < threshold)
-
-    def move(self, generation: int) -> None:
-        """Try one move in every warm chain (Metropolis rule)."""
-        warm = np.flatnonzero(self.active())
-        trial = self.schedule.disturbance(
-            self.points[warm], self.high - self.low, generation, self.schedule.generations,
-            self.rng)
-        trial = reflect(trial, self.low, self.high)
-        values = self.evaluate(trial)
+        Args:
+            warm: m chains.
+            size: of the disturbance, in widths of the bounds, shape (m,).
+            temperature: of these chains, shape (m,).
+        """
+        shape = (len(warm), len(self.low))
+        moves = size[:, None] * (self.high - self.low) * (self.rng.random(shape) - 0.5)  # Eq. (19)
+        trial = reflect(self.points[warm] + moves, self.low, self.high)
+        values = self._evaluate(trial)
         with np.errstate(invalid="ignore", over="ignore", under="ignore"):
             rise = values - self.values[warm]
-            chance = np.exp(-np.maximum(rise, 0.0) / self.temperature[warm])
+            chance = np.exp(-np.maximum(rise, 0.0) / temperature)
         # inf - inf: a chain that starts without any answer may wander freely.
         accepted = np.isnan(rise) | (self.rng.random(len(warm)) < chance)
         taken = warm[accepted]

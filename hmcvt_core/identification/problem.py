@@ -1,77 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The identification problem: scaled variables, bounds, residuals, objectives."""
+"""The identification problem: what is minimised, and the local search that finishes it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from ..files.bench import BenchSamples
+from ..model.agreement import determination_residuals
 from ..model.model import EfficiencyModel
-from ..model.relative_error import RelativeError
-from ..physics.closed_form_arrays import CHUNK, ArrayForm
 from ..physics.power_balance import OperatingPoints
-from ..transmission.parameters import HydraulicParameters
+from ..transmission.parameters import SEARCH_BOUNDS, from_scaled
 from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
+OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
+"""What each formulation minimises."""
 
-# Scaled variables: log10 of the leakage, which spans decades; the dampings as they are, so that
-# zero can be reached.
-BOUNDS = np.array([[-13.0, -10.0], [0.0, 1.0], [0.0, 1.5]])
-BOUND_TEXT = {
-    "leakage": ("1e-13", "1e-10"), "motor_damping": ("0", "1"), "pump_damping": ("0", "1.5"),
-}
-
-
-def to_parameters(scaled: Array) -> HydraulicParameters:
-    """Return the parameters at scaled variables of shape (3,)."""
-    return HydraulicParameters(float(10.0 ** scaled[0]), float(scaled[1]), float(scaled[2]))
-
-
-def to_scaled(parameters: HydraulicParameters) -> Array:
-    """Return scaled variables of shape (3,), within the bounds."""
-    values = parameters.to_array()
-    values[0] = np.log10(values[0])
-    return np.clip(values, BOUNDS[:, 0], BOUNDS[:, 1])
-
-
-@dataclass(frozen=True)
-class ManyParameters:
-    """Parameters of many candidates at once: arrays that broadcast against operating points."""
-
-    leakage: Array
-    motor_damping: Array
-    pump_damping: Array
+_NO_ANSWER = 1e3  # residual where the model has none
+_PRECISION = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Samples, the model form that shall meet them, and the weight of each sample.
+    """Samples, and the model that shall meet them; scaled variables are those of `from_scaled`.
 
     Attributes:
-        model: stage and formulation; its parameters are the ones to be found.
+        model: stage, formulation and effects; its parameters are the ones to be found.
         samples: n bench samples.
-        deviation: standard deviation of each efficiency, shape (n,) [-].
-        deviation_known: whether the samples state it (else the paper's 1.12 % is taken).
     """
 
     model: EfficiencyModel
     samples: BenchSamples
-    deviation: Array
-    deviation_known: bool
 
-    @classmethod
-    def of(cls, model: EfficiencyModel, samples: BenchSamples) -> Problem:
-        """Set up; samples without `efficiency_std` get the paper's uncertainty, eq. (3)."""
-        known = samples.efficiency_std is not None
-        deviation = (samples.efficiency_std if samples.efficiency_std is not None
-                     else PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency)
-        return cls(model, samples, deviation, known)
+    @cached_property
+    def deviation(self) -> Array:
+        """Standard deviation of each efficiency, (n,) [-]; the paper's, eq. (3), where unstated."""
+        stated = self.samples.efficiency_std
+        return PAPER_EFFICIENCY_UNCERTAINTY * self.samples.efficiency if stated is None else stated
 
-    @property
+    @cached_property
     def points(self) -> OperatingPoints:
         """Operating points of the samples."""
         s = self.samples
@@ -80,46 +52,40 @@ class Problem:
 
     def predict(self, scaled: Array) -> Array:
         """Efficiency at scaled variables of shape (..., 3): shape (..., n)."""
-        scaled = np.asarray(scaled)
-        rows = scaled.reshape(-1, scaled.shape[-1])
-        part = max(1, CHUNK // max(1, len(self.samples)))
-        if len(rows) <= part:
-            return self._predict(scaled)
-        found = [self._predict(rows[i:i + part]) for i in range(0, len(rows), part)]
-        return np.concatenate(found).reshape(*scaled.shape[:-1], len(self.samples))
-
-    def _predict(self, scaled: Array) -> Array:
-        many = ManyParameters(10.0 ** scaled[..., :1], scaled[..., 1:2], scaled[..., 2:3])
-        # The physics only reads attributes and broadcasts; one call serves every candidate.
-        points = self.points
-        if self.model.closed_form is not None:
-            form = ArrayForm(self.model.stage, many)  # type: ignore[arg-type]
-            return form.efficiency(*points[:3])
-        model = replace(self.model, parameters=many)  # type: ignore[arg-type]
-        shape = np.broadcast_shapes(scaled[..., :1].shape, (len(self.samples),))
-        return model.efficiency_at(points._replace(**{
-            name: np.broadcast_to(axis, shape) for name, axis in points._asdict().items()
-            if axis is not None}))
+        return self.model.efficiency_of_candidates(from_scaled(scaled), self.points)
 
     def residuals(self, scaled: Array) -> Array:
         """(Predicted - measured) / deviation, shape (..., n); NaN where there is no answer."""
         return (self.predict(scaled) - self.samples.efficiency) / self.deviation
 
-    def weighted_squares(self, scaled: Array) -> Array:
-        """Mean squared weighted residual, shape (...)."""
-        return np.asarray((self.residuals(scaled) ** 2).mean(axis=-1))
+    def objective(self, scaled: Array) -> Array:
+        """What the formulation minimises (`OBJECTIVES`), shape (...).
 
-    def determination_loss(self, scaled: Array) -> Array:
-        """1 - RSQ of eq. (21), shape (...).
-
-        As printed, the lower sum runs over predicted (not measured) minus the measured mean.
+        Both are measured in units of a scatter, so that t_0 = 1 of the annealing means the same for
+        every bench: the mean of weighted squares in the variance of the noise, at which it is 1 for
+        a true model; 1 - RSQ in the spread of the predictions.
         """
-        predicted, measured = self.predict(scaled), self.samples.efficiency
-        spread = np.sum((predicted - measured.mean()) ** 2, axis=-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.sum((predicted - measured) ** 2, axis=-1) / spread)
+        return np.asarray((self._terms(scaled) ** 2).sum(axis=-1))
 
+    def _terms(self, scaled: Array) -> Array:
+        """Residuals whose squares add up to the objective, shape (..., n)."""
+        if self.model.formulation == "published":
+            return determination_residuals(self.predict(scaled), self.samples.efficiency)
+        return self.residuals(scaled) / np.sqrt(len(self.samples))
 
-def relative_error(problem: Problem, scaled: Array) -> RelativeError:
-    """Error of the prediction at scaled variables of shape (3,)."""
-    return RelativeError.of(problem.predict(scaled), problem.samples.efficiency)
+    def finish(self, ends: Array) -> tuple[Array, float]:
+        """Finish points of shape (m, 3) by least squares within the bounds.
+
+        Returns:
+            The best point, shape (3,), and its objective; infinite where some sample has no answer.
+        """
+        def terms(scaled: Array) -> Array:
+            return np.nan_to_num(self._terms(scaled), nan=_NO_ANSWER)
+
+        # Of SciPy's methods this one puts a parameter on its bound, not next to it.
+        found = [least_squares(terms, end, bounds=SEARCH_BOUNDS.T, method="dogbox",
+                               ftol=_PRECISION, xtol=_PRECISION, gtol=_PRECISION).x
+                 for end in ends]
+        points = np.vstack([*found, *ends])
+        values = np.nan_to_num(self.objective(points), nan=np.inf)
+        return points[int(values.argmin())], float(values.min())

@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq, least_squares
 
 from ..files.bench import BenchSamples
 from ..physics import published
-from ..transmission.parameters import PARAMETER_NAMES
+from ..transmission.parameters import SEARCH_BOUNDS, HydraulicParameters, from_scaled
 from ..transmission.stage import Stage
-from .problem import BOUNDS, Problem, to_parameters
+from .problem import Problem
 
 Array = NDArray[np.float64]
 _GRID = np.linspace(published.STANDING_EFFICIENCY, 1.0 - 1e-9, 4001)
@@ -50,26 +51,20 @@ def hydraulic_roots(stage: Stage, samples: BenchSamples) -> list[HydraulicRoots]
 
 
 def _roots(stage: Stage, displacement_ratio: float, efficiency: float) -> HydraulicRoots:
-    if displacement_ratio == 0.0:
-        return HydraulicRoots((), ())
-    stroke = np.array([displacement_ratio])
+    consistent, rejected = [], []
+    stroke = np.array(displacement_ratio)
 
-    def gap(hydraulic: Array) -> Array:
-        return published.efficiencies(stage, stroke, hydraulic).total - efficiency
+    def gap(hydraulic: Array | float) -> Array:
+        return published.efficiencies(stage, stroke, np.asarray(hydraulic)).total - efficiency
 
     values = gap(_GRID)
     change = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0)
-    low, high = _GRID[change], _GRID[change + 1]
-    for _ in range(60):
-        middle = (low + high) / 2.0
-        left = np.sign(gap(middle)) == np.sign(gap(low))
-        low, high = np.where(left, middle, low), np.where(left, high, middle)
-    root = (low + high) / 2.0
-    # A sign change through the pole is no root.
-    root = root[np.abs(gap(root)) < 1e-6]
-    found = published.efficiencies(stage, np.full(root.shape, displacement_ratio), root)
-    sound = published.is_consistent(found, np.full(root.shape, displacement_ratio))
-    return HydraulicRoots(tuple(root[sound].tolist()), tuple(root[~sound].tolist()))
+    for i in change if displacement_ratio != 0.0 else ():
+        root = brentq(gap, _GRID[i], _GRID[i + 1], xtol=1e-15)
+        if abs(gap(root)) < 1e-6:  # a sign change through the pole is no root
+            found = published.efficiencies(stage, stroke, np.array(root))
+            (consistent if published.is_consistent(found, stroke) else rejected).append(root)
+    return HydraulicRoots(tuple(consistent), tuple(rejected))
 
 
 def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:
@@ -77,24 +72,18 @@ def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:
 
     One start for every combination of roots, as long as those are few.
     """
-    from scipy.optimize import least_squares
-
     used = [i for i, entry in enumerate(roots) if entry.consistent]
-    choices = [roots[i].consistent for i in used]
-    middle = BOUNDS.mean(axis=1)
+    middle = SEARCH_BOUNDS.mean(axis=1)
     if not used:
         return middle[None, :]
-    points = problem.points
-    chosen = points._replace(**{name: axis[used] for name, axis in points._asdict().items()
-                                if axis is not None})
-    starts = []
-    for combination in itertools.islice(itertools.product(*choices), _MOST_COMBINATIONS):
-        target = np.array(combination)
+    chosen = Problem(problem.model, problem.samples.select(used)).points
 
-        def miss(scaled: Array, target: Array = target) -> Array:
-            found = published.hydraulic_efficiency(
-                problem.model.stage, to_parameters(scaled), chosen)
-            return np.where(np.isnan(found), 1.0, found - target)
+    def miss(scaled: Array, target: Array) -> Array:
+        parameters = HydraulicParameters(*from_scaled(scaled).tolist())
+        found = published.hydraulic_efficiency(problem.model.stage, parameters, chosen)
+        return np.where(np.isnan(found), 1.0, found - target)
 
-        starts.append(least_squares(miss, middle, bounds=BOUNDS.T, x_scale=1.0).x)
-    return np.clip(np.array(starts).reshape(-1, len(PARAMETER_NAMES)), BOUNDS[:, 0], BOUNDS[:, 1])
+    combinations = itertools.product(*(roots[i].consistent for i in used))
+    return np.array([
+        least_squares(miss, middle, bounds=SEARCH_BOUNDS.T, args=(np.array(target),)).x
+        for target in itertools.islice(combinations, _MOST_COMBINATIONS)])

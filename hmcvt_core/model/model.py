@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..physics import power_balance, published
 from ..physics.breakdown import Breakdown, breakdown
 from ..physics.closed_form import ClosedForm
-from ..physics.closed_form_arrays import ArrayForm
+from ..physics.closed_form_arrays import CHUNK, ArrayForm
 from ..physics.effects.base import Effect
 from ..physics.power_balance import OperatingPoints
 from ..transmission.parameters import (
@@ -26,6 +26,7 @@ from ..transmission.parameters import (
     MOTOR_DAMPING,
     PARAMETER_NAMES,
     PUMP_DAMPING,
+    Candidates,
     HydraulicParameters,
 )
 from ..transmission.ranges import (
@@ -238,6 +239,35 @@ class EfficiencyModel:
         if self._array_form is not None:
             return self._array_form.efficiency_in_parts(*points[:3])
         flow = power_balance.power_flow(self.stage, self.parameters, points, self.effects)
+        return power_balance.efficiency(flow, self.effects)
+
+    def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
+        """Efficiency with other parameters than the model's own, for many candidates at once [-].
+
+        Args:
+            values: (leakage, f_m, f_p) of each candidate, shape (..., 3), SI units, unchecked.
+            points: checked points of shape (n,).
+
+        Returns:
+            Shape (..., n); NaN where the formulation has no answer.
+        """
+        rows = values.reshape(-1, values.shape[-1])
+        n = len(points.engine_speed)
+        found = np.empty((len(rows), n))
+        part = max(1, CHUNK // max(1, n))
+        for i in range(0, len(rows), part):
+            found[i:i + part] = self._efficiency_of(Candidates.of(rows[i:i + part]), points)
+        return found.reshape(*values.shape[:-1], n)
+
+    def _efficiency_of(self, many: Candidates, points: OperatingPoints) -> Array:
+        if self._is_solved:
+            return ArrayForm(self.stage, many).efficiency(*points[:3])
+        shape = (len(many.leakage), len(points.engine_speed))
+        spread = OperatingPoints._make(None if axis is None else np.broadcast_to(axis, shape)
+                                       for axis in points)
+        if self.formulation == "published":
+            return published.published_efficiency(self.stage, many, spread)
+        flow = power_balance.power_flow(self.stage, many, spread, self.effects)
         return power_balance.efficiency(flow, self.effects)
 
     def output_speed_at(self, points: OperatingPoints) -> Array:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from ..transmission.parameters import HydraulicParameters
+from ..transmission.parameters import Parameters
 from ..transmission.stage import Stage
 
 
@@ -57,21 +57,21 @@ class Constants:
             goes on to stall: a slower output then asks for more leakage than flow.
     """
 
-    def __init__(self, stage: Stage, parameters: HydraulicParameters) -> None:
+    def __init__(self, stage: Stage, parameters: Parameters) -> None:
         units, ratio = stage.pump_motor, stage.motor_speed_ratio
         self.idle, self.hydraulic = stage.mechanical_speed_ratio, abs(ratio)
         pump_gear = 1.0 / stage.pump.ratio
         self.full_flow = (math.copysign(pump_gear, ratio)
                           * units.pump_displacement / units.motor_displacement)
-        self.stiffness = units.motor_displacement**2 / parameters.leakage
-        self.motor_damping = parameters.motor_damping
+        self.stiffness: Any = units.motor_displacement**2 / parameters.leakage
+        self.motor_damping: Any = parameters.motor_damping
         self.driving = self.hydraulic / (stage.output.efficiency * stage.motor.efficiency)
         self.driven = self.hydraulic / stage.output.efficiency * stage.motor.efficiency
         self.motor_friction, self.pump_friction = units.motor_friction, units.pump_friction
         self.mechanical_load = self.idle / (stage.output.efficiency * stage.mechanical.efficiency)
-        self.pump_drag = parameters.pump_damping * pump_gear**2
+        self.pump_drag: Any = parameters.pump_damping * pump_gear**2
         self.pump_gear_efficiency = stage.pump.efficiency
-        self.collapse = ((self.stiffness * (1.0 - units.motor_friction) + self.motor_damping)
+        self.collapse: Any = ((self.stiffness * (1.0 - units.motor_friction) + self.motor_damping)
                          * self.idle**2 / (self.hydraulic * self.driving))
 
     def side(self, load: Any, friction: Any) -> Side:
@@ -90,7 +90,7 @@ class ClosedForm(Constants):
         turned: while it is driven so fast that its damping turns the pressure round.
     """
 
-    def __init__(self, stage: Stage, parameters: HydraulicParameters) -> None:
+    def __init__(self, stage: Stage, parameters: Parameters) -> None:
         super().__init__(stage, parameters)
         # Plain attributes: a lookup that costs a microsecond feels anything else.
         self.forward = self.side(self.driving, self.motor_friction)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..transmission.parameters import HydraulicParameters
+from ..transmission.parameters import Parameters
 from ..transmission.stage import Stage
 from .closed_form import Constants
 
@@ -18,7 +18,7 @@ CHUNK = 8192
 class ArrayForm(Constants):
     """The answers of `ClosedForm` in arrays."""
 
-    def __init__(self, stage: Stage, parameters: HydraulicParameters) -> None:
+    def __init__(self, stage: Stage, parameters: Parameters) -> None:
         """Work out the constants.
 
         Parameters may be arrays, of shapes (..., 1) that broadcast with points of shape (n,).

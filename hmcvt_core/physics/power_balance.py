@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..transmission.parameters import HydraulicParameters
+from ..transmission.parameters import Parameters
 from ..transmission.stage import Path, Stage, member_speed_coefficients
 from .effects.base import Effect, ShaftState, Value
 
@@ -103,7 +103,7 @@ class _Torques(NamedTuple):
 
 def power_flow(
     stage: Stage,
-    parameters: HydraulicParameters,
+    parameters: Parameters,
     points: OperatingPoints,
     effects: Sequence[Effect] = (),
 ) -> PowerFlow:
@@ -141,7 +141,7 @@ class _Balance:
     def __init__(
         self,
         stage: Stage,
-        parameters: HydraulicParameters,
+        parameters: Parameters,
         points: OperatingPoints,
         effects: tuple[Effect, ...],
     ) -> None:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..transmission.parameters import HydraulicParameters
+from ..transmission.parameters import Parameters
 from ..transmission.stage import Stage, member_speed_coefficients
 from .power_balance import OperatingPoints
 
@@ -73,7 +73,7 @@ def _connection(stage: Stage) -> float:
 
 
 def hydraulic_efficiency(
-    stage: Stage, parameters: HydraulicParameters, points: OperatingPoints
+    stage: Stage, parameters: Parameters, points: OperatingPoints
 ) -> Array:
     """eta_H of the pump-motor pair, eqs (6), (13)-(16) in the steady state [-].
 
@@ -152,7 +152,7 @@ def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDA
 
 
 def published_efficiency(
-    stage: Stage, parameters: HydraulicParameters, points: OperatingPoints
+    stage: Stage, parameters: Parameters, points: OperatingPoints
 ) -> Array:
     """eta_total of eq. (18), NaN where the formulas contradict themselves [-]."""
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,22 @@ class HydraulicParameters:
         """Return (leakage, motor_damping, pump_damping), shape (3,)."""
         return np.array(astuple(self))
 
+
+class Candidates(NamedTuple):
+    """Parameters of many candidates at once; arrays of shape (..., 1) against points (n,)."""
+
+    leakage: NDArray[np.float64]
+    motor_damping: NDArray[np.float64]
+    pump_damping: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, values: NDArray[np.float64]) -> Candidates:
+        """Take apart values of shape (..., 3): (leakage, f_m, f_p)."""
+        return cls(values[..., :1], values[..., 1:2], values[..., 2:])
+
+
+Parameters = HydraulicParameters | Candidates
+"""What the physics reads: one transmission, or many candidates for it."""
 
 PARAMETER_RANGES = (LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING)
 PARAMETER_NAMES = tuple(field.name for field in fields(HydraulicParameters))

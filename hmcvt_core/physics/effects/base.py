@@ -100,6 +100,8 @@ class Effect:
         summary: what it does, in plain words.
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
+        prior: how often the field meets effects of this name, against the usual ones; all forms
+            of a name state the same.
     """
 
     name: ClassVar[str] = ""
@@ -108,6 +110,7 @@ class Effect:
     summary: ClassVar[str] = ""
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
+    prior: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():

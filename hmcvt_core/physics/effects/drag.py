@@ -38,6 +38,7 @@ class BearingDrag(Effect):
     summary = "bearings and seals on the engine side drag with a torque that hardly minds the load"
     source = "Palmgren M0 ~ (nu n)^(2/3); SKF four-source friction model"
     remedy = "spin the transmission without load and without charge pressure"
+    prior = 0.15
 
     torque: float = size("N m", 3.0, 0.0, 20.0, "drag torque on the engine shaft at 150 rad/s")
     exponent: float = shape("-", (0.0, 0.67), "power of speed in the torque")
@@ -75,6 +76,7 @@ class OutputChurning(Effect):
                "so it rises with the displacement ratio")
     source = "Changenet & Velex 2007"
     remedy = "repeat one point at lowered oil level"
+    prior = 0.15
 
     torque: float = size("N m", 3.0, 0.0, 40.0, "drag torque on the output shaft at 180 rad/s")
     exponent: float = shape("-", (1.5, 1.75, 2.0), "power of speed in the torque")

@@ -42,6 +42,7 @@ class OrificeLeakage(Effect):
     summary = "sharp-edged gaps leak with the root of pressure, whatever the viscosity"
     source = "Bernoulli orifice; valve plate notches in Ivantysyn & Ivantysynova"
     remedy = "measure the output speed at low load"
+    prior = 0.15
 
     flow: float = size("m3/s", 1.5e-4, 0.0, 2e-3, "flow lost at 20 MPa")
 
@@ -60,6 +61,7 @@ class StrokeLeakage(Effect):
     summary = "leakage grows with the pump's stroke"
     source = "Jeong 2007; McCandlish & Dorey 1984"
     remedy = "measure the output speed at the same pressure and different strokes"
+    prior = 0.15
 
     leakage: float = size("m3/(s Pa)", 1.5e-11, 0.0, 3e-10, "further leakage at full stroke")
     exponent: float = shape("-", (1.0, 2.0), "power of the displacement ratio")
@@ -195,6 +197,7 @@ class PortPressureDrop(Effect):
     summary = "ports and lines between pump and motor take pressure: the loss grows as speed cubed"
     source = "line loss, laminar (m = 1) to turbulent (m = 2); Ivantysyn & Ivantysynova"
     remedy = "measure the pressure at the pump and at the motor"
+    prior = 0.15
 
     drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
     exponent: float = shape("-", (1.0, 1.75), "power of the flow")

@@ -9,6 +9,7 @@ from .base import Array, Effect, ShaftState, size
 
 _REMEDY = "check the meter's zero before and after the campaign; calibrate it with a dead weight"
 _SOURCE = "paper, section 2.2: meter error up to 10 N m; 0.12 % systematic"
+_PRIOR = 2.0  # a meter is wrong more often than any one part
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class EngineTorqueZero(Effect):
     summary = "the engine torque meter is off by a constant: light loads look wrong most"
     source = _SOURCE
     remedy = _REMEDY
+    prior = _PRIOR
 
     zero: float = size("N m", 3.0, -20.0, 20.0, "reading at no torque")
 
@@ -39,6 +41,7 @@ class EngineTorqueGain(Effect):
     summary = "the engine torque meter is off in proportion: every efficiency looks wrong alike"
     source = _SOURCE
     remedy = _REMEDY
+    prior = _PRIOR
 
     gain: float = size("-", 0.012, -0.1, 0.1, "reading / torque - 1")
 
@@ -57,6 +60,7 @@ class OutputTorqueZero(Effect):
     summary = "the output torque meter is off by a constant: light loads look wrong most"
     source = _SOURCE
     remedy = _REMEDY
+    prior = _PRIOR
 
     zero: float = size("N m", 3.0, -20.0, 20.0, "reading at no torque")
 
@@ -75,6 +79,7 @@ class OutputTorqueGain(Effect):
     summary = "the output torque meter is off in proportion: every efficiency looks wrong alike"
     source = _SOURCE
     remedy = _REMEDY
+    prior = _PRIOR
 
     gain: float = size("-", 0.012, -0.1, 0.1, "reading / torque - 1")
 

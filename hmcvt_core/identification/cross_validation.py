@@ -15,12 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
+from ..model.agreement import predicted_at, relative_errors
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_NAMES
 from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
@@ -36,13 +36,13 @@ _ALLOWANCE = 2.0
 
 
 @dataclass(frozen=True)
-class HeldBack:
+class CrossValidation:
     """Outcome of the comparison; every error is a mean of |predicted - measured| / measured [-].
 
     Attributes:
-        samples: how many, each held back once.
+        samples: how many, each predicted once by a refit that has not seen it.
         folds: how many refits predicted them.
-        error_refit: of the refits, at the samples that each has not seen.
+        error_refit: of these refits.
         error_in_service: of the model in service, at the same samples.
         allowance: by how much the first may exceed the second.
         change: mean of |refit to all samples - model in service| / measured.
@@ -62,14 +62,14 @@ class HeldBack:
                 and self.change > self.allowance)
 
 
-def held_back(
+def cross_validate(
     samples: BenchSamples,
     refit: EfficiencyModel,
     in_service: EfficiencyModel,
     fit: Callable[[BenchSamples], EfficiencyModel],
     seed: int = 0,
-) -> HeldBack | None:
-    """Compare a refit with the model in service on samples held back.
+) -> CrossValidation | None:
+    """Compare a refit with the model in service on samples that it has not seen.
 
     Args:
         samples: that `refit` was fitted to.
@@ -83,18 +83,18 @@ def held_back(
     """
     if len(samples) < FEWEST:
         return None
-    parts = list(folds(samples.displacement_ratio, seed))
-    refit_errors = np.empty(len(samples))
+    measured, parts = samples.efficiency, list(folds(samples.displacement_ratio, seed))
+    unseen = np.empty(len(samples))
     for part in parts:
         others = np.setdiff1d(np.arange(len(samples)), part)
-        refit_errors[part] = relative_errors(fit(samples.select(others)), samples.select(part))
-    errors = relative_errors(in_service, samples)
-    noise = _noise(errors, relative_errors(refit, samples))
-    change = np.abs(_efficiency(refit, samples) - _efficiency(in_service, samples))
-    return HeldBack(
-        len(samples), len(parts), float(refit_errors.mean()), float(errors.mean()),
-        float(_ALLOWANCE * len(PARAMETER_NAMES) / len(samples) * noise),
-        float(np.mean(change / samples.efficiency)))
+        unseen[part] = _predicted(fit(samples.select(others)), samples.select(part))
+    served, refitted = _predicted(in_service, samples), _predicted(refit, samples)
+    errors = relative_errors(served, measured)
+    noise = _noise(errors, relative_errors(refitted, measured))
+    return CrossValidation(
+        len(samples), len(parts), float(relative_errors(unseen, measured).mean()),
+        float(errors.mean()), float(_ALLOWANCE * len(PARAMETER_NAMES) / len(samples) * noise),
+        float(np.mean(np.abs(refitted - served) / measured)))
 
 
 def folds(displacement_ratio: Array, seed: int) -> Iterator[NDArray[np.intp]]:
@@ -115,17 +115,9 @@ def folds(displacement_ratio: Array, seed: int) -> Iterator[NDArray[np.intp]]:
         yield np.flatnonzero(fold == label)
 
 
-def relative_errors(model: EfficiencyModel, samples: BenchSamples) -> Array:
-    """|predicted - measured| / measured at each sample, shape (n,) [-]."""
-    return np.abs(_efficiency(model, samples) - samples.efficiency) / samples.efficiency
-
-
-def _efficiency(model: EfficiencyModel, samples: BenchSamples) -> Array:
-    predicted: Any = model.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque,
-        samples.oil_temperature)
+def _predicted(model: EfficiencyModel, samples: BenchSamples) -> Array:
     # No answer means that the load cannot be carried: nothing comes out.
-    return np.nan_to_num(predicted, nan=0.0)
+    return np.nan_to_num(predicted_at(model, samples), nan=0.0)
 
 
 def _noise(in_service: Array, refit: Array) -> float:
