@@ -22,16 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.identification import identify
-from hmcvt_core.identification.annealing import (
-    IMPROVED,
-    STANDARD,
-    ConstantCooling,
-    ConstantDisturbance,
-    Schedule,
-    minimise,
-)
-from hmcvt_core.identification.problem import BOUNDS, Problem
+from hmcvt_core.identification.annealing import IMPROVED, STANDARD, Schedule, minimise
+from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.two_part import hydraulic_roots, starting_points
+from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 from . import paper
 from .bench import FITTED, problem, stage, table2
@@ -112,7 +106,7 @@ def run(task: Task) -> Run:
     """Run one algorithm once."""
     if task.algorithm == SERVED:
         return _served(task)
-    recorder = _Recorder(_problem().determination_loss)
+    recorder = _Recorder(_problem().objective)
     if task.algorithm in ANNEALING:
         schedule, two_part = _settings(task.algorithm, NEAR * task.lowest)
         start, spent = _part_one() if two_part else (None, 0.0)
@@ -134,8 +128,8 @@ def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
     return {
         IMPROVED_SA: (improved, True),
         WITHOUT[1]: (replace(improved, threshold=None), True),
-        WITHOUT[2]: (replace(improved, disturbance=ConstantDisturbance()), True),
-        WITHOUT[3]: (replace(improved, cooling=ConstantCooling()), True),
+        WITHOUT[2]: (replace(improved, shrink=STANDARD.shrink), True),
+        WITHOUT[3]: (replace(improved, cooling=STANDARD.cooling), True),
         WITHOUT[4]: (improved, False),
         STANDARD_SA: (replace(STANDARD, moves=paper.PARTICLES), False),
         COOLER: (replace(improved, initial_temperature=_COOLER[0], final_temperature=_COOLER[1]),
@@ -145,8 +139,7 @@ def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
 
 @functools.cache
 def _problem() -> Problem:
-    model = problem("published").model
-    return Problem.of(model, table2().select(FITTED))
+    return Problem(problem("published").model, table2().select(FITTED))
 
 
 @functools.cache
@@ -157,7 +150,7 @@ def _part_one() -> tuple[Array, float]:
         begun = time.process_time()
         starts = starting_points(_problem(), hydraulic_roots(stage(), _problem().samples))
         times.append(time.process_time() - begun)
-    values = _problem().determination_loss(starts)
+    values = _problem().objective(starts)
     return starts[int(np.nanargmin(values))], min(times)
 
 

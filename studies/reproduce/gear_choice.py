@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hmcvt_core.identification.problem import BOUNDS
+from hmcvt_core.model.agreement import determination_loss
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
+from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 from . import paper
-from .bench import FITTED, Cloud, determination_loss, mean_error, problem, relative_squares
+from .bench import FITTED, Cloud, mean_error, problem, relative_squares
 from .item import Item, claim
 from .tables import FORMULATIONS, Fit, errors
 

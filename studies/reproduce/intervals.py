@@ -18,8 +18,9 @@ from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
 from hmcvt_core.identification import identify
-from hmcvt_core.identification.problem import BOUNDS, Problem
+from hmcvt_core.identification.problem import Problem
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS
+from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 from .bench import FITTED, problem, stage, table2
 from .item import DIFFERS, NOT_REPRODUCIBLE, REPRODUCED, Item
@@ -75,7 +76,7 @@ class Profile:
 
 @functools.cache
 def _problem(tests: str) -> Problem:
-    return Problem.of(problem(FORMULATION).model, table2().select(list(SETS[tests])))
+    return Problem(problem(FORMULATION).model, table2().select(list(SETS[tests])))
 
 
 def tasks() -> list[tuple[str, int, int]]:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.identification import Identification, identify
-from hmcvt_core.identification.problem import Problem, to_scaled
+from hmcvt_core.model.agreement import determination_loss, predicted_at, relative_errors
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS, PARAMETER_NAMES, PARAMETER_UNITS
 from hmcvt_core.transmission.stage import Stage
 
 from . import paper
-from .bench import FITTED, PREDICTED, determination_loss, stage, table2
+from .bench import FITTED, PREDICTED, stage, table2
 from .item import DIFFERS, NOT_REPRODUCIBLE, REPRODUCED, Item, claim, printed, printed_error
 
 Array = NDArray[np.float64]
@@ -49,14 +49,13 @@ def fit(task: tuple[str, float]) -> Fit:
     formulation, gear = task
     samples = table2()
     found = identify(samples.select(FITTED), stage=stage(gear), formulation=formulation)
-    predicted = np.asarray(found.model.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque))
+    predicted = predicted_at(found.model, samples)
     return Fit(formulation, gear, found, predicted, errors(predicted))
 
 
 def errors(predicted: Array) -> paper.Errors:
     """Mean relative errors of predictions at all eight tests [%]."""
-    relative = 100.0 * np.abs(predicted / table2().efficiency - 1.0)
+    relative = 100.0 * relative_errors(predicted, table2().efficiency)
     return paper.Errors(float(relative.mean()), float(relative[FITTED].mean()),
                         float(relative[PREDICTED].mean()))
 
@@ -157,7 +156,7 @@ def _with_displacement(formulation: str, gear: float, size: float) -> Array:
     units = replace(train.pump_motor, pump_displacement=size * _CM3_PER_REV,
                     motor_displacement=size * _CM3_PER_REV)
     model = EfficiencyModel(replace(train, pump_motor=units), PAPER_PARAMETERS[gear], formulation)
-    return Problem.of(model, table2()).predict(to_scaled(PAPER_PARAMETERS[gear]))
+    return predicted_at(model, table2())
 
 
 def _parameters(fits: dict[tuple[str, float], Fit]) -> list[Item]:
