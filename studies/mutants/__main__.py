@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import random
 import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+
+from studies.workers import Record, recorded
 
 from .harness import KILLED, NO_EFFECT, ROOT, SURVIVED, Copies, probed, reaches, trial
 from .mutations import Mutation, mutations
@@ -44,26 +44,17 @@ def main() -> int:
         seconds = time.monotonic() - start
     if not isinstance(answers, dict):
         raise RuntimeError(f"the probe fails without any mutant:\n{answers}")
-    drawn = draw(given.rooms, given.count, given.seed)
-    results = folder / f"results-{copies.state}.jsonl"
-    done = _read(results)
-    records = [done[mutation.key] for mutation in drawn if mutation.key in done]
+    drawn = {mutation.key: mutation for mutation in draw(given.rooms, given.count, given.seed)}
 
-    def work(mutation: Mutation) -> dict[str, Any]:
+    def work(mutation: Mutation) -> Record:
         with copies.one() as copy:
             return trial(copy, mutation, reach, answers, seconds)
 
-    with ThreadPoolExecutor(given.jobs) as pool, results.open("a", encoding="utf-8") as file:
-        waiting = [pool.submit(work, mutation) for mutation in drawn if mutation.key not in done]
-        try:
-            for found in as_completed(waiting):
-                record = found.result()
-                records.append(record)
-                file.write(json.dumps(record) + "\n")
-                file.flush()
-                _say(f"{len(records)} of {len(drawn)}: {record['outcome']}: {record['key']}")
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    records: list[Record] = []
+    with ThreadPoolExecutor(given.jobs) as pool:
+        for record in recorded(pool, work, drawn, folder / f"results-{copies.state}.jsonl"):
+            records.append(record)
+            _say(f"{len(records)} of {len(drawn)}: {record['outcome']}: {record['key']}")
     text = report(records, f"{given.count} drawn with seed {given.seed}")
     print(text)
     if given.out is not None:
@@ -79,13 +70,13 @@ def draw(rooms: Sequence[str], count: int, seed: int) -> list[Mutation]:
     return random.Random(seed).sample(every, min(count, len(every)))
 
 
-def share(records: Sequence[dict[str, Any]]) -> float:
+def share(records: Sequence[Record]) -> float:
     """Killed, of those that change an answer."""
     counts = Counter(record["outcome"] for record in records)
     return counts[KILLED] / max(1, counts[KILLED] + counts[SURVIVED])
 
 
-def report(records: Sequence[dict[str, Any]], what: str) -> str:
+def report(records: Sequence[Record], what: str) -> str:
     """Tell how many were noticed, and show those that were not."""
     counts = Counter(record["outcome"] for record in records)
     parts = [f"# Mutants\n\n{what}: {counts[KILLED]} killed, {counts[SURVIVED]} survived, "
@@ -97,15 +88,6 @@ def report(records: Sequence[dict[str, Any]], what: str) -> str:
             for record in sorted(records, key=lambda record: record["key"])
             if record["outcome"] == outcome)]
     return "\n\n".join(parts) + "\n"
-
-
-def _read(path: Path) -> dict[str, dict[str, Any]]:
-    if not path.exists():
-        return {}
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    # A line without its end was being written when the run was interrupted.
-    records = [json.loads(line) for line in lines if line.endswith("\n")]
-    return {record["key"]: record for record in records}
 
 
 def _say(text: str) -> None:

@@ -108,7 +108,7 @@ def _constants(value: object) -> Iterator[str]:
     elif isinstance(value, int):
         yield repr(value + 1)
     elif isinstance(value, float):
-        yield repr(1.1 * value if value else 1.0)
+        yield repr(2.0 * value if value else 1.0)
 
 
 def _changed(node: ast.AST, **fields: object) -> str:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -53,7 +54,7 @@ class Run:
 
     Attributes:
         algorithm, seed: what ran.
-        value: lowest 1 - RSQ.
+        value: lowest 1 - RSQ; infinite where no point had an answer.
         evaluations: points at which the model was asked (part 1 not counted).
         seconds: processor time, part 1 included.
         curve: (evaluations, lowest so far) after each batch of points that improved it.
@@ -118,7 +119,9 @@ def run(task: Task) -> Run:
         begun = time.process_time()
         search(recorder, task.seed)
     spent += time.process_time() - begun
-    return Run(task.algorithm, task.seed, recorder.curve[-1][1], recorder.evaluations, spent,
+    # A start that has no answer may never find one.
+    value = recorder.curve[-1][1] if recorder.curve else math.inf
+    return Run(task.algorithm, task.seed, value, recorder.evaluations, spent,
                tuple(recorder.curve))
 
 
