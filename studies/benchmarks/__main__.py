@@ -1,56 +1,58 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m studies.benchmarks`: run every benchmark and write the document."""
+"""`python -m studies.benchmarks`: time everything and write docs/benchmarks.md."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
 import sys
 import tempfile
 import time
+from importlib.metadata import version
 from pathlib import Path
 
-import pytest
+# The matrices are small. NumPy reads these when it is imported.
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
 
-from studies.soak.run import Run, busy_cores
+import hmcvt_core as hmcvt
+from studies.page import Run, busy_cores, goal_table, machine
 
-from . import report
-from .record import Record
-
-HERE = Path(__file__).parent
+from . import fitting, node, point
 
 
 def main() -> int:
     """Run them; 0 when they all ran, whether or not a goal is met."""
     parser = argparse.ArgumentParser(prog="python -m studies.benchmarks", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.md"))
-    parser.add_argument("--record", type=Path, help="keep what pytest-benchmark writes here")
     parser.add_argument("--quick", action="store_true",
-                        help="two turns of everything, to try the benchmarks themselves")
+                        help="few turns of everything, to try the benchmarks themselves")
+    parser.add_argument("--without-node", action="store_true", help="what needs no ROS")
     given = parser.parse_args()
     # As Ctrl-C does: the processes that were started end, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if given.quick:
-        os.environ["HMCVT_BENCH_QUICK"] = "1"
-    others = busy_cores()
-    start = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="hmcvt-bench-") as name:
-        file = given.record or Path(name) / "record.json"
-        code = pytest.main([
-            str(HERE), "-q", "--no-header", "-p", "no:cacheprovider", "--timeout=300",
-            "-o", "python_files=bench_*.py", "-o", "python_functions=bench_*",
-            # Warnings of the libraries that are compared with are no errors of ours.
-            "-W", "ignore", "--benchmark-only", "--benchmark-quiet",
-            f"--benchmark-json={file}"])
-        if code != pytest.ExitCode.OK:
-            return int(code)
-        record = Record(json.loads(file.read_text()))
-    command = " ".join(["python -m studies.benchmarks", *sys.argv[1:]])
-    run = Run(command, time.monotonic() - start, others)
-    given.out.write_text(report.text(run, record))
-    for goal in report.goals(record):
+    others, start = busy_cores(), time.monotonic()
+    model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    sections = [point.section(model, given.quick), fitting.section(model, given.quick)]
+    if not given.without_node:
+        with tempfile.TemporaryDirectory(prefix="hmcvt-bench-") as folder:
+            sections.append(node.section(model, Path(folder), given.quick))
+    goals = [goal for section in sections for goal in section.goals]
+    run = Run(" ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
+              time.monotonic() - start, others)
+    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
+    given.out.write_text("\n".join([
+        "# Benchmarks", "", "    make bench", "",
+        f"wrote this page in {run.seconds / 60:.1f} minutes (`{run.command}`).", "",
+        f"Machine: {machine()}; {libraries}. Other programs used {run.others:.2f} cores before "
+        "the start.", "",
+        "What is compared takes turns in this one run: told are the median of the turns and, in "
+        "brackets, the lowest and the highest. A goal is met when the median meets it. BLAS has "
+        "one thread: the matrices are small.", "", *goal_table(goals), "",
+        *(line for section in sections for line in [*section.lines, ""]),
+        "The endurance trial of the node is in [soak.md](soak.md), a fleet of logs in "
+        "[fleet.md](fleet.md).", ""]), encoding="utf-8")
+    for goal in goals:
         if not goal.met:
             print(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")
     print(f"Written to {given.out} after {run.seconds / 60:.1f} minutes.")

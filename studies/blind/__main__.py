@@ -12,8 +12,11 @@ import click
 from hmcvt_core.cli import run_command
 from hmcvt_core.cli.common import OutputFile, json_option, print_json
 from hmcvt_core.files.atomic import write_atomically
+from studies.workers import recorded, workers
 
 from .conditions import PARTS, REFERENCE, cases
+from .scoring import HOW, report, summary
+from .trial import score
 
 
 @click.command("blind", epilog="""\b
@@ -38,22 +41,21 @@ def command(
     seeds: int, side_seeds: int | None, parts: tuple[str, ...], jobs: int, results: str,
     out: str | None, as_json: bool,
 ) -> None:
-    """Run the blind trial: sealed campaigns of the twin, diagnosed through `hmcvt diagnose`."""
-    from .scoring import report, summary
-    from .trial import run
-
+    """Run the blind trial: campaigns of the twin, diagnosed through `hmcvt diagnose` alone."""
     side = max(1, seeds // 3) if side_seeds is None else side_seeds
     todo = cases(seeds, side, parts)
     records = []
-    for number, record in enumerate(run(todo, Path(results), jobs), 1):
-        records.append(record)
-        if sys.stderr.isatty() or number % 50 == 0:
-            end = "\r" if sys.stderr.isatty() else "\n"
-            click.echo(f"{number} of {len(todo)} campaigns{end}", err=True, nl=False)
+    with workers(jobs) as pool:
+        tasks = {case.key: case for case in todo}
+        for number, record in enumerate(recorded(pool, score, tasks, Path(results)), 1):
+            records.append(record)
+            if sys.stderr.isatty() or number % 50 == 0:
+                end = "\r" if sys.stderr.isatty() else "\n"
+                click.echo(f"{number} of {len(todo)} campaigns{end}", err=True, nl=False)
     chosen = "" if parts == PARTS else "".join(f" --part {part}" for part in parts)
     command_line = f"python -m studies.blind --seeds {seeds} --side-seeds {side}{chosen}"
     text = (f"# Blind trial\n\nWritten by `{command_line}`; rates carry 95 % Wilson intervals.\n\n"
-            + report(records))
+            + HOW + report(records))
     if out is not None:
         write_atomically(Path(out), text)
     if as_json:

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -84,39 +85,13 @@ class Label:
         """Names of the effects, without variants."""
         return tuple(sized.effect.name for sized in self.effects)
 
-    def to_mapping(self) -> dict[str, object]:
-        """Return a mapping that JSON can hold."""
-        return {
-            "plant_seed": self.plant_seed,
-            "sample_seed": self.sample_seed,
-            "effects": [_describe(sized) for sized in self.effects],
-            "base": asdict(self.base),
-            "options": asdict(self.options),
-        }
-
-
-def _describe(sized: SizedEffect) -> dict[str, object]:
-    effect = sized.effect
-    return {
-        "name": effect.name,
-        "variant": effect.variant,
-        "known": effect.known,
-        "parts": list(effect.parts),
-        "box": None if effect.box is None else asdict(effect.box),
-        "target": sized.target,
-        "shift": sized.shift,
-        "mean_shift": sized.mean_shift,
-        "capped": sized.capped,
-        "shape": {f.name: getattr(effect, f.name) for f in fields(effect) if f.name != "variant"},
-    }
-
 
 @dataclass(frozen=True)
 class Campaign:
     """Samples by contract column, arrays of truth without noise, and the label; shape (n,) each.
 
     `truth` holds efficiency (with meter error, without noise), efficiency_plain (same points, no
-    effect), output_speed, load_torque, oil_temperature, pressure, motor_speed, outlier, session.
+    effect), output_speed, outlier, session.
     """
 
     samples: dict[str, FloatArray]
@@ -130,51 +105,24 @@ class Campaign:
 
 
 def make_campaign(
-    seed: int,
-    effects: Sequence[tuple[str, float]] = (),
-    samples: int = 96,
-    efficiency_noise: float = 0.004,
-    output_speed_noise: float | None = 0.001,
-    plan: str = "random",
-    vary_temperature: bool = False,
-    *,
-    stated_noise_factor: float | None = 1.0,
-    heavy_tails: bool = False,
-    outliers: int = 0,
-    session_gain_std: float = 0.0,
-    sessions: int = 1,
-    base_off: bool = False,
-    temperature_swing: float = 25.0,
+    seed: int, effects: Sequence[tuple[str, float]] = (), **options: Any
 ) -> Campaign:
     """Measure a campaign on a plant drawn from `seed`.
 
     `effects` are (name, target shift) pairs, "name:variant" fixing the variant; each is sized
-    alone to its target (catalogue.size_effect). Other arguments: see CampaignOptions. Equal
+    alone to its target (catalogue.size_effect). `options` are fields of CampaignOptions. Equal
     arguments give equal campaigns. Raises InputError for unknown names or plans, bad numbers, or
     the effect oil_temperature without vary_temperature.
     """
-    options = CampaignOptions(
-        samples,
-        efficiency_noise,
-        output_speed_noise,
-        plan,
-        vary_temperature,
-        temperature_swing,
-        stated_noise_factor,
-        heavy_tails,
-        outliers,
-        session_gain_std,
-        sessions,
-        base_off,
-    )
-    base = draw_base(np.random.default_rng([seed, _BASE]), base_off)
+    chosen = CampaignOptions(**options)
+    base = draw_base(np.random.default_rng([seed, _BASE]), chosen.base_off)
     sized = []
     for place, (name, target) in enumerate(effects):
         effect = draw_effect(name, np.random.default_rng([seed, _EFFECTS, place]))
-        if effect.name == "oil_temperature" and options.swing <= 0.0:
+        if effect.name == "oil_temperature" and chosen.swing <= 0.0:
             raise InputError("effect 'oil_temperature' needs vary_temperature")
-        sized.append(size_effect(base, effect, target, options.swing))
-    return _measure(Label(seed, seed, tuple(sized), base, options))
+        sized.append(size_effect(base, effect, target, chosen.swing))
+    return _measure(Label(seed, seed, tuple(sized), base, chosen))
 
 
 def fresh(campaign: Campaign, seed: int) -> Campaign:
@@ -205,10 +153,6 @@ def _measure(label: Label) -> Campaign:
         "efficiency": read.efficiency,
         "efficiency_plain": plain.efficiency,
         "output_speed": read.output_speed,
-        "load_torque": points.load_torque,
-        "oil_temperature": points.oil_temperature,
-        "pressure": read.pressure,
-        "motor_speed": read.motor_speed,
         "outlier": outlier,
         "session": session,
     }

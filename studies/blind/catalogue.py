@@ -15,26 +15,12 @@ from studies.blind.plans import reference_points
 from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 
 _CLASSES: tuple[type[Effect], ...] = (
-    drag.ChargePump,
-    drag.Churning,
-    drag.ClutchDrag,
-    gearing.GearMesh,
-    gearing.PlanetaryMesh,
-    hydrostatics.PressureLeakage,
-    drag.PressureFriction,
-    hydrostatics.Compressibility,
-    hydrostatics.DisplacementError,
-    oil.OilTemperature,
-    meters.TorqueSensor,
-    hydrostatics.OrificeLeakage,
-    hydrostatics.StrokeLeakage,
-    drag.BearingSealDrag,
-    drag.OutputChurning,
-    hydrostatics.PortPressureDrop,
-    unknown.TorsionalResonance,
-    unknown.CasingDeflection,
-    unknown.SwashChatter,
-    unknown.ClutchMicroslip,
+    drag.ChargePump, drag.Churning, drag.ClutchDrag, gearing.GearMesh, gearing.PlanetaryMesh,
+    hydrostatics.PressureLeakage, drag.PressureFriction, hydrostatics.Compressibility,
+    hydrostatics.DisplacementError, oil.OilTemperature, meters.TorqueSensor,
+    hydrostatics.OrificeLeakage, hydrostatics.StrokeLeakage, drag.BearingSealDrag,
+    drag.OutputChurning, hydrostatics.PortPressureDrop, unknown.TorsionalResonance,
+    unknown.CasingDeflection, unknown.SwashChatter, unknown.ClutchMicroslip,
 )
 _BY_NAME = {kind.name: kind for kind in _CLASSES}
 
@@ -56,9 +42,7 @@ def _sense(rng: np.random.Generator) -> float:
 #: Random shape of each effect: what a diagnosis cannot know beforehand.
 _SHAPES: dict[str, _Draw] = {
     "charge_pump": lambda r: {
-        "cracking_pressure": r.uniform(1.4e6, 2.2e6),
-        "override": r.uniform(0.15, 0.4),
-    },
+        "cracking_pressure": r.uniform(1.4e6, 2.2e6), "override": r.uniform(0.15, 0.4)},
     "churning": lambda r: {"exponent": r.uniform(2.6, 3.0)},
     "output_churning": lambda r: {"exponent": r.uniform(2.6, 3.0)},
     "clutch_drag": lambda r: {
@@ -69,13 +53,9 @@ _SHAPES: dict[str, _Draw] = {
     "planetary_mesh": lambda r: {"bearing": r.uniform(0.05, 0.25)},
     "pressure_leakage": lambda r: {"exponent": r.uniform(1.6, 2.2)},
     "pressure_friction": lambda r: {
-        "hersey": r.uniform(3e-7, 1e-6),
-        "floor": r.uniform(0.2, 0.6),
-    },
+        "hersey": r.uniform(3e-7, 1e-6), "floor": r.uniform(0.2, 0.6)},
     "compressibility": lambda r: {
-        "air": r.uniform(0.01, 0.06),
-        "dead_volume": r.uniform(0.3, 0.8),
-    },
+        "air": r.uniform(0.01, 0.06), "dead_volume": r.uniform(0.3, 0.8)},
     "displacement_error": lambda r: {"sense": _sense(r)},
     "oil_temperature": lambda r: {"film_share": r.uniform(0.75, 0.95)},
     "torque_sensor": lambda r: {"sense": _sense(r)},
@@ -83,18 +63,14 @@ _SHAPES: dict[str, _Draw] = {
     "stroke_leakage": lambda r: {"exponent": r.uniform(1.3, 1.7)},
     "bearing_seal_drag": lambda r: {"seal_share": r.uniform(0.3, 0.7)},
     "torsional_resonance": lambda r: {
-        "centre": r.uniform(105.0, 200.0),
-        "damping": r.uniform(0.03, 0.05),
-    },
+        "centre": r.uniform(105.0, 200.0), "damping": r.uniform(0.03, 0.05)},
     "casing_deflection": lambda r: {
         "stroke_edge": r.uniform(0.35, 0.6),
         "load_edge": r.uniform(270.0, 340.0),
         "sense": _sense(r),
     },
     "swash_chatter": lambda r: {
-        "centre": _sense(r) * r.uniform(0.3, 0.75),
-        "half_width": r.uniform(0.12, 0.18),
-    },
+        "centre": _sense(r) * r.uniform(0.3, 0.75), "half_width": r.uniform(0.12, 0.18)},
     "clutch_microslip": lambda r: {"capacity": r.uniform(330.0, 420.0)},
 }
 

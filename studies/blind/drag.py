@@ -21,7 +21,6 @@ class ChargePump(Effect):
     """
 
     name: ClassVar[str] = "charge_pump"
-    parts: ClassVar[tuple[str, ...]] = ("pump",)
     limit: ClassVar[float] = 6.0
     cracking_pressure: float = 1.7e6
     override: float = 0.3
@@ -47,7 +46,6 @@ class Churning(Effect):
     """
 
     name: ClassVar[str] = "churning"
-    parts: ClassVar[tuple[str, ...]] = ("gears",)
     exponent: float = 2.8
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
@@ -62,7 +60,6 @@ class OutputChurning(Effect):
     """Oil churned by the final gears, which turn with the output shaft."""
 
     name: ClassVar[str] = "output_churning"
-    parts: ClassVar[tuple[str, ...]] = ("gears",)
     exponent: float = 2.7
 
     def output_drag_power(self, at: Conditions) -> FloatArray:
@@ -81,7 +78,6 @@ class BearingSealDrag(Effect):
     """
 
     name: ClassVar[str] = "bearing_seal_drag"
-    parts: ClassVar[tuple[str, ...]] = ("gears", "pump")
     seal_share: float = 0.5
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
@@ -102,7 +98,6 @@ class ClutchDrag(Effect):
     """
 
     name: ClassVar[str] = "clutch_drag"
-    parts: ClassVar[tuple[str, ...]] = ("clutches",)
     slip_ratio: float = 0.9
     peak_slip: float = 110.0
     decay: float = 1.7
@@ -126,7 +121,6 @@ class PressureFriction(Effect):
     """
 
     name: ClassVar[str] = "pressure_friction"
-    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
     hersey: float = 5e-7
     floor: float = 0.35
 

@@ -72,12 +72,10 @@ class Effect:
     """A loss or fault that the base plant lacks; every hook does nothing unless overridden.
 
     `size` scales the effect and 0 switches it off; `limit` is the largest size that is still
-    physical. `parts` are the components (names of the diagnosis contract) that may rightly be
-    blamed; empty when the contract has no word for the place.
+    physical.
     """
 
     name: ClassVar[str] = ""
-    parts: ClassVar[tuple[str, ...]] = ()
     limit: ClassVar[float] = 10.0
     known: ClassVar[bool] = True
     variants: ClassVar[tuple[str, ...]] = ()

@@ -21,7 +21,6 @@ class GearMesh(Effect):
     """
 
     name: ClassVar[str] = "gear_mesh"
-    parts: ClassVar[tuple[str, ...]] = ("gears",)
     variants: ClassVar[tuple[str, ...]] = ("friction", "efficiency")
     limit: ClassVar[float] = 8.0
     uneven: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
@@ -48,7 +47,6 @@ class PlanetaryMesh(Effect):
     """
 
     name: ClassVar[str] = "planetary_mesh"
-    parts: ClassVar[tuple[str, ...]] = ("planetary",)
     bearing: float = 0.15
 
     def planetary_loss(

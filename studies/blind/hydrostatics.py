@@ -28,7 +28,6 @@ class PressureLeakage(Effect):
     """
 
     name: ClassVar[str] = "pressure_leakage"
-    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
     variants: ClassVar[tuple[str, ...]] = ("clearance", "power_law")
     limit: ClassVar[float] = 8.0
     exponent: float = 1.8
@@ -53,7 +52,6 @@ class OrificeLeakage(Effect):
     """
 
     name: ClassVar[str] = "orifice_leakage"
-    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
     diameter: float = 3e-4
 
     def lost_flow(self, at: Conditions) -> FloatArray:
@@ -69,7 +67,6 @@ class StrokeLeakage(Effect):
     """Slippers that tilt at large stroke and leak; exponent of stroke below two."""
 
     name: ClassVar[str] = "stroke_leakage"
-    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
     exponent: float = 1.5
 
     def lost_flow(self, at: Conditions) -> FloatArray:
@@ -88,7 +85,6 @@ class Compressibility(Effect):
     """
 
     name: ClassVar[str] = "compressibility"
-    parts: ClassVar[tuple[str, ...]] = ("oil", "pump", "motor")
     air: float = 0.03
     dead_volume: float = 0.5
 
@@ -113,7 +109,6 @@ class PortPressureDrop(Effect):
     """Pressure lost in ports and lines; smooth-pipe turbulence (Blasius), dp ~ Q^1.75 nu^0.25."""
 
     name: ClassVar[str] = "port_pressure_drop"
-    parts: ClassVar[tuple[str, ...]] = ("pump", "motor")
 
     def pressure_drop(self, at: Conditions) -> FloatArray:
         """Return the drop along the flow."""
@@ -132,7 +127,6 @@ class DisplacementError(Effect):
     """
 
     name: ClassVar[str] = "displacement_error"
-    parts: ClassVar[tuple[str, ...]] = ("actuator",)
     variants: ClassVar[tuple[str, ...]] = ("offset", "gain", "dead_band")
     limit: ClassVar[float] = 1.0
     sense: float = 1.0

@@ -20,13 +20,8 @@ class TorqueSensor(Effect):
     """
 
     name: ClassVar[str] = "torque_sensor"
-    parts: ClassVar[tuple[str, ...]] = ("sensor",)
     variants: ClassVar[tuple[str, ...]] = (
-        "engine_zero",
-        "engine_gain",
-        "output_zero",
-        "output_gain",
-    )
+        "engine_zero", "engine_gain", "output_zero", "output_gain")
     limit: ClassVar[float] = 12.0
     sense: float = 1.0
 

@@ -46,7 +46,6 @@ class OilTemperature(Effect):
     """
 
     name: ClassVar[str] = "oil_temperature"
-    parts: ClassVar[tuple[str, ...]] = ("oil",)
     limit: ClassVar[float] = 1.5
     film_share: float = 0.85
 

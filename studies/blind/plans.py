@@ -84,15 +84,9 @@ def _factorial(samples: int, rng: np.random.Generator) -> tuple[FloatArray, Floa
     while levels[0] * levels[1] * levels[2] < samples:
         levels[order % 3] += 1
         order += 1
-    stroke, speed, share = (
-        axis.ravel()
-        for axis in np.meshgrid(
-            np.linspace(-1.0, 1.0, levels[0]),
-            np.linspace(*ENGINE_SPEED, levels[1]),
-            np.linspace(0.0, 1.0, levels[2]),
-            indexing="ij",
-        )
-    )
+    stroke, speed, share = (axis.ravel() for axis in np.meshgrid(
+        np.linspace(-1.0, 1.0, levels[0]), np.linspace(*ENGINE_SPEED, levels[1]),
+        np.linspace(0.0, 1.0, levels[2]), indexing="ij"))
     least = np.maximum(LOAD_TORQUE[0], LOAD_POWER[0] / speed)
     most = np.minimum(LOAD_TORQUE[1], LOAD_POWER[1] / speed)
     torque = least + (most - least) * share

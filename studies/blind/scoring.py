@@ -16,6 +16,13 @@ Record = dict[str, Any]
 _SET_SIZE = 3
 _FIRST_GOAL = 0.85
 _Z = 1.959964  # two-sided 95 %
+HOW = """\
+The campaigns come from a plant written apart from the served model (`studies/blind`), with effects
+in other functional forms than the library of the diagnosis has. Blind is the command, not this
+program: `hmcvt diagnose` runs as a process of its own and gets a CSV file with contract columns;
+plant and answer are compared afterwards.
+
+"""
 
 
 def wilson(hits: int, total: int) -> tuple[float, float]:
@@ -52,9 +59,8 @@ def undetectable(records: Sequence[Record]) -> list[Record]:
 
 def unlisted(records: Sequence[Record]) -> list[Record]:
     """One effect that is in nobody's library, detectable."""
-    return [
-        r for r in records if len(r["truth"]) == 1 and not r["known"] and r["left"] >= DETECTABLE
-    ]
+    return [r for r in records
+            if len(r["truth"]) == 1 and not r["known"] and r["left"] >= DETECTABLE]
 
 
 def nothing(records: Sequence[Record]) -> list[Record]:
@@ -100,11 +106,8 @@ def both_found(record: Record) -> bool:
 
 def misses(records: Sequence[Record]) -> list[float]:
     """|promised - met| shrinkage, squared units."""
-    return [
-        abs(r["promised"] - r["met"])
-        for r in records
-        if r["promised"] is not None and r["met"] is not None
-    ]
+    return [abs(r["promised"] - r["met"]) for r in records
+            if r["promised"] is not None and r["met"] is not None]
 
 
 # --- tables -------------------------------------------------------------------------------------
@@ -113,13 +116,8 @@ def misses(records: Sequence[Record]) -> list[float]:
 def report(records: Sequence[Record]) -> str:
     """Return the whole score as Markdown."""
     reference = [r for r in records if r["condition"] == REFERENCE]
-    parts = [
-        _summary(reference),
-        _by_effect(reference),
-        _confusion(reference),
-        _calibration(reference),
-        _conditions(records),
-    ]
+    parts = [_summary(reference), _by_effect(reference), _confusion(reference),
+             _calibration(reference), _conditions(records)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -160,17 +158,11 @@ def _summary(records: Sequence[Record]) -> str:
         (f"right cause in a set of at most {_SET_SIZE}", rate(known, set_holds_truth), "95 %"),
         ("false alarms, no effect", rate(nothing(records), alarmed), "at most 5 %"),
         ("unlisted effects refused", rate(unlisted(records), refused), "85 %"),
-        (
-            "place of unlisted effects found",
-            rate(unlisted(records), lambda r: bool(r["place_found"])),
-            "",
-        ),
+        ("place of unlisted effects found",
+         rate(unlisted(records), lambda r: bool(r["place_found"])), ""),
         ("listed effects refused", rate(known, refused), "at most 5 %"),
-        (
-            "median |promised - met| shrinkage",
-            _number(found["promise_median_miss"]),
-            "at most 0.10",
-        ),
+        ("median |promised - met| shrinkage", _number(found["promise_median_miss"]),
+         "at most 0.10"),
         ("squared gap gone, median, right cause added", _number(found["gap_gone_median"]), "0.85"),
         ("at least 85 % of the squared gap gone", rate(right, lambda r: r["met"] >= 0.85), ""),
         ("pairs: both among the first three", rate(pairs(records), both_found), ""),
@@ -206,29 +198,15 @@ def _by_effect(records: Sequence[Record]) -> str:
         own = [r for r in records if r["truth"] == [name]]
         seen = [r for r in own if r["left"] >= DETECTABLE]
         off = misses(seen)
-        rows.append(
-            (
-                name,
-                len(own),
-                len(seen),
-                rate(seen, first_is_right),
-                rate(seen, set_holds_truth),
-                rate(seen, refused),
-                f"{np.median(off):.2f}" if off else "",
-            )
-        )
+        rows.append((name, len(own), len(seen), rate(seen, first_is_right),
+                     rate(seen, set_holds_truth), rate(seen, refused), _median(off)))
     return "## By effect\n\n" + _table(
-        (
-            "true effect",
-            "campaigns",
-            "detectable",
-            "first",
-            "in the set",
-            "refused",
-            "median miss of the promise",
-        ),
-        rows,
-    )
+        ("true effect", "campaigns", "detectable", "first", "in the set", "refused",
+         "median miss of the promise"), rows)
+
+
+def _median(values: Sequence[float]) -> str:
+    return f"{np.median(values):.2f}" if values else ""
 
 
 def _confusion(records: Sequence[Record]) -> str:
@@ -242,13 +220,10 @@ def _confusion(records: Sequence[Record]) -> str:
         else:
             counts[truth][r["causes"][0]["effect"]] += 1
     answers = sorted({answer for row in counts.values() for answer in row})
-    rows = [
-        (truth, *(counts[truth][answer] or "" for answer in answers)) for truth in sorted(counts)
-    ]
-    return (
-        "## Confusion\n\nRows: what was switched on (detectable cases). Columns: the answer.\n"
-        "\n" + _table(("", *answers), rows)
-    )
+    rows = [(truth, *(counts[truth][answer] or "" for answer in answers))
+            for truth in sorted(counts)]
+    return ("## Confusion\n\nRows: what was switched on (detectable cases). Columns: the answer.\n"
+            "\n" + _table(("", *answers), rows))
 
 
 def _calibration(records: Sequence[Record]) -> str:
@@ -257,16 +232,10 @@ def _calibration(records: Sequence[Record]) -> str:
     for low, high in ((0.0, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.98), (0.98, 1.01)):
         inside = [r for r in known if low <= r["causes"][0]["probability"] < high]
         said = [r["causes"][0]["probability"] for r in inside]
-        rows.append(
-            (
-                f"{low:.2f} to {min(high, 1.0):.2f}",
-                f"{np.mean(said):.2f}" if said else "",
-                rate(inside, first_is_right),
-            )
-        )
+        rows.append((f"{low:.2f} to {min(high, 1.0):.2f}",
+                     f"{np.mean(said):.2f}" if said else "", rate(inside, first_is_right)))
     return "## Are the probabilities right?\n\n" + _table(
-        ("probability of the first cause", "mean said", "right"), rows
-    )
+        ("probability of the first cause", "mean said", "right"), rows)
 
 
 def _conditions(records: Sequence[Record]) -> str:
@@ -275,27 +244,11 @@ def _conditions(records: Sequence[Record]) -> str:
     for name in names:
         own = [r for r in records if r["condition"] == name]
         known, off = single_known(own), misses(single_known(own))
-        rows.append(
-            (
-                name,
-                rate(known, first_is_right),
-                rate(known, set_holds_truth),
-                rate(nothing(own), alarmed),
-                rate(unlisted(own), refused),
-                f"{np.median(off):.2f}" if off else "",
-            )
-        )
+        rows.append((name, rate(known, first_is_right), rate(known, set_holds_truth),
+                     rate(nothing(own), alarmed), rate(unlisted(own), refused), _median(off)))
     return "## Other conditions and stress\n\n" + _table(
-        (
-            "condition",
-            "first",
-            "in a set of three",
-            "false alarms",
-            "unlisted refused",
-            "median miss of the promise",
-        ),
-        rows,
-    )
+        ("condition", "first", "in a set of three", "false alarms", "unlisted refused",
+         "median miss of the promise"), rows)
 
 
 def _table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:

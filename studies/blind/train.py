@@ -4,18 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
-from hmcvt_core.errors import InputError
 from studies.blind.effect import FloatArray
 
-#: Gear pairs of stage HM4 (figure 1): mechanical path 2, 3; pump 4; motor 5; output 6, 11.
-PAIRS = (2, 3, 4, 5, 6, 11)
 #: 55 cm3 per revolution; the paper does not publish it, so it is assumed.
 DISPLACEMENT_PER_RADIAN = 55e-6 / (2.0 * 3.141592653589793)
 
 
 def _table_1() -> dict[int, float]:
+    """Gear pairs (figure 1): mechanical path 2, 3; pump 4; motor 5; output 6, 11."""
     return {2: 0.969, 3: 1.484, 4: 0.678, 5: 1.96, 6: 0.982, 11: 0.823}
 
 
@@ -41,27 +39,6 @@ class GearTrain:
     load_inertia: float = 0.06
     oil_volume: float = 8e-4
     bulk_modulus: float = 1.3e9
-
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, object]) -> GearTrain:
-        """Build from a mapping whose keys are this class's field names.
-
-        Raises InputError for an unknown key, a pair that is missing or a ratio not above 0.
-        """
-        known = {f.name for f in fields(cls)}
-        unknown = sorted(set(data) - known)
-        if unknown:
-            raise InputError(f"gear train: unknown key {unknown[0]!r}, expected {sorted(known)}")
-        values: dict[str, object] = dict(data)
-        ratios = values.get("ratios", _table_1())
-        if not isinstance(ratios, Mapping):
-            raise InputError("gear train: ratios must map pair number to ratio")
-        table = {int(pair): float(ratio) for pair, ratio in ratios.items()}
-        for pair in PAIRS:
-            if table.get(pair, 0.0) <= 0.0:
-                raise InputError(f"gear train: pair {pair} needs a ratio above 0")
-        numbers = {k: float(v) for k, v in values.items() if k != "ratios"}  # type: ignore[arg-type]
-        return cls(ratios=table, **numbers)
 
     def carrier_speed(self, engine_speed: FloatArray) -> FloatArray:
         """Speed of the planet carrier, rad/s."""

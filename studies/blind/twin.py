@@ -56,12 +56,8 @@ class OperatingPoints:
 
     def select(self, index: npt.NDArray[np.generic]) -> OperatingPoints:
         """Pick the points at `index` (integers or booleans)."""
-        return OperatingPoints(
-            self.displacement_ratio[index],
-            self.engine_speed[index],
-            self.load_torque[index],
-            self.oil_temperature[index],
-        )
+        return OperatingPoints(self.displacement_ratio[index], self.engine_speed[index],
+                               self.load_torque[index], self.oil_temperature[index])
 
 
 def operating_points(
@@ -74,11 +70,8 @@ def operating_points(
     speed = np.asarray(engine_speed, dtype=np.float64)
     warm = np.full_like(speed, NOMINAL_TEMPERATURE) if oil_temperature is None else oil_temperature
     return OperatingPoints(
-        np.asarray(displacement_ratio, dtype=np.float64),
-        speed,
-        np.asarray(load_torque, dtype=np.float64),
-        np.asarray(warm, dtype=np.float64),
-    )
+        np.asarray(displacement_ratio, dtype=np.float64), speed,
+        np.asarray(load_torque, dtype=np.float64), np.asarray(warm, dtype=np.float64))
 
 
 @dataclass(frozen=True)
@@ -149,17 +142,9 @@ class Plant:
             shown = effect.read(shown)
         load = shown.output_torque * balance.output_speed / points.engine_speed
         return Readings(
-            settled,
-            np.where(settled, load / shown.engine_torque, np.nan),
-            load,
-            balance.output_speed,
-            state[0],
-            state[1],
-            balance.input_power,
-            output_power,
-            balance.losses,
-            state,
-        )
+            settled, np.where(settled, load / shown.engine_torque, np.nan), load,
+            balance.output_speed, state[0], state[1], balance.input_power, output_power,
+            balance.losses, state)
 
     def guess(self, points: OperatingPoints) -> FloatArray:
         """State without leakage, (4, n): pressure, motor and pump speed, torque of the governor."""
@@ -180,14 +165,10 @@ class Plant:
         motor_inertia = self.train.motor_inertia + self.train.load_inertia
         pump_inertia = self.train.pump_inertia + self.train.engine_inertia
         drive = state[3] + _GOVERNOR[0] * short
-        return np.stack(
-            [
-                balance.flow_excess * stiffness,
-                balance.motor_surplus / motor_inertia,
-                (drive - balance.pump_torque) / pump_inertia,
-                np.broadcast_to(_GOVERNOR[1] * short, state[3].shape),
-            ]
-        )
+        return np.stack([
+            balance.flow_excess * stiffness, balance.motor_surplus / motor_inertia,
+            (drive - balance.pump_torque) / pump_inertia,
+            np.broadcast_to(_GOVERNOR[1] * short, state[3].shape)])
 
     def _conditions(self, state: FloatArray, points: OperatingPoints) -> Conditions:
         pressure, motor, pump = state[0], state[1], state[2]
@@ -205,21 +186,9 @@ class Plant:
         carrier = self.train.carrier_speed(engine) * (1.0 - slip)
         ring = np.maximum(self.train.ring_speed(carrier, motor), 1.0)
         return Conditions(
-            command,
-            stroke,
-            engine,
-            pump,
-            motor,
-            carrier,
-            self.train.output_speed(ring),
-            pressure,
-            load,
-            gap,
-            film,
-            self.train.pump_displacement,
-            self.train.motor_displacement,
-            self.base.leakage,
-        )
+            command, stroke, engine, pump, motor, carrier, self.train.output_speed(ring), pressure,
+            load, gap, film, self.train.pump_displacement, self.train.motor_displacement,
+            self.base.leakage)
 
     def _mesh(self, pair: int, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Efficiency of a gear pair under `torque` at `speed` of its faster side."""

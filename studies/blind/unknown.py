@@ -48,7 +48,6 @@ class CasingDeflection(Effect):
     """The casing yields at high load and large stroke of one sign and misaligns the gears."""
 
     name: ClassVar[str] = "casing_deflection"
-    parts: ClassVar[tuple[str, ...]] = ("gears",)
     known: ClassVar[bool] = False
     stroke_edge: float = 0.45
     load_edge: float = 300.0
@@ -76,7 +75,6 @@ class SwashChatter(Effect):
     """
 
     name: ClassVar[str] = "swash_chatter"
-    parts: ClassVar[tuple[str, ...]] = ("pump",)
     variants: ClassVar[tuple[str, ...]] = ("torque", "flow")
     known: ClassVar[bool] = False
     centre: float = 0.4
@@ -113,7 +111,6 @@ class ClutchMicroslip(Effect):
     """The closed clutch of the mechanical path creeps above its torque capacity."""
 
     name: ClassVar[str] = "clutch_microslip"
-    parts: ClassVar[tuple[str, ...]] = ("clutches",)
     known: ClassVar[bool] = False
     limit: ClassVar[float] = 20.0
     capacity: float = 380.0

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -22,14 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.identification import identify
-from hmcvt_core.identification.annealing import (
-    IMPROVED,
-    STANDARD,
-    Schedule,
-    minimise,
-    never,
-    with_steps,
-)
+from hmcvt_core.identification.annealing import IMPROVED, STANDARD, Schedule, minimise
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.two_part import hydraulic_roots, starting_points
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
@@ -60,7 +54,7 @@ class Run:
 
     Attributes:
         algorithm, seed: what ran.
-        value: lowest 1 - RSQ.
+        value: lowest 1 - RSQ; infinite where no point had an answer.
         evaluations: points at which the model was asked (part 1 not counted).
         seconds: processor time, part 1 included.
         curve: (evaluations, lowest so far) after each batch of points that improved it.
@@ -125,17 +119,19 @@ def run(task: Task) -> Run:
         begun = time.process_time()
         search(recorder, task.seed)
     spent += time.process_time() - begun
-    return Run(task.algorithm, task.seed, recorder.curve[-1][1], recorder.evaluations, spent,
+    # A start that has no answer may never find one.
+    value = recorder.curve[-1][1] if recorder.curve else math.inf
+    return Run(task.algorithm, task.seed, value, recorder.evaluations, spent,
                tuple(recorder.curve))
 
 
 def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
     """Schedule, and whether it starts from part 1."""
-    improved = replace(IMPROVED, shrink=with_steps, moves=paper.PARTICLES, threshold=threshold)
+    improved = replace(IMPROVED, moves=paper.PARTICLES, threshold=threshold)
     return {
         IMPROVED_SA: (improved, True),
         WITHOUT[1]: (replace(improved, threshold=None), True),
-        WITHOUT[2]: (replace(improved, shrink=never), True),
+        WITHOUT[2]: (replace(improved, shrink=STANDARD.shrink), True),
         WITHOUT[3]: (replace(improved, cooling=STANDARD.cooling), True),
         WITHOUT[4]: (improved, False),
         STANDARD_SA: (replace(STANDARD, moves=paper.PARTICLES), False),
@@ -146,8 +142,7 @@ def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
 
 @functools.cache
 def _problem() -> Problem:
-    model = problem("published").model
-    return Problem(model, table2().select(FITTED))
+    return Problem(problem("published").model, table2().select(FITTED))
 
 
 @functools.cache

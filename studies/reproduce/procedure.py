@@ -4,7 +4,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
+
+from studies.workers import workers
 
 from . import (
     algorithms,
@@ -26,9 +30,9 @@ from .item import VERDICTS, Item
 from .subsets import SubsetFit
 from .surfaces import Surface
 from .tables import Fit
-from .workers import Progress, Workers
 
-SEEDS = 30
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +69,7 @@ class Reproduction:
 
 
 def reproduce(
-    seeds: int = SEEDS, jobs: int = 1, progress: Progress | None = None
+    seeds: int, jobs: int = 1, progress: Callable[[str], None] | None = None
 ) -> Reproduction:
     """Compare every number and figure of the paper with ours.
 
@@ -74,16 +78,25 @@ def reproduce(
         jobs: processes side by side; they do not change the results, times apart.
         progress: called with a line of text after each piece of work.
     """
-    with Workers(jobs, progress) as workers:
-        fits = dict(zip(tables.fit_tasks(), workers.map(
+    tell = progress or (lambda text: None)
+    with workers(jobs) as pool:
+
+        def done(work: Callable[[Task], Result], tasks: Sequence[Task], what: str) -> list[Result]:
+            found = []
+            for result in pool.map(work, tasks):
+                found.append(result)
+                tell(f"{what}, {len(found)} of {len(tasks)}")
+            return found
+
+        fits = dict(zip(tables.fit_tasks(), done(
             tables.fit, tables.fit_tasks(), "identification"), strict=True))
         lowest = fits["published", paper.BEST_GEAR_EFFICIENCY].identification.objective
-        tried = gear_choice.enumerations(workers.map(
+        tried = gear_choice.enumerations(done(
             gear_choice.fit, gear_choice.tasks(), "gear efficiency"))
-        subset_fits = workers.map(subsets.fit, subsets.tasks(), "subset of the tests")
-        squares = workers.map(intervals.profile_point, intervals.tasks(), "point of the profiles")
-        runs = workers.map(algorithms.run, comparison.tasks(seeds, lowest), "run of figure 6")
-        workers.tell("gathering")
+        subset_fits = done(subsets.fit, subsets.tasks(), "subset of the tests")
+        squares = done(intervals.profile_point, intervals.tasks(), "point of the profiles")
+        runs = done(algorithms.run, comparison.tasks(seeds, lowest), "run of figure 6")
+    tell("gathering")
     profiles = intervals.profiles(squares)
     drawn = surfaces.surfaces(fits)
     summaries = comparison.summaries(runs, lowest)

@@ -9,15 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.identification import Identification, identify
-from hmcvt_core.identification.problem import Problem
-from hmcvt_core.model.agreement import determination_loss, relative_errors
+from hmcvt_core.model.agreement import determination_loss, predicted_at, relative_errors
 from hmcvt_core.model.model import EfficiencyModel
-from hmcvt_core.transmission.parameters import (
-    PAPER_PARAMETERS,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    to_scaled,
-)
+from hmcvt_core.transmission.parameters import PAPER_PARAMETERS, PARAMETER_NAMES, PARAMETER_UNITS
 from hmcvt_core.transmission.stage import Stage
 
 from . import paper
@@ -55,8 +49,7 @@ def fit(task: tuple[str, float]) -> Fit:
     formulation, gear = task
     samples = table2()
     found = identify(samples.select(FITTED), stage=stage(gear), formulation=formulation)
-    predicted = np.asarray(found.model.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque))
+    predicted = predicted_at(found.model, samples)
     return Fit(formulation, gear, found, predicted, errors(predicted))
 
 
@@ -163,7 +156,7 @@ def _with_displacement(formulation: str, gear: float, size: float) -> Array:
     units = replace(train.pump_motor, pump_displacement=size * _CM3_PER_REV,
                     motor_displacement=size * _CM3_PER_REV)
     model = EfficiencyModel(replace(train, pump_motor=units), PAPER_PARAMETERS[gear], formulation)
-    return Problem(model, table2()).predict(to_scaled(PAPER_PARAMETERS[gear].to_array()))
+    return predicted_at(model, table2())
 
 
 def _parameters(fits: dict[tuple[str, float], Fit]) -> list[Item]:

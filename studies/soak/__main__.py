@@ -12,8 +12,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from studies.page import Run, busy_cores
+
 from . import processes, report, trial
-from .run import Run, busy_cores
 
 QUICK = trial.Plan(seconds=3.0, turns=2, refit_turns=1, rates=(300.0, 1000.0, 2000.0),
                    rising_seconds=2.0, fuzz=10_000)
@@ -25,7 +26,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("docs/soak.md"))
     parser.add_argument("--quick", action="store_true",
                         help="a minute before the kills, to try the trial itself")
-    parser.add_argument("--kills", type=int, default=200, help="trials that kill the node")
+    parser.add_argument("--kills", type=int, default=60, help="random moments to kill the node")
     given = parser.parse_args()
     # As Ctrl-C does: the processes that were started end, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -55,7 +56,7 @@ def _loopback_only(folder: Path) -> None:
 
 
 def _kill_trials(count: int) -> report.Kills:
-    _say(f"{count} kills ...")
+    _say(f"{count} kills at random moments, and one before every line that writes ...")
     done = subprocess.run(
         [sys.executable, "-m", "studies.soak.kill_trials", "--trials", str(count), "--seed", "0"],
         capture_output=True, text=True, cwd=processes.ROOT)

@@ -10,10 +10,13 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
+
+import numpy as np
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files import atomic
@@ -23,12 +26,55 @@ from hmcvt_ros.bench_log import BenchLog
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
-from .kill_storage import BASE, LIMIT, leftovers, model, number_of, numbers, sample
-
 _FILES = {module.__file__ for module in (
     atomic, bench_log, model_store, numbered_files, state_folder)}
 
 _SAVE = parameter_file.save_model.__code__  # the rest of that module touches no file
+
+BASE = hmcvt.data_path("params/paper.yaml")
+_LIMIT = 1_000_000
+
+
+def sample(number: int) -> hmcvt.BenchSamples:
+    """Return a bench sample that tells its number twice."""
+    return hmcvt.BenchSamples(
+        stamp=np.array([float(number)]), engine_speed=np.array([100.0 + number % 1000 / 7.0]),
+        displacement_ratio=np.array([0.1]), load_torque=np.array([200.0]),
+        efficiency=np.array([0.8]), output_speed=np.array([90.0]))
+
+
+def model(number: int) -> hmcvt.EfficiencyModel:
+    """Return a model that tells its number by its leakage."""
+    base = hmcvt.load_model(BASE)
+    return replace(base, parameters=replace(base.parameters, leakage=1e-12 * (1 + number)))
+
+
+def number_of(found: hmcvt.EfficiencyModel) -> int:
+    """Return the number of a model."""
+    return round(found.parameters.leakage / 1e-12) - 1
+
+
+def numbers(logs: Iterable[Path]) -> list[int]:
+    """Return the numbers of the samples in logs, in order; an empty log has none.
+
+    Raises:
+        InputError: a log is no bench log.
+    """
+    found: list[int] = []
+    for path in logs:
+        if path.read_bytes().count(b"\n") > 1:
+            read = hmcvt.read_bench(path)
+            assert read.stamp is not None
+            expected = 100.0 + read.stamp % 1000 / 7.0
+            if not np.array_equal(read.engine_speed, expected):
+                raise hmcvt.InputError(f"{path}: samples are not as they were sent")
+            found += read.stamp.astype(int).tolist()
+    return found
+
+
+def leftovers(folder: Path) -> int:
+    """Count the temporary files below a folder."""
+    return sum(path.name.endswith(".tmp") for path in folder.rglob(".*"))
 
 
 class Step(NamedTuple):
@@ -40,7 +86,7 @@ class Step(NamedTuple):
 
 
 def _log(folder: Path) -> BenchLog:
-    return BenchLog(folder / "log.csv", LIMIT)
+    return BenchLog(folder / "log.csv", _LIMIT)
 
 
 def _three_samples(folder: Path) -> None:
@@ -68,6 +114,10 @@ def _repaired(folder: Path) -> bool:
 
 def _set_aside(folder: Path) -> bool:
     return numbers([*folder.glob("*.cleared-1.csv"), *folder.glob("log.csv")]) == [0, 1, 2]
+
+
+def _save(folder: Path, number: int) -> None:
+    hmcvt.save_model(model(number), folder / "model.yaml")
 
 
 def _saved(folder: Path, *versions: int) -> bool:
@@ -104,11 +154,10 @@ STEPS = {
     "repair of a torn log": Step(_three_and_torn, _log, _repaired),
     "log set aside": Step(_three_samples, lambda folder: _log(folder).set_aside(), _set_aside),
     "parameter file saved": Step(
-        lambda _: None, lambda folder: hmcvt.save_model(model(0), folder / "model.yaml"),
+        lambda _: None, lambda folder: _save(folder, 0),
         lambda folder: not (folder / "model.yaml").exists() or _saved(folder, 0)),
     "saved over another": Step(
-        lambda folder: hmcvt.save_model(model(0), folder / "model.yaml"),
-        lambda folder: hmcvt.save_model(model(1), folder / "model.yaml"),
+        lambda folder: _save(folder, 0), lambda folder: _save(folder, 1),
         lambda folder: _saved(folder, 0, 1)),
     "refit adopted": Step(lambda folder: _refit(folder, 0), lambda folder: _refit(folder, 1),
                           lambda folder: _in_service(folder, 0, 1)),

@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from hmcvt_ros.bench_player import BenchPlayer
 from hmcvt_ros.messages import bench_sample_to_message
 from hmcvt_ros.model_store import ModelStore
 
-from .kill_storage import BASE, Outcome, leftovers, model
+from .kill_lines import BASE, leftovers, model
 from .processes import ROOT
 
 _PERIOD = 0.01  # seconds between two samples
@@ -42,6 +43,23 @@ _COMPLAINT = re.compile(r"Traceback|cannot be read|damaged lines")
 _numbers = itertools.count(1)
 
 Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a kill left.
+
+    Attributes:
+        acknowledged: operations that had been acknowledged since the start of the process.
+        midway: whether one was under way.
+        leftovers: temporary files found.
+        problems: broken promises.
+    """
+
+    acknowledged: int
+    midway: bool
+    leftovers: int
+    problems: tuple[str, ...]
 
 
 class _Node:

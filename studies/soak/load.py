@@ -10,27 +10,33 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 
 from hmcvt_ros import qos
 from hmcvt_ros.inputs import INPUT_RANGES
+from studies.page import busy_seconds
 
 from .ear import Ear, Statuses
 from .matching import match
 from .points import TOPICS, Answer, Cycle
-from .processes import Process, busy_seconds
+from .processes import Process
 
 # Of this side only: a listener that is late must not lose what the node has sent.
 _DEEP = QoSProfile(depth=20_000)
+_REST = 0.7  # seconds before each stretch, longer than inputs stay fresh: it begins from silence
 _SETTLE = 0.3  # seconds after the last arrival in which answers may still come
 _TICK = 0.1
 
@@ -67,6 +73,33 @@ class Segment:
     other_cpu: float
     memory: tuple[int, ...]
     clock_slip: float
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A stretch of load on the node, with what the node says about it.
+
+    Attributes:
+        segment: as seen from outside.
+        accepted, answered: arrivals that the node has heard and answered, by its own count.
+    """
+
+    segment: Segment
+    accepted: int
+    answered: int
+
+
+@contextmanager
+def client() -> Iterator[Node]:
+    """Make the ROS node through which this process sends and hears."""
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("soak", context=context)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 @dataclass
@@ -132,6 +165,22 @@ class Target:
             raise TimeoutError(f"no diagnostics:\n{self.process.log}")
         return (self.statuses.sum("inputs", " accepted"),
                 self.statuses.sum("inputs", "points answered"))
+
+    def rested(self, cycle: Cycle, rate: float, seconds: float,
+               meanwhile: Callable[[], None] = lambda: None) -> Segment:
+        """Be silent, then load."""
+        self.ear.listen_for(_REST)
+        return self.load(cycle, rate, seconds, meanwhile)
+
+    def counted(self, cycle: Cycle, rate: float, seconds: float,
+                meanwhile: Callable[[], None] = lambda: None) -> Counted:
+        """Load after a rest, and ask the node what it counted."""
+        self.ear.listen_for(_REST)
+        accepted, answers = self.counts()
+        segment = self.load(cycle, rate, seconds, meanwhile)
+        accepted_after, answers_after = self.counts()
+        # The load begins with a set of three, of which the last is answered.
+        return Counted(segment, accepted_after - accepted - TOPICS, answers_after - answers - 1)
 
     def load(self, cycle: Cycle, rate: float, seconds: float,
              meanwhile: Callable[[], None] = lambda: None) -> Segment:

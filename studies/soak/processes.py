@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The processes under test, what they use of the machine, and the machine."""
+"""The processes under test, and what they use of the machine."""
 
 from __future__ import annotations
 
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -85,19 +84,3 @@ def relay(namespace: str, folder: Path) -> AbstractContextManager[Process]:
     """Run the relay that the node is compared with."""
     return running(["-m", "studies.soak.relay"], namespace,
                    folder / f"{namespace.strip('/')}.log", {})
-
-
-def machine() -> str:
-    """Say in a line what machine this is."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    model = next((line.partition(":")[2].strip() for line in lines
-                  if line.startswith("model name")), platform.machine())
-    return (f"{model}, {os.cpu_count()} cores, {platform.system()} {platform.release()}, "
-            f"Python {platform.python_version()}")
-
-
-def busy_seconds() -> float:
-    """Processor time that the whole machine has spent working since it started."""
-    user, nice, system, _idle, _wait, *rest = map(
-        int, Path("/proc/stat").read_text().splitlines()[0].split()[1:])
-    return (user + nice + system + sum(rest[:3])) / _TICKS

@@ -30,14 +30,15 @@ class Refits:
         replies: what was answered, as JSON objects.
     """
 
-    def __init__(self, client: Node, namespace: str) -> None:
+    def __init__(self, client: Node, target: Target, namespace: str) -> None:
+        self._target = target
         self._client = client.create_client(Trigger, f"{namespace}/hmcvt/reidentify")
         self._samples = client.create_publisher(
             JointState, f"{namespace}/bench_sample", qos.BENCH_SAMPLE)
         self._waiting = False
         self.replies: list[dict[str, Any]] = []
 
-    def log_samples(self, target: Target, model: EfficiencyModel, count: int, seed: int) -> None:
+    def log_samples(self, model: EfficiencyModel, count: int, seed: int) -> None:
         """Have the node log bench samples: what a model gives, with noise.
 
         Raises:
@@ -50,9 +51,9 @@ class Refits:
             self._samples.publish(_message(model, point, efficiency))
             if number % _BATCH and number < count:
                 continue
-            if not target.ear.listen_until(
-                    lambda logged=number: target.statuses.sum("model", "logged") == logged, 30.0):
-                raise TimeoutError(f"bench samples are not logged:\n{target.process.log}")
+            if not self._target.ear.listen_until(lambda logged=number: (
+                    self._target.statuses.sum("model", "logged") == logged), 30.0):
+                raise TimeoutError(f"bench samples are not logged:\n{self._target.process.log}")
 
     def poll(self) -> None:
         """Take the reply to the running refit, if it is there, and start the next."""
@@ -61,7 +62,7 @@ class Refits:
             self._waiting = True
             self._client.call_async(Trigger.Request())
 
-    def finish(self, target: Target, timeout: float = 120.0) -> dict[str, Any]:
+    def finish(self, timeout: float = 120.0) -> dict[str, Any]:
         """Wait for the running refit; return its reply.
 
         Raises:
@@ -71,8 +72,8 @@ class Refits:
         end = time.monotonic() + timeout
         while self._waiting:
             if time.monotonic() > end:
-                raise TimeoutError(f"a refit does not end:\n{target.process.log}")
-            target.ear.listen(0.05)
+                raise TimeoutError(f"a refit does not end:\n{self._target.process.log}")
+            self._target.ear.listen(0.05)
             self._take()
         return self.replies[-1]
 

@@ -3,30 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
-from . import figures, processes
-from .figures import (
-    MEGABYTE,
-    Spread,
-    ceiling,
-    first_latency,
-    kept_up,
-    latency,
-    ratio,
-    spread,
-)
-from .goals import Goal, goal_table
-from .load import Segment
-from .phases import Turn
-from .points import TOPICS
-from .run import Run
-from .trial import Fuzzed, Loaded, Plan
+import numpy as np
 
+from studies.page import Goal, Run, Spread, goal_table, machine, spread, table
+
+from .load import Segment
+from .points import TOPICS
+from .trial import Fuzzed, Loaded, Plan, Turn
+
+MEGABYTE = 1e6
 MEMORY_GOAL = 0.1  # MB a minute: two bytes for each arrival at 300 Hz
 CEILING_GOAL = 1000.0
+Figure = Callable[[Segment], float]
 
 
 @dataclass(frozen=True)
@@ -40,8 +32,8 @@ class Kills:
 def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Kills, plan: Plan) -> list[Goal]:
     """Return what was aimed at and what was reached."""
     steady, refitting = (_parts(turns) for turns in (loaded.steady, loaded.refitting))
-    slope = figures.memory_slope(steady[0])
-    top = ceiling(loaded.rising, 1.0)
+    slope = _memory_slope(steady[0])
+    top = _ceiling(loaded.rising, 1.0)
     return [
         _ratio_goal(f"p99, {plan.rate:g} Hz on each input", ratio(latency(99), *steady), 1.5),
         _ratio_goal("p99 during refits; the relay alone", ratio(latency(99), *refitting), 2.0),
@@ -66,7 +58,7 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> 
     return "\n".join([
         "# Endurance trial", "",
         f"Written by `make soak` (`{run.command}`) in {run.seconds / 60:.1f} minutes.", "",
-        f"Machine: {processes.machine()}; rclpy {version('ros-rclpy')} with Fast DDS on the "
+        f"Machine: {machine()}; rclpy {version('ros-rclpy')} with Fast DDS on the "
         f"loopback interface. Other programs used {run.others:.2f} cores before the start.", "",
         *goal_table(goals(loaded, fuzzed, kills, plan)), "",
         *_ratio_table(loaded), "",
@@ -85,14 +77,12 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> 
 def _ratio_table(loaded: Loaded) -> list[str]:
     rows = [("steady", *_parts(loaded.steady)), ("during refits", *_parts(loaded.refitting)),
             ("during refits, the relay beside them", *_beside(loaded.refitting))]
-    lines = ["## Ratios to a bare relay", "",
-             "Time from an arrival to the last of its two answers, node / relay: median of the "
-             "stretches, and lowest to highest turn.", "",
-             "|  | p50 | p99 | longest |", "| --- | --- | --- | --- |"]
-    for name, node, relay in rows:
-        cells = (ratio(latency(percent), node, relay).text() for percent in (50, 99, 100))
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return lines
+    return ["## Ratios to a bare relay", "",
+            "Time from an arrival to the last of its two answers, node / relay: median of the "
+            "stretches, and lowest to highest turn.", "",
+            *table(("", "p50", "p99", "longest"), [
+                [name, *(ratio(latency(percent), node, relay).text() for percent in (50, 99, 100))]
+                for name, node, relay in rows])]
 
 
 def _time_table(loaded: Loaded) -> list[str]:
@@ -100,51 +90,46 @@ def _time_table(loaded: Loaded) -> list[str]:
     rows = [("node, steady", node), ("relay, steady", relay), ("node, during refits", busy),
             ("relay, quiet turns between", quiet),
             ("relay, beside refits", _beside(loaded.refitting)[1])]
-    lines = ["## Times", "",
-             "Milliseconds, median of the stretches and lowest to highest; processor time as a "
-             "share of one core.", "",
-             "|  | first answer p50 | p99 | both answers p50 | p99 | longest | processor |",
-             "| --- | --- | --- | --- | --- | --- | --- |"]
-    for name, segments in rows:
-        cells = [spread([figure(segment) for segment in segments]).text() for figure in (
-            first_latency(50), first_latency(99), latency(50), latency(99), latency(100))]
-        cpu = spread([segment.cpu for segment in segments])
-        lines.append(f"| {name} | {' | '.join(cells)} | {cpu.text()} |")
-    return lines
+    figures = (_first_latency(50), _first_latency(99), latency(50), latency(99), latency(100),
+               lambda segment: segment.cpu)
+    return ["## Times", "",
+            "Milliseconds, median of the stretches and lowest to highest; processor time as a "
+            "share of one core.", "",
+            *table(("", "first answer p50", "p99", "both answers p50", "p99", "longest",
+                    "processor"), [
+                [name, *(spread([figure(segment) for segment in segments]).text()
+                         for figure in figures)] for name, segments in rows])]
 
 
 def _count_table(loaded: Loaded) -> list[str]:
-    lines = ["## Counts", "",
-             "What was sent and what came back are counted by the load generator, arrivals heard "
-             "and points answered by the node. An answer is right when both outputs are, bit by "
-             "bit, what the model gives; repeated answers come with a new model.", "",
-             "|  | sent | heard | answered | `efficiency` | `optimal_displacement_ratio` | right | "
-             "repeated |", "| --- | --- | --- | --- | --- | --- | --- | --- |"]
+    rows = []
     for name, turns in (("steady", loaded.steady), ("during refits", loaded.refitting)):
         parts = [(turn.node.segment.sent, turn.node.accepted, turn.node.answered,
                   turn.node.segment.answers, turn.node.segment.optima, turn.node.segment.right,
                   turn.node.segment.repeats) for turn in turns]
-        sums = (str(sum(counts)) for counts in zip(*parts, strict=True))
-        lines.append(f"| {name} | {' | '.join(sums)} |")
-    return lines
+        rows.append([name, *(str(sum(counts)) for counts in zip(*parts, strict=True))])
+    return ["## Counts", "",
+            "What was sent and what came back are counted by the load generator, arrivals heard "
+            "and points answered by the node. An answer is right when both outputs are, bit by "
+            "bit, what the model gives; repeated answers come with a new model.", "",
+            *table(("", "sent", "heard", "answered", "`efficiency`",
+                    "`optimal_displacement_ratio`", "right", "repeated"), rows)]
 
 
 def _rate_table(loaded: Loaded) -> list[str]:
-    lines = ["## Rising rate", "",
-             "Inputs are best effort with depth 5: what is not taken in time is lost.", "",
-             "|  | Hz on each input | reached | sent | answered | processor | generator | others |",
-             "| --- | --- | --- | --- | --- | --- | --- | --- |"]
-    for name, segments in (("node", loaded.rising), ("relay", loaded.rising_relay)):
-        lines += [
-            f"| {name} | {part.rate:.0f} | {part.sent / part.seconds / TOPICS:.0f} | {part.sent} | "
-            f"{_share(part.answers, part.sent)} | {part.cpu:.2f} | {part.generator_cpu:.2f} | "
-            f"{part.other_cpu:.2f} |" for part in segments]
-    lines += ["", "|  | every arrival answered up to | 99 % answered up to |",
-              "| --- | --- | --- |"]
-    for name, segments in (("node", loaded.rising), ("relay", loaded.rising_relay)):
-        lines.append(f"| {name} | {ceiling(segments, 1.0):.0f} Hz | "
-                     f"{ceiling(segments, 0.99):.0f} Hz |")
-    return [*lines, "", _limit(loaded.rising, "node"), _limit(loaded.rising_relay, "relay")]
+    both = (("node", loaded.rising), ("relay", loaded.rising_relay))
+    return ["## Rising rate", "",
+            "Inputs are best effort with depth 5: what is not taken in time is lost.", "",
+            *table(("", "Hz on each input", "reached", "sent", "answered", "processor",
+                    "generator", "others"), [
+                [name, f"{part.rate:.0f}", f"{part.sent / part.seconds / TOPICS:.0f}",
+                 str(part.sent), _share(part.answers, part.sent), f"{part.cpu:.2f}",
+                 f"{part.generator_cpu:.2f}", f"{part.other_cpu:.2f}"]
+                for name, segments in both for part in segments]), "",
+            *table(("", "every arrival answered up to", "99 % answered up to"), [
+                [name, *(f"{_ceiling(segments, share):.0f} Hz" for share in (1.0, 0.99))]
+                for name, segments in both]), "",
+            *(_limit(segments, name) for name, segments in both)]
 
 
 def _limit(segments: Sequence[Segment], name: str) -> str:
@@ -152,7 +137,7 @@ def _limit(segments: Sequence[Segment], name: str) -> str:
     last = segments[-1]
     said = (f"In its last stretch the {name} used {last.cpu:.2f} of a core and the load generator "
             f"{last.generator_cpu:.2f}")
-    if not kept_up(last):
+    if not _kept_up(last):
         return f"{said}; the generator fell behind, so that it and not the {name} may be the limit."
     return f"{said}, which kept up: it is not the limit."
 
@@ -227,3 +212,38 @@ def _arrival_goals(when: str, turns: Sequence[Turn]) -> list[Goal]:
 
 def _share(part: int, whole: int) -> str:
     return "all" if part == whole else f"{100 * part / whole:.2f} %"
+
+
+def latency(percentile: float) -> Figure:
+    """Return what gives the latency of the whole answer, both outputs [ms]."""
+    return lambda segment: float(np.percentile(segment.optimum_latency, percentile))
+
+
+def _first_latency(percentile: float) -> Figure:
+    return lambda segment: float(np.percentile(segment.efficiency_latency, percentile))
+
+
+def ratio(figure: Figure, above: Sequence[Segment], below: Sequence[Segment]) -> Spread:
+    """Return the ratio of the medians of two sets of stretches, with the range turn by turn."""
+    over, under = ([figure(segment) for segment in segments] for segments in (above, below))
+    by_turn = [one / other for one, other in zip(over, under, strict=True)]
+    return Spread(float(np.median(over) / np.median(under)), min(by_turn), max(by_turn))
+
+
+def _memory_slope(segments: Sequence[Segment]) -> float:
+    """How fast the memory grows under load [MB a minute], the first stretch left out."""
+    memory = np.concatenate([segment.memory for segment in segments[1:]]) / MEGABYTE
+    seconds = sum(segment.seconds for segment in segments[1:])
+    minutes = np.linspace(0.0, seconds / 60.0, len(memory))
+    return float(np.polyfit(minutes, memory, 1)[0])
+
+
+def _kept_up(segment: Segment) -> bool:
+    """Whether the generator sent at the rate aimed at."""
+    return segment.sent / segment.seconds >= 0.95 * TOPICS * segment.rate
+
+
+def _ceiling(segments: Sequence[Segment], share: float) -> float:
+    """The highest rate [Hz] that was sent and of which this share was answered, or 0."""
+    return max((segment.rate for segment in segments
+                if _kept_up(segment) and segment.answers >= share * segment.sent), default=0.0)

@@ -1,25 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole trial: what is done, for how long, and what comes of it."""
+"""The trials: steady load, rising load, load during refits, and nonsense.
+
+The node and the relay take turns, so that whatever else the machine does meets both.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-
 import hmcvt_core as hmcvt
 
-from . import phases, points, processes
+from . import points, processes
 from .fuzz_bench import BenchFuzzer
 from .fuzz_inputs import InputFuzzer, overrides
-from .load import Segment, Target
+from .load import Counted, Segment, Target, client
+from .points import Cycle
 from .refits import Refits
 
 Say = Callable[[str], None]
@@ -53,6 +51,40 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Turn:
+    """The node and the relay, one after the other.
+
+    Attributes:
+        node: under the load, during refits if there are any.
+        relay: under the same load, on a machine that does nothing else.
+        relay_beside: the same while the node refits; None where it does not.
+    """
+
+    node: Counted
+    relay: Segment
+    relay_beside: Segment | None = None
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What the trials under load showed.
+
+    Attributes:
+        steady, refitting: turns of the node and the relay.
+        rising, rising_relay: stretches with a rising rate.
+        refits: how many refits ended meanwhile, and how long one took alone [s].
+        memory: bytes that the node held after the trials: start, steady, rising, refits.
+    """
+
+    steady: list[Turn]
+    rising: list[Segment]
+    rising_relay: list[Segment]
+    refitting: list[Turn]
+    refits: tuple[int, float]
+    memory: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Fuzzed:
     """What nonsense did to the node.
 
@@ -75,64 +107,61 @@ class Fuzzed:
     survived: bool
 
 
-@dataclass(frozen=True)
-class Loaded:
-    """What the trials under load showed.
-
-    Attributes:
-        steady, refitting: turns of the node and the relay.
-        rising, rising_relay: stretches with a rising rate.
-        refits: how many refits ended meanwhile, and how long one took alone [s].
-        memory: bytes that the node held after the trials: start, steady, rising, refits.
-    """
-
-    steady: list[phases.Turn]
-    rising: list[Segment]
-    rising_relay: list[Segment]
-    refitting: list[phases.Turn]
-    refits: tuple[int, float]
-    memory: tuple[int, ...]
-
-
-@contextmanager
-def client() -> Iterator[Node]:
-    """Make the ROS node through which this process sends and hears."""
-    context = Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("soak", context=context)
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
-
-
 def under_load(plan: Plan, folder: Path, say: Say = print) -> Loaded:
     """Run the trials under load."""
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     with (client() as here, processes.node("/node", folder) as node,
           processes.relay("/relay", folder) as relay):
-        targets = Target(here, node, "/node"), Target(here, relay, "/relay")
-        bench = phases.Bench(*targets, model, points.answered(model, plan.cycle, plan.seed),
-                             points.echoed(plan.cycle, plan.seed), plan.seed)
-        for target in targets:
+        served, bare = Target(here, node, "/node"), Target(here, relay, "/relay")
+        answered = points.answered(model, plan.cycle, plan.seed)
+        echoed = points.echoed(plan.cycle, plan.seed)
+        for target in (served, bare):
             target.wait()
         memory = [node.memory()]
         say(f"Steady load, {plan.rate:g} Hz on each input ...")
-        steady = phases.steady(bench, plan.rate, plan.seconds, plan.turns)
+        steady = [Turn(served.counted(answered, plan.rate, plan.seconds),
+                       bare.rested(echoed, plan.rate, plan.seconds)) for _ in range(plan.turns)]
         memory.append(node.memory())
         say("Rising load ...")
-        rising, rising_relay = (
-            phases.rising(target, cycle, plan.rates, plan.rising_seconds) for target, cycle in
-            ((bench.node, bench.node_cycle), (bench.relay, bench.relay_cycle)))
+        rising, rising_relay = (_rising(target, cycle, plan.rates, plan.rising_seconds)
+                                for target, cycle in ((served, answered), (bare, echoed)))
         memory.append(node.memory())
         say("The steady load again, during refits ...")
-        refits = Refits(here, "/node")
-        refitting = phases.during_refits(
-            bench, refits, plan.rate, plan.seconds, plan.refit_turns, plan.samples)
+        refits = Refits(here, served, "/node")
+        refits.log_samples(model, plan.samples, plan.seed)
+        refitting = _during_refits(plan, refits, served, bare, echoed)
         memory.append(node.memory())
     return Loaded(steady, rising, rising_relay, refitting,
                   (len(refits.replies), refits.replies[0]["seconds"]), tuple(memory))
+
+
+def _rising(target: Target, cycle: Cycle, rates: Sequence[float], seconds: float) -> list[Segment]:
+    """Raise the rate until a tenth of the arrivals is not answered."""
+    found: list[Segment] = []
+    for rate in rates:
+        found.append(target.rested(cycle, rate, seconds))
+        if found[-1].answers < 0.9 * found[-1].sent:
+            break
+    return found
+
+
+def _during_refits(
+    plan: Plan, refits: Refits, served: Target, bare: Target, echoed: Cycle
+) -> list[Turn]:
+    """Load the node while it refits itself all the time, and the relay without and beside that.
+
+    The refits are all of the same samples, so that the first one tells what the node will serve.
+    """
+    refits.poll()
+    model = hmcvt.load_model(refits.finish()["file"])
+    cycle = points.answered(model, plan.cycle, plan.seed)
+    found = []
+    for _ in range(plan.refit_turns):
+        node = served.counted(cycle, plan.rate, plan.seconds, refits.poll)
+        beside = bare.rested(echoed, plan.rate, plan.seconds, refits.poll)
+        refits.finish()
+        found.append(Turn(node, bare.rested(echoed, plan.rate, plan.seconds), beside))
+    return found
 
 
 def nonsense(plan: Plan, folder: Path, say: Say = print) -> Fuzzed:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 
 import hmcvt_core as hmcvt
-from studies.soak import processes, trial
+from studies.soak import load, processes, trial
 from studies.soak.fuzz_inputs import InputFuzzer, overrides
 
 
@@ -21,7 +21,7 @@ def test_nonsense_does_not_make_the_node_break_a_promise(folder):
 
 def test_fuzzer_notices_a_wrong_model(folder):
     other = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
-    with (trial.client() as here, processes.node("/wrong", folder, **overrides("/wrong")) as node):
+    with (load.client() as here, processes.node("/wrong", folder, **overrides("/wrong")) as node):
         fuzzer = InputFuzzer(here, node, "/wrong", other, seed=0, patience=2.0)
         fuzzer.run(100)
     assert fuzzer.differences[0].startswith("answer 0 of 1 is [0.")

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from studies.soak import figures, report, trial
+from studies.page import Run
+from studies.soak import report, trial
 
 PLAN = trial.Plan(rate=100.0, seconds=1.0, turns=3, refit_turns=1, samples=20, rates=(100.0,),
                   rising_seconds=1.0, cycle=300)
@@ -33,13 +34,13 @@ def test_node_is_hardly_slower_than_a_bare_relay(loaded):
                 [turn.relay for turn in loaded.steady])
     for percent in (50, 99):
         # What makes the node slow makes it slow in every turn.
-        assert figures.ratio(figures.latency(percent), *segments).low < 5.0
+        assert report.ratio(report.latency(percent), *segments).low < 5.0
 
 
 def test_document_says_what_was_met(loaded):
     fuzzed = trial.Fuzzed(100, 50, 10, ("answer 3 is wrong",), 1.0, 0, True)
     kills = report.Kills("no problems", True)
-    text = report.text(report.Run("command", 1.0, 0.0), PLAN, loaded, fuzzed, kills)
+    text = report.text(Run("command", 1.0, 0.0), PLAN, loaded, fuzzed, kills)
     rows = [line for line in text.splitlines() if line.endswith(("| met |", "| **missed** |"))]
     assert len(rows) == len(report.goals(loaded, fuzzed, kills, PLAN)) == 11
     assert "900 of 900" in text or "missed" in text

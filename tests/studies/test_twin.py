@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The twin: its physics, its effects, its campaigns and their seal."""
+"""The twin: its physics, its effects and its campaigns."""
 
 import ast
-import csv
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,17 +13,11 @@ from scipy.optimize import brentq, root
 import studies.blind as blind
 from hmcvt_core.errors import InputError
 from studies.blind.campaign import Campaign, draw_base, fresh, make_campaign
-from studies.blind.catalogue import (
-    KNOWN_EFFECTS,
-    UNKNOWN_EFFECTS,
-    draw_effect,
-    size_effect,
-)
+from studies.blind.catalogue import KNOWN_EFFECTS, UNKNOWN_EFFECTS, draw_effect, size_effect
 from studies.blind.effect import Box
 from studies.blind.oil import relative_viscosity
 from studies.blind.plans import LOAD_TORQUE, PLANS, plan_points, reference_points
-from studies.blind.seal import open_seal, seal
-from studies.blind.train import DISPLACEMENT_PER_RADIAN, GearTrain
+from studies.blind.train import DISPLACEMENT_PER_RADIAN
 from studies.blind.twin import BaseTruth, Plant, operating_points
 
 BASE = BaseTruth(leakage=2e-11, motor_damping=0.12, pump_damping=0.08)
@@ -42,16 +34,6 @@ EVERY_EFFECT = [
     for name in KNOWN_EFFECTS + UNKNOWN_EFFECTS
     for variant in VARIANTS.get(name, ("",))
 ]
-CONTRACT_COLUMNS = {
-    "displacement_ratio",
-    "engine_speed",
-    "load_torque",
-    "efficiency",
-    "output_speed",
-    "oil_temperature",
-    "efficiency_std",
-}
-
 
 def drawn(name, seed=5):
     return draw_effect(name, np.random.default_rng(seed))
@@ -100,8 +82,7 @@ def test_no_effect_equals_an_algebraic_power_balance():
     apart = []
     for k in range(len(points)):
         by_hand, speed, away = algebraic_balance(
-            BASE, points.displacement_ratio[k], points.engine_speed[k], points.load_torque[k]
-        )
+            BASE, points.displacement_ratio[k], points.engine_speed[k], points.load_torque[k])
         # Nearer than that to standstill the twin smooths the sense of friction.
         tolerance = 1e-8 if away else 2e-3
         assert read.efficiency[k] == pytest.approx(by_hand, rel=tolerance)
@@ -159,19 +140,10 @@ def load_in_time(plant, point):
     return solve_ivp(rates, (0.0, 10.0), start, method="BDF", rtol=1e-8, atol=1e-5).y[:, -1]
 
 
-@pytest.mark.parametrize(
-    ("stroke", "speed", "torque", "settles"),
-    [
-        (-0.9, 150.0, 250.0, True),
-        (0.02, 150.0, 250.0, True),
-        (0.8, 150.0, 250.0, True),
-        (0.6875, 80.37, 590.0, True),
-        (-0.98, 138.0, 560.0, False),
-    ],
-)
+@pytest.mark.parametrize(("stroke", "speed", "torque", "settles"), [
+    (0.02, 150.0, 250.0, True), (0.6875, 80.37, 590.0, True), (-0.98, 138.0, 560.0, False)])
 def test_loading_in_real_time_reaches_the_same_rest_or_the_same_stall(
-    stroke, speed, torque, settles
-):
+        stroke, speed, torque, settles):
     effects = (replace(drawn("pressure_friction"), size=2.0), drawn("stroke_leakage"))
     plant = Plant(replace(BASE, leakage=4e-11), effects)
     point = operating_points(np.array([stroke]), np.array([speed]), np.array([torque]))
@@ -295,11 +267,7 @@ def test_seeds_reproduce_and_a_fresh_campaign_keeps_the_plant():
 def test_noise_is_what_the_options_say():
     plain = make_campaign(3, samples=400, stated_noise_factor=None, output_speed_noise=None)
     assert set(plain.samples) == {
-        "displacement_ratio",
-        "engine_speed",
-        "load_torque",
-        "efficiency",
-    }
+        "displacement_ratio", "engine_speed", "load_torque", "efficiency"}
     error = plain.samples["efficiency"] - plain.truth["efficiency"]
     assert np.std(error) == pytest.approx(0.004, rel=0.15)
     assert plain.truth["efficiency"] == pytest.approx(plain.truth["efficiency_plain"])
@@ -342,61 +310,18 @@ def test_base_parameters_leave_their_ranges_only_on_request():
         assert not 0.06 <= outside.motor_damping <= 0.25
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: make_campaign(1, [("gremlins", 0.01)]),
-        lambda: make_campaign(1, [("gear_mesh:gremlins", 0.01)]),
-        lambda: make_campaign(1, [("churning", 0.0)]),
-        lambda: make_campaign(1, plan="spiral"),
-        lambda: make_campaign(1, samples=0, sessions=0),
-        lambda: make_campaign(1, samples=5, outliers=6),
-        lambda: make_campaign(1, efficiency_noise=-0.1),
-        lambda: GearTrain.from_mapping({"ratios": {2: 0.969}}),
-        lambda: GearTrain.from_mapping({"teeth": 12}),
-    ],
-)
+@pytest.mark.parametrize("call", [
+    lambda: make_campaign(1, [("gremlins", 0.01)]),
+    lambda: make_campaign(1, [("gear_mesh:gremlins", 0.01)]),
+    lambda: make_campaign(1, [("churning", 0.0)]),
+    lambda: make_campaign(1, plan="spiral"),
+    lambda: make_campaign(1, samples=0, sessions=0),
+    lambda: make_campaign(1, samples=5, outliers=6),
+    lambda: make_campaign(1, efficiency_noise=-0.1),
+])
 def test_bad_requests_are_refused(call):
     with pytest.raises(InputError):
         call()
-
-
-def test_gear_train_from_a_mapping_is_the_one_of_table_1():
-    table = {2: 0.969, 3: 1.484, 4: 0.678, 5: 1.96, 6: 0.982, 11: 0.823}
-    assert GearTrain.from_mapping({"ratios": table, "k1": 2.56}) == GearTrain()
-
-
-def test_a_campaign_file_holds_no_label(tmp_path):
-    effects = [("pressure_leakage:clearance", 0.01), ("oil_temperature", 0.01)]
-    campaign = make_campaign(8, effects, samples=24, vary_temperature=True)
-    sealed = seal(campaign, "campaign-01", tmp_path / "bench", tmp_path / "labels")
-    handed_out = sorted(path.name for path in (tmp_path / "bench").iterdir())
-    assert handed_out == ["campaign-01.csv", "campaign-01.seal"]
-    with sealed.bench.open(encoding="ascii", newline="") as file:
-        rows = list(csv.reader(file))
-    assert set(rows[0]) == CONTRACT_COLUMNS
-    assert len(rows) == 25
-    table = np.array(rows[1:], dtype=float)
-    efficiency = table[:, rows[0].index("efficiency")]
-    assert efficiency == pytest.approx(campaign.samples["efficiency"], rel=1e-8)
-    assert len(sealed.commitment.read_text(encoding="ascii").strip()) == 64
-    opened = open_seal(sealed)
-    assert opened == json.loads(json.dumps(campaign.label.to_mapping()))
-    assert [e["name"] for e in opened["effects"]] == ["pressure_leakage", "oil_temperature"]
-
-
-@pytest.mark.parametrize("which", ["bench", "label"])
-def test_a_broken_seal_is_noticed(tmp_path, which):
-    campaign = make_campaign(9, [("churning", 0.01)], samples=8)
-    sealed = seal(campaign, "c", tmp_path / "a", tmp_path / "b")
-    path = getattr(sealed, which)
-    path.write_text(path.read_text(encoding="ascii").replace("0", "1", 1), encoding="ascii")
-    with pytest.raises(InputError, match="changed after sealing"):
-        open_seal(sealed)
-    with pytest.raises(InputError, match="written over"):
-        seal(campaign, "c", tmp_path / "a", tmp_path / "b")
-    with pytest.raises(InputError, match="two folders"):
-        seal(campaign, "d", tmp_path / "a", tmp_path / "a")
 
 
 def imported(path):
@@ -411,14 +336,14 @@ def imported(path):
 
 def test_the_twin_shares_no_physics_with_the_served_model():
     folder = Path(blind.__file__).parent
-    waiting, seen = ["campaign", "seal"], set()
+    waiting, seen = ["campaign"], set()
     while waiting:
         module = waiting.pop()
         seen.add(module)
         for name in imported(folder / f"{module}.py"):
             if name.startswith("hmcvt"):
-                assert name.startswith(("hmcvt_core.blind", "hmcvt_core.errors")), module
-            inside = name.removeprefix("hmcvt_core.blind.").partition(".")[0]
+                assert name.startswith("hmcvt_core.errors"), module
+            inside = name.removeprefix("studies.blind.").partition(".")[0]
             if inside != name and (folder / f"{inside}.py").exists() and inside not in seen:
                 waiting.append(inside)
     assert {"twin", "steady", "train", "hydrostatics", "drag", "unknown"} <= seen

@@ -2,18 +2,19 @@
 """The rules of the verdicts, and what they are fed with."""
 
 import math
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.annealing import STANDARD, never
+from hmcvt_core.identification.annealing import STANDARD
 from studies.reproduce import algorithms, bench, comparison, kinematics, paper, subsets, tables
 from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, WITHOUT, Run, Task
 from studies.reproduce.comparison import Summary, cheaper
 from studies.reproduce.item import claim, printed, printed_error
-from studies.reproduce.workers import Workers
+from studies.workers import recorded, workers
 
 LOWEST = 0.018479745  # of 1 - RSQ on the paper's five tests: docs/theory.md, 1.32 % fit error
 
@@ -81,7 +82,7 @@ def test_subsets_are_all_with_three_tests_or_more():
 def test_one_improvement_is_left_out_at_a_time(number):
     whole, two_part = algorithms._settings(IMPROVED_SA, 0.02)
     part, part_two = algorithms._settings(WITHOUT[number], 0.02)
-    changed = {1: {"threshold": None}, 2: {"shrink": never},
+    changed = {1: {"threshold": None}, 2: {"shrink": STANDARD.shrink},
                3: {"cooling": STANDARD.cooling}, 4: {}}[number]
     assert part == replace(whole, **changed)
     assert (two_part, part_two) == (True, number != 4)
@@ -140,12 +141,35 @@ def test_without_the_library_its_items_say_so(monkeypatch):
 # --- processes ------------------------------------------------------------------------------------
 
 
-def test_results_do_not_depend_on_the_number_of_processes():
-    tasks = [("power_balance", (1, 2, 4, 5, 6)), ("published", (2, 3, 4)), ("published", (1, 4, 8))]
-    told = []
-    with Workers(2, told.append) as two:
-        there = two.map(subsets.fit, tasks, "subset")
-    with Workers(1) as one:
-        here = one.map(subsets.fit, tasks, "subset")
-    assert repr(there) == repr(here)
-    assert told == [f"subset, {number} of 3" for number in (1, 2, 3)]
+def test_results_do_not_depend_on_the_process():
+    tasks = [("power_balance", (1, 2, 4, 5, 6)), ("published", (2, 3, 4))]
+    with workers(2) as pool:
+        there = list(pool.map(subsets.fit, tasks))
+    assert repr(there) == repr([subsets.fit(each) for each in tasks])
+
+
+class Here(Executor):
+    """Work in this process, at once."""
+
+    def submit(self, work, /, *given):
+        done = Future()
+        done.set_result(work(*given))
+        return done
+
+
+def test_interrupted_work_goes_on_where_it_was(tmp_path):
+    path, worked = tmp_path / "records.jsonl", []
+
+    def work(number):
+        worked.append(number)
+        return {"number": number}
+
+    first = recorded(Here(), work, {"a": 1}, path)
+    assert list(first) == [{"number": 1}]
+    with path.open("a") as file:
+        file.write('["b", {"num')  # cut off
+    tasks = {"a": 1, "b": 2, "c": 3}
+    for _ in range(2):
+        found = list(recorded(Here(), work, tasks, path))
+        assert sorted(record["number"] for record in found) == [1, 2, 3]
+    assert sorted(worked) == [1, 2, 3]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`hmcvt reproduce` from end to end: one run with few seeds, looked at from every side."""
+"""`python -m studies.reproduce` from end to end: one run with few seeds, seen from every side."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def items(folder: Path) -> list[dict[str, Any]]:
     """What the command prints as its own process, with warnings as errors."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "hmcvt_core.cli", "reproduce", "--seeds", "2",
+        [sys.executable, "-W", "error", "-m", "studies.reproduce", "--seeds", "2",
          "--out", str(folder), "--json"], cwd=ROOT, capture_output=True, text=True, timeout=280)
     assert (done.returncode, done.stderr) == (0, "")
     found: list[dict[str, Any]] = json.loads(done.stdout, parse_constant=lambda name: 1 / 0)
@@ -177,7 +177,7 @@ def test_folder_that_cannot_be_is_told_before_the_work(tmp_path: Path) -> None:
 
 
 def test_missing_matplotlib_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hmcvt_core.cli.reproduce.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("studies.reproduce.__main__.importlib.util.find_spec", lambda name: None)
     done = CliRunner().invoke(command, ["--out", str(tmp_path / "out")])
     assert "pip install '.[plot,compare]'" in str(done.exception)
     assert not (tmp_path / "out").exists()

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m studies.mutants`: try random mutants of the core on the tests."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from studies.workers import Record, recorded
+
+from .harness import KILLED, NO_EFFECT, ROOT, SURVIVED, Copies, probed, reaches, trial
+from .mutations import Mutation, mutations
+
+GOAL = 0.85
+_ROOMS = ("physics", "model", "identification", "diagnosis", "benches", "transmission")
+
+
+def main() -> int:
+    """Run it; 0 when the goal is met."""
+    parser = argparse.ArgumentParser(prog="python -m studies.mutants", description=__doc__)
+    parser.add_argument("--count", type=int, default=200, help="mutants (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="that draws them (%(default)s)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="side by side")
+    parser.add_argument("--rooms", nargs="+", default=_ROOMS, help="folders of hmcvt_core")
+    parser.add_argument("--tests", nargs="+", default=("tests/core", "tests/diagnosis"))
+    parser.add_argument("--folder", type=Path, default=Path("build/mutants"),
+                        help="copies and results; an interrupted run goes on from here")
+    parser.add_argument("--out", type=Path, default=None, help="write the report there, too")
+    given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
+    folder = given.folder.resolve()
+    copies = Copies(folder, given.jobs)
+    reach = reaches(copies, folder, given.tests, given.jobs, _say)
+    with copies.one() as copy:
+        start = time.monotonic()
+        answers = probed(copy)
+        seconds = time.monotonic() - start
+    if not isinstance(answers, dict):
+        raise RuntimeError(f"the probe fails without any mutant:\n{answers}")
+    drawn = {mutation.key: mutation for mutation in draw(given.rooms, given.count, given.seed)}
+
+    def work(mutation: Mutation) -> Record:
+        with copies.one() as copy:
+            return trial(copy, mutation, reach, answers, seconds)
+
+    records: list[Record] = []
+    with ThreadPoolExecutor(given.jobs) as pool:
+        for record in recorded(pool, work, drawn, folder / f"results-{copies.state}.jsonl"):
+            records.append(record)
+            _say(f"{len(records)} of {len(drawn)}: {record['outcome']}: {record['key']}")
+    text = report(records, f"{given.count} drawn with seed {given.seed}")
+    print(text)
+    if given.out is not None:
+        given.out.write_text(text, encoding="utf-8")
+    return 0 if share(records) >= GOAL else 1
+
+
+def draw(rooms: Sequence[str], count: int, seed: int) -> list[Mutation]:
+    """Draw mutants, every one as likely as the other."""
+    every = [mutation for room in rooms
+             for path in sorted((ROOT / "hmcvt_core" / room).rglob("*.py"))
+             for mutation in mutations(str(path.relative_to(ROOT)), path.read_bytes())]
+    return random.Random(seed).sample(every, min(count, len(every)))
+
+
+def share(records: Sequence[Record]) -> float:
+    """Killed, of those that change an answer."""
+    counts = Counter(record["outcome"] for record in records)
+    return counts[KILLED] / max(1, counts[KILLED] + counts[SURVIVED])
+
+
+def report(records: Sequence[Record], what: str) -> str:
+    """Tell how many were noticed, and show those that were not."""
+    counts = Counter(record["outcome"] for record in records)
+    parts = [f"# Mutants\n\n{what}: {counts[KILLED]} killed, {counts[SURVIVED]} survived, "
+             f"{counts[NO_EFFECT]} without effect. Of those that change an answer "
+             f"{100.0 * share(records):.0f} % are killed; goal: {100.0 * GOAL:.0f} %."]
+    for outcome in (SURVIVED, NO_EFFECT):
+        parts += [f"## {outcome}", *(
+            f"Reached by {record['tests']} test files.\n\n```diff\n{record['diff']}\n```"
+            for record in sorted(records, key=lambda record: record["key"])
+            if record["outcome"] == outcome)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

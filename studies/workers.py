@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Independent pieces of work on a few processes; records of them outlive an interruption."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, TypeVar
+
+Task = TypeVar("Task")
+Record = dict[str, Any]
+
+_ONE_BLAS_THREAD = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+@contextmanager
+def workers(jobs: int) -> Iterator[Executor]:
+    """Open processes with one BLAS thread each; what has not begun when it closes is left out."""
+    # NumPy reads these when a worker, or a command that it runs, imports it.
+    os.environ.update(_ONE_BLAS_THREAD)
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _leave_interrupts)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def recorded(
+    pool: Executor, work: Callable[[Task], Record], tasks: Mapping[str, Task], path: Path
+) -> Iterator[Record]:
+    """Give the record of every task: those made before an interruption, then the others.
+
+    Args:
+        pool: where the work is done.
+        work: makes a record, which JSON can hold.
+        tasks: by a key that no other task has.
+        path: file of JSON lines; each record is there before it is given.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    done = _read(path)
+    yield from (done[key] for key in tasks if key in done)
+    with path.open("a", encoding="utf-8") as file:
+        waiting = {pool.submit(work, task): key for key, task in tasks.items() if key not in done}
+        try:
+            for future in as_completed(waiting):
+                file.write(json.dumps([waiting[future], future.result()]) + "\n")
+                file.flush()
+                yield future.result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _read(path: Path) -> dict[str, Record]:
+    if not path.exists():
+        return {}
+    text = path.read_bytes()
+    # What stands behind the last line's end was being written at the interruption.
+    whole = text[:text.rfind(b"\n") + 1]
+    os.truncate(path, len(whole))
+    return dict(map(json.loads, whole.splitlines()))
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C goes to every process of the terminal; the first one tells the others to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mutants: each is one wrong edit of what an answer comes from, and of nothing else."""
+
+import ast
+
+from studies.mutants import probe
+from studies.mutants.__main__ import share
+from studies.mutants.mutations import mutations
+
+SOURCE = b'''"""A docstring with 3 words."""
+__all__ = ["a"]
+LIMITS: dict[str, int] = {"\xc3\xb6l": 2}
+
+
+@decorated(True)
+def a(x: float = 0.5) -> float:
+    if not x <= 1.0:
+        raise ValueError(f"{x + 1} is above 1")
+    x += 2
+    return max(-x, x
+               ** 2)
+'''
+
+
+def edits():
+    return {SOURCE[each.start:each.end].decode(): each for each in mutations("a.py", SOURCE)}
+
+
+def test_every_mutant_is_one_edit_that_still_parses():
+    found = list(mutations("a.py", SOURCE))
+    assert len({each.key for each in found}) == len(found)
+    for each in found:
+        changed = each.apply(SOURCE)
+        assert changed != SOURCE
+        ast.parse(changed)
+
+
+def test_what_is_changed_and_what_is_left_alone():
+    texts = {(SOURCE[each.start:each.end].decode(), each.text)
+             for each in mutations("a.py", SOURCE)}
+    assert {("2", "3"), ("0.5", "1.0"), ("x <= 1.0", "(x < 1.0)"), ("x <= 1.0", "(x >= 1.0)"),
+            ("not x <= 1.0", "(x <= 1.0)"), ("x += 2", "x -= 2"), ("max", "min"),
+            ("-x", "(x)")} <= texts
+    assert not any("1 is above" in old or "words" in old or old == "True" for old, _ in texts)
+
+
+def test_a_test_that_runs_the_head_of_a_block_reaches_its_condition_only():
+    assert edits()["x <= 1.0"].lines == (8, 8)
+    assert edits()["max"].lines == (11, 12)
+
+
+def test_answers_are_the_same_within_rounding_only():
+    one = {"a": [1.0, float("nan"), "word"], "b": {"c": 2}}
+    assert probe.same(one, {"a": [1.0 + 1e-9, float("nan"), "word"], "b": {"c": 2}})
+    for other in ({"a": [1.0 + 1e-5, float("nan"), "word"], "b": {"c": 2}},
+                  {"a": [1.0, float("nan"), "words"], "b": {"c": 2}},
+                  {"a": [1.0, float("nan")], "b": {"c": 2}}, {"a": one["a"]}):
+        assert not probe.same(one, other)
+
+
+def test_share_leaves_out_what_has_no_effect():
+    records = [{"outcome": word} for word in ("killed", "killed", "survived", "without effect")]
+    assert share(records) == 2 / 3
