@@ -10,6 +10,7 @@ deviations, sizes in typical ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -31,8 +32,9 @@ More than any misfit, or refits to a large gap would hide the worst points where
 _FIRST_SIZE = 0.1  # in typical sizes
 _NUISANCE_LIMIT = 6.0
 _PASSES, _STEPS = 20, 3  # estimates of the noise, and evaluations between two of them, at most
-_TOLERANCE = 1e-5  # of the squares
-_NOISE_SETTLED = 2e-3
+_TOLERANCE = 1e-6  # of the squares
+_NOISE_SETTLED = 1e-3
+_AT_BOUND = 1e-3  # in prior deviations or typical sizes
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 
 
@@ -156,8 +158,6 @@ def refit(
         nuisance: columns of `nuisance_columns`; None computes them at the start.
         noise: variances of the channels to keep; None estimates them along the way.
     """
-    from scipy.optimize import least_squares
-
     theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
     theta[shared:] = _FIRST_SIZE
     if base is not None:
@@ -191,17 +191,42 @@ def refit(
         return np.concatenate([-own.reshape(-1, len(at)), prior])
 
     variance = _noise(observed, residuals(theta.tobytes()), len(theta)) if noise is None else noise
+    root = np.sqrt(variance)[:, None]
+    free = np.ones(len(theta), dtype=bool)
     for _ in range(_PASSES):
-        root = np.sqrt(variance)[:, None]
-        found = least_squares(rows, theta, slopes, bounds, method="dogbox", x_scale=scale,
-                              ftol=_TOLERANCE, xtol=_TOLERANCE, max_nfev=_STEPS)
-        theta, before = found.x, variance
+        theta, settled = _within(rows, slopes, theta, bounds, scale, free)
         if noise is None:
             variance = _noise(observed, residuals(theta.tobytes()), len(theta))
-        settled = np.max(np.abs(np.log(variance / before))) < _NOISE_SETTLED
-        if found.status > 0 and settled:
+        settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
+        root = np.sqrt(variance)[:, None]
+        # What is pressed against a bound is put on it and held; the search stays inside.
+        gain = -slopes(theta).T @ rows(theta)
+        theta = np.where((gain < 0.0) & (theta - bounds[0] < _AT_BOUND * scale), bounds[0], theta)
+        theta = np.where((gain > 0.0) & (bounds[1] - theta < _AT_BOUND * scale), bounds[1], theta)
+        before, free = free, ~(((theta <= bounds[0]) & (gain < 0.0))
+                               | ((theta >= bounds[1]) & (gain > 0.0)))
+        if settled and (free == before).all():
             break
     return Fit(hypothesis, theta, *linear(theta.tobytes()), variance)
+
+
+def _within(
+    rows: Callable[[Array], Array], slopes: Callable[[Array], Array], theta: Array,
+    bounds: tuple[Array, Array], scale: Array, free: NDArray[np.bool_],
+) -> tuple[Array, bool]:
+    """Take a few steps in the free parameters; return where they end, and whether all is still."""
+    from scipy.optimize import least_squares
+
+    def whole(part: Array) -> Array:
+        at = theta.copy()
+        at[free] = part
+        return at
+
+    found = least_squares(
+        lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
+        (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
+        max_nfev=_STEPS)
+    return whole(found.x), found.status > 0
 
 
 def linearise(
