@@ -17,10 +17,10 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from studies.blind.seal import seal
 
 from studies.blind.campaign import Campaign, CampaignOptions, Label, fresh
 from studies.blind.catalogue import draw_effect, size_effect
-from studies.blind.seal import seal
 from studies.blind.twin import BaseTruth
 
 DESIGN = BaseTruth(leakage=1.8e-11, motor_damping=0.185, pump_damping=0.101)

@@ -34,7 +34,6 @@ from ..physics.effects import library
 from ..physics.effects.base import Effect
 from ..physics.effects.gears import GearEfficiency
 from ..physics.effects.sensor import EngineTorqueGain
-from ..physics.power_balance import OperatingPoints, efficiency, power_flow
 from ..transmission.parameters import (
     PARAMETER_NAMES,
     PARAMETER_RANGES,
@@ -44,6 +43,7 @@ from ..transmission.parameters import (
     from_scaled,
     to_scaled,
 )
+from ..transmission.points import OperatingPoints
 from ..transmission.ranges import (
     BENCH_COLUMNS,
     EFFICIENCY,
@@ -90,8 +90,8 @@ class Transmission:
         InputError: the formulation is not `power_balance`.
     """
 
-    axes = (*AXES, OIL_TEMPERATURE)
-    channels = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL)
+    axes: tuple[Axis, ...] = (*AXES, OIL_TEMPERATURE)
+    channels: tuple[Channel, ...] = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL)
     base = BaseParameters(
         PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD,
         to_scaled(np.array([limits.low for limits in PARAMETER_RANGES])),
@@ -115,11 +115,8 @@ class Transmission:
         """Return efficiency [-] and output speed [rad/s] as the bench reads them, (2, n)."""
         every = (*self.model.effects, *cast("Sequence[Effect]", effects))
         parameters = HydraulicParameters(*from_scaled(base).tolist())
-        flow = power_flow(self.model.stage, parameters, OperatingPoints(**points), every)
-        speed = flow.state.output_speed
-        for effect in every:
-            speed = effect.output_speed_reading(speed)
-        return np.stack([efficiency(flow, every), speed])
+        model = replace(self.model, parameters=parameters, effects=every)
+        return np.stack(model.answer_at(OperatingPoints(**points)))
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return the working range of engine and campaign, as far as it can be carried."""
@@ -293,15 +290,16 @@ def read_plan(
     """
     found = read_columns(path, _POINT)
     known = found.known
-    point = [known[name] for name in _POINT]
+    ratio, speed, torque = (known[name] for name in _POINT)
     temperature = known.get("oil_temperature")
-    expected = model.efficiency(*point, temperature)
+    expected = model.efficiency(ratio, speed, torque, temperature)
     stalled = np.flatnonzero(np.isnan(expected))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
-                         f"{known['load_torque'][stalled[0]]:g} cannot be carried there")
+                         f"{torque[stalled[0]]:g} cannot be carried there")
     reads_speed = output_speed or "output_speed" in known
     return BenchSamples(
-        *point, expected, output_speed=model.output_speed(*point, temperature) if reads_speed
-        else None, oil_temperature=temperature, efficiency_std=known.get("efficiency_std"),
+        ratio, speed, torque, expected,
+        output_speed=model.output_speed(ratio, speed, torque, temperature) if reads_speed else None,
+        oil_temperature=temperature, efficiency_std=known.get("efficiency_std"),
         source=found.source, sha256=found.sha256)

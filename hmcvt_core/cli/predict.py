@@ -8,8 +8,8 @@ import math
 import click
 
 from ..files.bench import read_bench
+from ..model.agreement import RelativeError, predicted_at
 from ..model.model import EfficiencyModel
-from ..model.relative_error import RelativeError
 from . import common
 from .samples import sample_records, sample_table
 
@@ -62,7 +62,7 @@ def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
         common.print_json(records)
         return
     click.echo(sample_table(records))
-    error = RelativeError.of_model(model, samples)
+    error = RelativeError.of(predicted_at(model, samples), samples.efficiency)
     if error.without_answer < len(records):
         click.echo(f"mean |error|  {100 * error.mean:.2f} %")
     if error.without_answer:

@@ -16,8 +16,8 @@ from ..files.bench import BenchSamples
 from ..identification import Identification
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
-from ..physics.published import speed_ratio
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
+from ..transmission.stage import speed_ratio
 from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 from .losses import draw_losses
 from .style import BLUE, ORANGE, picture_format, styled, to_png, to_svg
