@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, minimize
 
 from ..files.bench import BenchSamples
 from ..model.agreement import determination_loss
@@ -81,6 +80,8 @@ class Problem:
         return points[int(values.argmin())], float(values.min())
 
     def _least_squares(self, start: Array) -> Array:
+        from scipy.optimize import least_squares
+
         # Of SciPy's methods this one puts a parameter on its bound, not next to it.
         found = least_squares(lambda scaled: np.nan_to_num(self.residuals(scaled), nan=_FAR), start,
                               bounds=SEARCH_BOUNDS.T, method="dogbox", ftol=_PRECISION,
@@ -89,6 +90,8 @@ class Problem:
 
     def _simplex(self, point: Array) -> Array:
         """Search that also follows the edge of consistency, where RSQ may be highest."""
+        from scipy.optimize import minimize
+
         for _ in range(2):  # one run may collapse early
             point = minimize(lambda scaled: np.nan_to_num(self.objective(scaled), nan=_FAR), point,
                              method="Nelder-Mead", bounds=SEARCH_BOUNDS,

@@ -123,23 +123,6 @@ def test_a_leakage_at_its_bound_is_found_there(hm4, leakage):
     assert any(side in sentence for sentence in found.warnings)
 
 
-def test_power_balance_optimum_is_a_minimum_for_scipy_too(fitted, hm4, table2):
-    """Least squares from elsewhere, written without the code under test, ends no lower."""
-    samples = table2.select(FIT)
-
-    def residuals(x):
-        model = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(10.0 ** x[0], x[1], x[2]))
-        predicted = model.efficiency(samples.displacement_ratio, samples.engine_speed,
-                                     samples.load_torque)
-        return (predicted - samples.efficiency) / (0.0112 * samples.efficiency)
-
-    bounds = ([-13.0, 0.0, 0.0], [-10.0, 1.0, 1.5])
-    best = min((least_squares(residuals, start, bounds=bounds, x_scale=(1.0, 0.1, 0.1))
-                for start in ((-11.0, 0.05, 0.3), (-10.5, 0.3, 0.05), (-12.0, 0.1, 0.5))),
-               key=lambda found: found.cost)
-    assert fitted.objective == pytest.approx(2.0 * best.cost / len(samples), rel=1e-6)
-
-
 def test_parameter_at_its_bound_is_named(fitted_published):
     assert fitted_published.parameters.motor_damping == pytest.approx(0.0, abs=1e-4)
     assert any(sentence.startswith("motor_damping is not determined by these samples: its best "
@@ -208,9 +191,7 @@ def roots_of_equation_18(displacement_ratio, efficiency, gear=0.98):
 @pytest.mark.parametrize(("test", "efficiency", "expected"), [
     # docs/theory.md, test 1.
     (1, 0.643, (0.163, 0.526)),
-    # The same section gives 0.120, 0.494 for test 2 and 0.150, 0.512 for test 5: those belong to
-    # the efficiencies *estimated* in Table 4 (69.23 %, 63.52 %), see below; measured they are these
-    # (confirmed with SymPy).
+    # Confirmed with SymPy.
     (2, 0.698, (0.130, 0.508)),
     (5, 0.588, (0.040, 0.441)),
 ])
@@ -226,13 +207,6 @@ def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, ex
     assert roots.consistent[0] > roots.rejected[0]
 
 
-@pytest.mark.parametrize(("stroke", "estimated", "expected"), [
-    (-0.73, 0.6923, (0.120, 0.494)), (-1.0, 0.6352, (0.150, 0.512)),
-])
-def test_roots_of_design_belong_to_table_4(stroke, estimated, expected):
-    assert roots_of_equation_18(stroke, estimated) == pytest.approx(expected, abs=1.1e-3)
-
-
 def test_rejected_roots_are_reported(fitted_published):
     assert [len(entry.rejected) for entry in fitted_published.roots] == [1, 1, 0, 1, 0]
     assert "3 samples have a second root for eta_H, beyond the pole" in fitted_published.report()
@@ -241,13 +215,14 @@ def test_rejected_roots_are_reported(fitted_published):
 # --- a known truth --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_truth_is_recovered_from_noisy_samples(hm4, seed):
     found = hmcvt.identify(synthetic(hm4, 60, seed), stage=hm4, schedule=QUICK, seed=seed)
     for name in PARAMETER_NAMES:
         miss = getattr(found.parameters, name) - getattr(TRUTH, name)
         assert abs(miss) < 3.0 * found.standard_errors[name], name
         assert found.standard_errors[name] < 0.25 * getattr(TRUTH, name), name
+    assert found.warnings == ()
 
 
 def test_truth_is_recovered_exactly_without_noise(hm4):
@@ -257,7 +232,7 @@ def test_truth_is_recovered_exactly_without_noise(hm4):
 
 
 def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
-    """Monte Carlo: 200 noisy repetitions of the same 40 points, each fitted by SciPy."""
+    """Monte Carlo: 100 noisy repetitions of the same 40 points, each fitted by SciPy."""
     base = synthetic(hm4, 40, 11, noise=0.0)
     exact, rng = base.efficiency, np.random.default_rng(5)
     points = (base.displacement_ratio, base.engine_speed, base.load_torque)
@@ -270,16 +245,14 @@ def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
 
         return least_squares(residuals, (np.log10(2e-11), 0.15, 0.1), x_scale=(0.1, 0.1, 0.1)).x
 
-    fitted = np.array([fit(exact + NOISE * rng.standard_normal(40)) for _ in range(200)])
+    fitted = np.array([fit(exact + NOISE * rng.standard_normal(40)) for _ in range(100)])
     scatter = fitted.std(axis=0) * [np.log(10.0) * 2e-11, 1.0, 1.0]
     noisy = replace(base, efficiency=exact + NOISE * rng.standard_normal(40),
                     efficiency_std=np.full(40, NOISE))
-    stated = hmcvt.identify(noisy, stage=hm4, schedule=QUICK).standard_errors
-    # 200 repetitions know the scatter to 5 %, one bench its own noise to 12 %.
-    np.testing.assert_allclose([stated[name] for name in PARAMETER_NAMES], scatter, rtol=0.3)
-    correlation = np.corrcoef(fitted.T)
-    model = hmcvt.identify(noisy, stage=hm4, schedule=QUICK).correlation
-    np.testing.assert_allclose(model, correlation, atol=0.2)
+    stated = hmcvt.identify(noisy, stage=hm4, schedule=QUICK)
+    # 100 repetitions know the scatter to 7 %, one bench its own noise to 12 %.
+    np.testing.assert_allclose(list(stated.standard_errors.values()), scatter, rtol=0.3)
+    np.testing.assert_allclose(stated.correlation, np.corrcoef(fitted.T), atol=0.2)
 
 
 def test_weights_follow_the_stated_deviation(hm4):
@@ -307,17 +280,15 @@ def test_fewer_samples_than_parameters(table2):
         in found.warnings
 
 
-def test_one_sign_of_stroke_only(hm4):
+@pytest.mark.parametrize(("sign", "missing", "present"), [
+    (1.0, "negative", "positive"), (-1.0, "positive", "negative")])
+def test_one_sign_of_stroke_only(hm4, sign, missing, present):
     samples = synthetic(hm4, 40, 2)
-    half = samples.select(samples.displacement_ratio > 0.1)
+    half = samples.select(sign * samples.displacement_ratio > 0.1)
     found = hmcvt.identify(half, stage=hm4, schedule=QUICK)
-    assert "no sample has a negative displacement ratio: the model is unchecked there" \
+    assert f"no sample has a {missing} displacement ratio: the model is unchecked there" \
         in found.warnings
-    assert not any("positive displacement" in sentence for sentence in found.warnings)
-    other = hmcvt.identify(samples.select(samples.displacement_ratio < -0.1), stage=hm4,
-                           schedule=QUICK)
-    assert "no sample has a positive displacement ratio: the model is unchecked there" \
-        in other.warnings
+    assert not any(f"{present} displacement" in sentence for sentence in found.warnings)
 
 
 def test_all_samples_at_one_point(hm4):
@@ -335,8 +306,15 @@ def test_all_samples_at_one_point(hm4):
     assert undetermined
 
 
-def test_well_determined_parameters_raise_no_warning(hm4):
-    assert hmcvt.identify(synthetic(hm4, 60, 0), stage=hm4, schedule=QUICK).warnings == ()
+def test_annealing_of_many_samples_looks_at_some_and_tells_of_all(hm4):
+    samples = synthetic(hm4, 700, 4)
+    asked = []
+    found = hmcvt.identify(samples, stage=hm4, schedule=QUICK, progress=asked.append)
+    assert found.objective == pytest.approx(
+        np.mean((found.residuals / samples.efficiency_std) ** 2), rel=1e-9)
+    assert found.objective < found.annealing_objective < 3.0 * found.objective
+    assert asked[-1].value != found.annealing_objective  # of fewer samples
+    np.testing.assert_allclose(found.parameters.to_array(), TRUTH.to_array(), rtol=0.1)
 
 
 def test_no_answer_within_the_bounds(hm4):
