@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core import EfficiencyModel
-from hmcvt_core.physics import closed_form_arrays
+from hmcvt_core.physics import steady_state
 from hmcvt_core.transmission import ranges
+from hmcvt_core.transmission.points import OperatingPoints
 
 
 class Operation(NamedTuple):
@@ -72,12 +73,12 @@ def counted(model: EfficiencyModel, point: Sequence[NDArray[np.float64]]) -> lis
         arrays.append(array)
     # np.asarray would take the counter off.
     patient = SimpleNamespace(**{**vars(np), "asarray": np.asanyarray})
-    with (mock.patch.object(closed_form_arrays, "np", patient),
+    with (mock.patch.object(steady_state, "np", patient),
           mock.patch.object(ranges, "np", patient)):
         for limits, array in zip(ranges.POINT_RANGES, arrays, strict=True):
             limits.check(array)
-        form = closed_form_arrays.ArrayForm(model.stage, model.parameters)
-        form.efficiency_in_parts(*arrays)
+        solver = steady_state.ArraySolver(model.stage, model.parameters)
+        solver.solve(OperatingPoints(*arrays))
     return done
 
 
