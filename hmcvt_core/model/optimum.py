@@ -69,13 +69,11 @@ class Solver(Protocol):
 
     def solve(self, points: OperatingPoints) -> Answer:
         """Return efficiency and output speed at operating points."""
-        ...
 
     def displacement_ratio(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
     ) -> Array:
         """Return the least displacement ratio that makes an output speed; beyond +-1: none does."""
-        ...
 
 
 class Lookup(Protocol):
@@ -85,17 +83,14 @@ class Lookup(Protocol):
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> float:
         """Return the efficiency."""
-        ...
 
     def output_speed(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> float:
         """Return the output speed."""
-        ...
 
     def resting_ratios(self, engine_speed: float, load_torque: float) -> Sequence[float]:
         """Return the displacement ratios between which the motor stands, the lower one first."""
-        ...
 
 
 def optimum(
