@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 
 from hmcvt_core import EfficiencyModel, HydraulicParameters, PumpMotor
 from hmcvt_core.model.model import STALLED
@@ -108,7 +108,6 @@ def steepest(values_at, low, high, rounds=17):
     return step
 
 
-@settings(max_examples=200)
 @given(stages(), parameters, engine_speeds, load_torques)
 def test_no_jump_in_stroke(stage, found, engine_speed, load_torque):
     model = EfficiencyModel(stage, found)
@@ -132,7 +131,6 @@ def test_standing_motor_takes_the_whole_flow_as_leakage(stage, found, engine_spe
 # --- against a second solution --------------------------------------------------------------------
 
 
-@settings(max_examples=150)
 @given(stages(), parameters, strokes, engine_speeds, load_torques)
 def test_agrees_with_scipy_on_random_stages(stage, found, stroke, engine_speed, load_torque):
     model = EfficiencyModel(stage, found)
