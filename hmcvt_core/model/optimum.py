@@ -30,13 +30,14 @@ Array = NDArray[np.float64]
 Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 _LIMIT_SLACK = 1e-5  # of the width between two limits
-_SCAN = 129
-_ZOOMS = 3
+_SCAN = 65
+_ZOOMS = 4
 _RESTING = 1e-12  # part of the speed beside a standing motor
 _HELD = 1e-6  # of the output speed held
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _PARTS = 8  # of the strokes on either side of rest
-_BRACKET = 3e-6  # of a piece
+_START = 1e-3  # of a piece
+_BRACKET = 1e-5  # of a piece
 
 
 @dataclass(frozen=True)
@@ -68,13 +69,11 @@ class Solver(Protocol):
 
     def solve(self, points: OperatingPoints) -> Answer:
         """Return efficiency and output speed at operating points."""
-        ...
 
     def displacement_ratio(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
     ) -> Array:
         """Return the least displacement ratio that makes an output speed; beyond +-1: none does."""
-        ...
 
 
 class Lookup(Protocol):
@@ -84,17 +83,14 @@ class Lookup(Protocol):
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> float:
         """Return the efficiency."""
-        ...
 
     def output_speed(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> float:
         """Return the output speed."""
-        ...
 
     def resting_ratios(self, engine_speed: float, load_torque: float) -> Sequence[float]:
         """Return the displacement ratios between which the motor stands, the lower one first."""
-        ...
 
 
 def optimum(
@@ -210,12 +206,12 @@ def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
     low, high = (min(max(rest, -1.0), 1.0) for rest in lookup.resting_ratios(speed, torque))
     for corner, end in ((low, -1.0), (low, high), (high, 1.0)):
         reach = end - corner
-        tops.append((*max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1)),
-                     corner, reach))
+        top, way = max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1))
+        tops.append((top, way, corner, reach))
+        if way > 0.0 or value(_START) > top:
+            ends = max(way - 1.0 / _PARTS, 0.0), min(way + 1.0 / _PARTS, 1.0)
+            tops.append((*_golden(value, *ends), corner, reach))
     efficiency, way, corner, reach = max(tops)
-    place, found = _golden(value, max(way - 1.0 / _PARTS, 0.0), min(way + 1.0 / _PARTS, 1.0))
-    if found > efficiency:
-        efficiency, way = found, place
     stroke = corner + reach * way * way
     if efficiency == 0.0:
         stroke = efficiency = math.nan
@@ -224,7 +220,7 @@ def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
 
 
 def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float, float]:
-    """Where a function with one maximum between two limits is highest, and its value there."""
+    """Highest value of a function with one maximum between two limits, and where."""
     c, d = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
     at_c, at_d = value(c), value(d)
     while b - a > _BRACKET:
@@ -236,7 +232,7 @@ def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float,
             a, c, at_c = c, d, at_d
             d = a + _GOLDEN * (b - a)
             at_d = value(d)
-    return (c, at_c) if at_c > at_d else (d, at_d)
+    return max((at_c, c), (at_d, d))
 
 
 # --- held output speed ----------------------------------------------------------------------------

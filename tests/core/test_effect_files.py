@@ -105,10 +105,6 @@ def test_optimum_map_and_breakdown_are_of_the_transmission(model, meter):
     assert read.breakdown(*point) == physical.breakdown(*point)
 
 
-def test_model_without_meters_is_itself(model):
-    assert model.without_meters() is model
-
-
 def test_leakage_is_a_loss_also_behind_a_line_that_takes_pressure(model):
     drop = replace(model, effects=(PortPressureDrop(5e6, 1.0),))
     for stroke in (-1.0, -0.6, 0.3, 0.6, 1.0):

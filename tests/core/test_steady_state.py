@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from hmcvt_core import EfficiencyModel
 from hmcvt_core.physics.balance import BalanceSolver
@@ -15,7 +15,6 @@ STROKES = np.linspace(-1.0, 1.0, 201)
 LIMITS = (78.54, 230.38)
 
 
-@settings(max_examples=200)
 @given(stages(), parameters, engine_speeds, load_torques)
 def test_point_array_and_balance_agree(stage, found, engine_speed, load_torque):
     model = EfficiencyModel(stage, found)
@@ -54,7 +53,6 @@ def test_stroke_that_an_output_speed_needs(stage, found, engine_speed, load_torq
                                                                           & (speed > 0.0)].all()
 
 
-@settings(max_examples=150)
 @given(stages(), moderate, engine_speeds, load_torques)
 def test_no_stroke_is_better_than_the_best(stage, found, engine_speed, load_torque):
     model = EfficiencyModel(stage, found)
@@ -65,7 +63,6 @@ def test_no_stroke_is_better_than_the_best(stage, found, engine_speed, load_torq
         assert np.nan_to_num(best.efficiency) >= brute - 1e-6
 
 
-@settings(max_examples=100)
 @given(stages(), moderate, engine_speeds, load_torques, strokes)
 def test_no_pair_is_better_than_the_best(stage, found, engine_speed, load_torque, stroke):
     model = EfficiencyModel(stage, found)
