@@ -8,7 +8,6 @@ command has to exist and have its options.
 """
 
 import functools
-import importlib.util
 import re
 import shlex
 import shutil
@@ -26,6 +25,7 @@ NAMES = cli.list_commands(click.Context(cli))
 PARSED_ONLY = {
     "diagnose": "seconds each; run by test_tutorial.py, test_json.py and the Python of README.md",
     "fleet": "needs the logs of a fleet, or a Dask cluster; run by tests/fleet",
+    "import-bag": "needs bags; run by tests/bag",
     "node": "needs ROS and does not end; run by tests/ros/test_node_command.py",
 }
 # Where the Python of a page is run.
@@ -66,28 +66,6 @@ def _found():
 CASES, SYNOPSES = _found()
 
 
-@pytest.fixture(scope="session")
-def bags(tmp_path_factory):
-    """The bags that the examples name; None without rosbags."""
-    if importlib.util.find_spec("rosbags") is None:
-        return None
-    from bag.simulated import bench_records, run_bench, write_bag
-
-    import hmcvt_core
-
-    model = hmcvt_core.load_model(ROOT / "params" / "hm4.yaml")
-    points = [(ratio, speed, load) for ratio in (-0.8, 0.3, 0.9) for speed in (85.0, 140.0)
-              for load in (120.0, 280.0)]
-    bench = run_bench(model, points)
-    folder = tmp_path_factory.mktemp("bags")
-    write_bag(folder / "run1", bench_records(bench))
-    write_bag(folder / "run2", bench_records(bench, "/tractor1/shafts"))
-    (folder / "run2" / "run2.mcap").rename(folder / "run1.mcap")
-    (folder / "run2").rename(folder / "rest")
-    shutil.copy(folder / "run1" / "run1.mcap", folder / "run.mcap")
-    return folder
-
-
 @pytest.fixture
 def workplace(tmp_path, monkeypatch):
     """A folder with what the examples name."""
@@ -125,15 +103,11 @@ def test_every_command_stands_in_cli_md_and_has_an_example():
 
 
 @pytest.mark.parametrize("case", CASES, ids=" ".join)
-def test_example(hmcvt, workplace, bags, case):
+def test_example(hmcvt, workplace, case):
     name, *arguments = case
     if name in PARSED_ONLY:
         _command(name).make_context(name, list(arguments))
         return
-    if name == "import-bag":
-        if bags is None:
-            pytest.skip("rosbags is not installed")
-        shutil.copytree(bags, workplace, dirs_exist_ok=True)
     done = hmcvt(*case)
     assert (done.code, done.err) == (0, "")
     assert done.out or "--out" in case

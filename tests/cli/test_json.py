@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """`--json` prints one JSON value alone, whatever else a command writes.
 
-`fleet` is run with it by tests/fleet; `node` prints nothing.
+`fleet` is run with it by tests/fleet, `import-bag` by tests/bag; `node` prints nothing.
 """
 
-import importlib.util
 import shutil
 
 import pytest
 
 from hmcvt_core.cli import COMMANDS
 
-from .running import HM4, POINT, ROOT, TABLE2, process, write_raw_bench
+from .running import POINT, ROOT, TABLE2, process, write_raw_bench
 
 CASES = {
     "identify": (TABLE2, "--fit", "1,2,4-6", "--out", "p.yaml", "--picture", "fit.png"),
@@ -29,7 +28,6 @@ CASES = {
     "separable": (TABLE2, "--output-speed"),
     "import-csv": ("raw.csv", "--out", "bench.csv", "--displacement-ratio", "eps", "--engine-speed",
                    "n:rpm", "--load-torque", "M", "--efficiency", "eta:%"),
-    "import-bag": ("run1", "--out", "samples.csv"),
 }
 
 
@@ -41,22 +39,12 @@ def workplace(tmp_path, monkeypatch):
 
 
 def test_every_command_is_covered():
-    assert {case.partition(",")[0] for case in CASES} == {*COMMANDS, "import-bag"} - {"fleet"}
+    assert {case.partition(",")[0] for case in CASES} == set(COMMANDS) - {"fleet"}
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_one_value_alone(hmcvt, workplace, case):
     name, arguments = case.partition(",")[0], CASES[case]
-    if name == "import-bag":
-        if importlib.util.find_spec("rosbags") is None:
-            pytest.skip("rosbags is not installed")
-        from bag.simulated import bench_records, run_bench, write_bag
-
-        import hmcvt_core
-
-        model = hmcvt_core.load_model(HM4)
-        bench = run_bench(model, [(0.5, 120.0, 200.0), (-0.5, 90.0, 250.0)])
-        write_bag(workplace / "run1", bench_records(bench))
     done = hmcvt(name, *arguments, "--json")
     assert done.code == 0
     assert done.json

@@ -43,7 +43,7 @@ def start(*arguments, **options):
 def finish(running):
     """Wait for a command."""
     with running:
-        out, err = running.communicate(timeout=60)
+        out, err = running.communicate(timeout=110)
     return Done(running.returncode, out, err)
 
 
@@ -73,7 +73,7 @@ def workers(parent):
     return found
 
 
-def wait_for(condition, seconds=30.0):
+def wait_for(condition, seconds=100.0):
     """Return the first true value of a condition."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
