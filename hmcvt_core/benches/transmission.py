@@ -90,8 +90,8 @@ class Transmission:
         InputError: the formulation is not `power_balance`.
     """
 
-    axes = (*AXES, OIL_TEMPERATURE)
-    channels = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL)
+    axes: tuple[Axis, ...] = (*AXES, OIL_TEMPERATURE)
+    channels: tuple[Channel, ...] = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL)
     base = BaseParameters(
         PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD,
         to_scaled(np.array([limits.low for limits in PARAMETER_RANGES])),
@@ -293,15 +293,16 @@ def read_plan(
     """
     found = read_columns(path, _POINT)
     known = found.known
-    point = [known[name] for name in _POINT]
+    ratio, speed, torque = (known[name] for name in _POINT)
     temperature = known.get("oil_temperature")
-    expected = model.efficiency(*point, temperature)
+    expected = model.efficiency(ratio, speed, torque, temperature)
     stalled = np.flatnonzero(np.isnan(expected))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
-                         f"{known['load_torque'][stalled[0]]:g} cannot be carried there")
+                         f"{torque[stalled[0]]:g} cannot be carried there")
     reads_speed = output_speed or "output_speed" in known
     return BenchSamples(
-        *point, expected, output_speed=model.output_speed(*point, temperature) if reads_speed
-        else None, oil_temperature=temperature, efficiency_std=known.get("efficiency_std"),
+        ratio, speed, torque, expected,
+        output_speed=model.output_speed(ratio, speed, torque, temperature) if reads_speed else None,
+        oil_temperature=temperature, efficiency_std=known.get("efficiency_std"),
         source=found.source, sha256=found.sha256)

@@ -141,9 +141,9 @@ def signature(campaign: Campaign, fit: Fit, added: Effect) -> Array | None:
     observed = campaign.observed
     here = observed.whiten(fit.hypothesis.predict(fit.theta, observed.points))
     # The refit leaves little of an effect: the slope that counts is that of a small one.
-    alone = Hypothesis(campaign.system, (added,))
-    small = np.concatenate([fit.theta[:alone.shared], np.full(len(alone.typical), _SCREENED_SIZE)])
-    there = observed.whiten(alone.predict(small, observed.points))
+    small = added.with_values({item.name: _SCREENED_SIZE * item.typical for item in added.sizes()})
+    there = observed.whiten(campaign.system.predict(fit.base, (*fit.effects, small),
+                                                    observed.points))
     change = (here - there) / _SCREENED_SIZE
     # Where the typical size cannot be carried it says nothing.
     return None if not np.isfinite(change).any() else np.nan_to_num(change)

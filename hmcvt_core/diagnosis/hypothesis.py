@@ -10,7 +10,9 @@ deviations, sizes in typical ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +31,10 @@ More than any misfit, or refits to a large gap would hide the worst points where
 
 _FIRST_SIZE = 0.1  # in typical sizes
 _NUISANCE_LIMIT = 6.0
-_PASSES = 10
-_STEPS = 30  # evaluations of one pass at most
+_PASSES, _STEPS = 20, 3  # estimates of the noise, and evaluations between two of them, at most
 _TOLERANCE = 1e-6  # of the squares
-_NOISE_SETTLED = 2e-3
+_NOISE_SETTLED = 1e-3
+_AT_BOUND = 1e-3  # in prior deviations or typical sizes
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 
 
@@ -156,8 +158,6 @@ def refit(
         nuisance: columns of `nuisance_columns`; None computes them at the start.
         noise: variances of the channels to keep; None estimates them along the way.
     """
-    from scipy.optimize import least_squares
-
     theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
     theta[shared:] = _FIRST_SIZE
     if base is not None:
@@ -166,34 +166,67 @@ def refit(
     if nuisance is None:
         bare = Hypothesis(hypothesis.system)
         nuisance = nuisance_columns(bare, theta[:shared], observed)
-    columns = nuisance
     # Sizes are held by their bounds alone; their prior enters when evidence is weighed.
     spread = hypothesis.prior_spread
     prior = np.eye(shared, len(theta)) / spread[:, None]
     scale = np.concatenate([spread, np.ones(len(theta) - shared)])
-    whitened = _residuals(hypothesis, observed, columns, theta)
-    variance = _noise(observed, whitened, len(theta)) if noise is None else noise
+    columns = nuisance
+
+    # A pass begins where the one before ended: nothing is predicted twice.
+    @lru_cache(maxsize=2)
+    def linear(at: bytes) -> tuple[Array, Array]:
+        here = residuals(at)
+        return here, _jacobian(hypothesis, observed, columns, np.frombuffer(at), here)
+
+    @lru_cache(maxsize=2)
+    def residuals(at: bytes) -> Array:
+        return _residuals(hypothesis, observed, columns, np.frombuffer(at))
+
+    def rows(at: Array) -> Array:
+        return np.concatenate([(residuals(at.tobytes()) / root).ravel(),
+                               prior @ (at - hypothesis.prior_mean)])
+
+    def slopes(at: Array) -> Array:
+        own = linear(at.tobytes())[1] / root[..., None]
+        return np.concatenate([-own.reshape(-1, len(at)), prior])
+
+    variance = _noise(observed, residuals(theta.tobytes()), len(theta)) if noise is None else noise
+    root = np.sqrt(variance)[:, None]
+    free = np.ones(len(theta), dtype=bool)
     for _ in range(_PASSES):
-        weight = 1.0 / np.sqrt(variance)
-
-        def rows(at: Array, weight: Array = weight) -> Array:
-            own = _residuals(hypothesis, observed, columns, at) * weight[:, None]
-            return np.concatenate([own.ravel(), prior @ (at - hypothesis.prior_mean)])
-
-        def slopes(at: Array, weight: Array = weight) -> Array:
-            own = -_jacobian(hypothesis, observed, columns, at) * weight[:, None, None]
-            return np.concatenate([own.reshape(-1, len(at)), prior])
-
-        theta = least_squares(rows, theta, slopes, bounds, method="dogbox", x_scale=scale,
-                              ftol=_TOLERANCE, xtol=_TOLERANCE, max_nfev=_STEPS).x
-        whitened = _residuals(hypothesis, observed, columns, theta)
-        if noise is not None:
+        theta, settled = _within(rows, slopes, theta, bounds, scale, free)
+        if noise is None:
+            variance = _noise(observed, residuals(theta.tobytes()), len(theta))
+        settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
+        root = np.sqrt(variance)[:, None]
+        # What is pressed against a bound is put on it and held; the search stays inside.
+        gain = -slopes(theta).T @ rows(theta)
+        theta = np.where((gain < 0.0) & (theta - bounds[0] < _AT_BOUND * scale), bounds[0], theta)
+        theta = np.where((gain > 0.0) & (bounds[1] - theta < _AT_BOUND * scale), bounds[1], theta)
+        before, free = free, ~(((theta <= bounds[0]) & (gain < 0.0))
+                               | ((theta >= bounds[1]) & (gain > 0.0)))
+        if settled and (free == before).all():
             break
-        before, variance = variance, _noise(observed, whitened, len(theta))
-        if np.max(np.abs(np.log(variance / before))) < _NOISE_SETTLED:
-            break
-    return Fit(hypothesis, theta, whitened,
-               _jacobian(hypothesis, observed, columns, theta), variance)
+    return Fit(hypothesis, theta, *linear(theta.tobytes()), variance)
+
+
+def _within(
+    rows: Callable[[Array], Array], slopes: Callable[[Array], Array], theta: Array,
+    bounds: tuple[Array, Array], scale: Array, free: NDArray[np.bool_],
+) -> tuple[Array, bool]:
+    """Take a few steps in the free parameters; return where they end, and whether all is still."""
+    from scipy.optimize import least_squares
+
+    def whole(part: Array) -> Array:
+        at = theta.copy()
+        at[free] = part
+        return at
+
+    found = least_squares(
+        lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
+        (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
+        max_nfev=_STEPS)
+    return whole(found.x), found.status > 0
 
 
 def linearise(
@@ -201,8 +234,9 @@ def linearise(
 ) -> Fit:
     """Return a fit as it stands at given parameters, also at points it was not fitted to."""
     columns = nuisance_columns(hypothesis, theta, observed)
-    return Fit(hypothesis, theta, _residuals(hypothesis, observed, columns, theta),
-               _jacobian(hypothesis, observed, columns, theta), noise)
+    here = _residuals(hypothesis, observed, columns, theta)
+    return Fit(hypothesis, theta, here,
+               _jacobian(hypothesis, observed, columns, theta, here), noise)
 
 
 def _residuals(
@@ -215,10 +249,9 @@ def _residuals(
 
 
 def _jacobian(
-    hypothesis: Hypothesis, observed: Observations, nuisance: Array, theta: Array
+    hypothesis: Hypothesis, observed: Observations, nuisance: Array, theta: Array, here: Array
 ) -> Array:
-    """Of the prediction / deviation, shape (channels, n, p)."""
-    here = _residuals(hypothesis, observed, nuisance, theta)
+    """Of the prediction / deviation, shape (channels, n, p); `here` the residuals at theta."""
     columns = np.empty((*here.shape, len(theta)))
     first, shared, high = len(hypothesis.system.base), hypothesis.shared, hypothesis.bounds[1]
     columns[..., first:shared] = nuisance

@@ -26,8 +26,8 @@ from .result import (
     Region,
     ShrinkageSummary,
 )
-from .shrinkage import Shrinkage, averaged_errors, deals, shrinkage
-from .significance import Significance, gap_significance
+from .shrinkage import averaged_errors, deals, shrinkage
+from .significance import Significance, significance
 from .system import System
 from .words import plain
 
@@ -110,7 +110,7 @@ def diagnose_system(
     observed = campaign.observed
     boxes = regions(observed.place)
     tell("step 1 of 4, is there a gap")
-    found = gap_significance(campaign, boxes, seed)
+    found = significance(campaign, boxes, seed)
     significant = found.p_value <= GAP_SIGNIFICANCE
     tell("step 2 of 4, refits with each effect")
     singles = single_candidates(campaign)
@@ -145,7 +145,9 @@ def _noise(observed: Observations, ranking: Ranking, significant: bool) -> Array
 def assemble(study: _Study, held: Observations | None, notes: Sequence[str]) -> Diagnosis:
     """Put together what was found."""
     observed, ranking = study.campaign.observed, study.ranking
-    shrunk, more = _shrinkage(study, held)
+    before, after, noise, more = _errors(study) if held is None else _errors_on(study, held)
+    shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
+                       study.seed, study.significant)
     verdict, why = _verdict(study, shrunk)
     causes = _causes(study, verdict) if study.significant else ()
     gap = Gap(len(observed), _rms(study.before), _rms(study.noise), observed.usual_noise,
@@ -155,12 +157,11 @@ def assemble(study: _Study, held: Observations | None, notes: Sequence[str]) -> 
     return Diagnosis(
         gap, _where(study), causes[0].component if verdict in ("cause_found", "ambiguous")
         else None, verdict, causes,
-        ShrinkageSummary(shrunk.before, shrunk.after, shrunk.fraction, shrunk.interval, shrunk.on),
-        next_tests(study.campaign, ranking) if study.significant else (),
+        shrunk, next_tests(study.campaign, ranking) if study.significant else (),
         ranking.unlisted if study.significant else 0.0,
         (*notes, *more, *_remarks(study), *((why,) if why else ())),
-        _model_of(study, study.campaign.base), observed.samples, shrunk.errors_before,
-        shrunk.errors_after, observed.steered, extent, observed.readings[0].channel)
+        _model_of(study, study.campaign.base), observed.samples, before, after,
+        observed.steered, extent, observed.readings[0].channel)
 
 
 def _rms(values: Array) -> float:
@@ -174,7 +175,7 @@ def _model_of(study: _Study, fit: Fit) -> Any:
 # --- verdict --------------------------------------------------------------------------------------
 
 
-def _verdict(study: _Study, shrunk: Shrinkage) -> tuple[str, str]:
+def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, str]:
     """Return the verdict, and why no cause is named."""
     if not study.significant:
         return "no_gap", ""
@@ -196,46 +197,39 @@ def _verdict(study: _Study, shrunk: Shrinkage) -> tuple[str, str]:
     return "cause_found" if known >= FOUND and adequate else "ambiguous", ""
 
 
-# --- shrinkage ------------------------------------------------------------------------------------
+# --- errors of prediction -------------------------------------------------------------------------
 
 
-def _shrinkage(study: _Study, held: Observations | None) -> tuple[Shrinkage, tuple[str, ...]]:
-    ranking, observed = study.ranking, study.campaign.observed
+def _errors(study: _Study) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """Errors before and after at samples left out in turn, their noise, and notes."""
+    ranking = study.ranking
     rivals = sorted((*ranking.pairs, *ranking.singles), key=lambda item: -item.log)[:_RIVALS]
-    if held is not None:
-        return _on_holdout(study, held)
-    after = study.before
-    if study.significant:
-        linear = [ranking.nothing, *(item.plain for item in rivals)]
-        after = averaged_errors(linear, observed, study.dealt)
-    return shrinkage(study.before, after, study.noise, "cross-validation", study.seed,
-                     study.significant), ()
+    after = study.before if not study.significant else averaged_errors(
+        [ranking.nothing, *(item.plain for item in rivals)], study.campaign.observed, study.dealt)
+    return study.before, after, study.noise, ()
 
 
-def _on_holdout(study: _Study, held: Observations) -> tuple[Shrinkage, tuple[str, ...]]:
-    """Measure the model of the first cause, the one that is saved, on samples held out.
+def _errors_on(
+    study: _Study, held: Observations
+) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """The same of the model of the first cause, the one that is saved, on samples held out.
 
     They state their own noise, else it is that of the campaign.
     """
-    base = study.campaign.base
+    base, refusal = study.campaign.base, study.campaign.system.refusal
     first = study.ranking.best[next(iter(study.ranking.probability))].fit
-    measured = held.readings[0].measured
-    before, after = (measured - fit.hypothesis.predict(fit.theta, held.points)[0]
+    before, after = (held.readings[0].measured - fit.hypothesis.predict(fit.theta, held.points)[0]
                      for fit in (base, first if study.significant else base))
     usable = np.isfinite(before) & np.isfinite(after)
     if not usable.any():
         raise InputError(f"{held.samples.source}: the model has no answer at any of the operating "
                          "points held out")
     stalled = np.flatnonzero(~usable)
-    notes: tuple[str, ...] = ()
-    if len(stalled):
-        notes = (f"{len(stalled)} of {len(held)} samples held out "
-                 f"{study.campaign.system.refusal} and do not count: "
-                 f"{listed_samples(held, stalled)}",)
+    notes = (f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
+             f"{listed_samples(held, stalled)}",) if len(stalled) else ()
     noise = (np.full(len(held), _rms(study.noise)) if held.assumed
              else held.readings[0].deviation)
-    return shrinkage(before[usable], after[usable], noise[usable], "holdout", study.seed,
-                     study.significant), notes
+    return before[usable], after[usable], noise[usable], notes
 
 
 # --- causes ---------------------------------------------------------------------------------------
@@ -256,7 +250,7 @@ def _cause(study: _Study, name: str) -> Cause:
     others = [other for other in item.names if other != name]
     return Cause(
         name, effect.form, effect.component, study.ranking.probability[name],
-        _twins(study.ranking, name), _parameters(item, index), others[0] if others else None,
+        _twins(study.ranking, name), others[0] if others else None, _parameters(item, index),
         shrunk.after, shrunk.fraction, _drift(study.campaign, item), effect.summary,
         effect.source, effect.remedy, _model_of(study, item.fit))
 
@@ -360,7 +354,7 @@ def _on_noise(study: _Study) -> list[str]:
     if observed.assumed and len(observed) < FEW:
         noise = float(f"{stated:.2g}")
         believed = fitted_campaign(campaign.system, observed.stating(noise))
-        p_value = gap_significance(believed, study.boxes, study.seed).p_value
+        p_value = significance(believed, study.boxes, study.seed).p_value
         return [f"nobody stated the noise, and {len(observed)} samples cannot tell it from a gap: "
                 f"the verdict rests on an assumption; if the noise is known to be "
                 f"{channel.factor * noise:.2g} {channel.unit}, --noise {noise:g} gives p = "

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 from . import words
-from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, NextTest, Outcome
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
 
 _DETAILED = 3  # causes told at length; the page has all
 _TESTS, _BESIDE = 5, 2  # lines of next tests, and how many of them are no operating point
@@ -18,62 +19,48 @@ _SETTLED = 2.0  # standard errors from which a drift of a base parameter is wort
 
 def to_dict(found: Outcome) -> dict[str, Any]:
     """Return the JSON object of the command's contract."""
-    gap, shrunk = found.gap, found.shrinkage
+    nowhere = {axis.name: None for axis in found.axes}
     return {
-        "gap": {"samples": gap.samples, "rmse": gap.rmse, "noise": gap.noise,
-                "noise_stated": gap.noise_stated, "noise_source": gap.noise_source,
-                "p_value": gap.p_value, "significant": gap.significant},
-        "where": [{
-            **{name: list(limits) for name, limits in region.limits.items()},
-            "mean_residual": region.mean_residual, "samples": region.samples,
-            "p_value": region.p_value, "channel": region.channel} for region in found.where],
+        "gap": _plain(found.gap),
+        "where": [_spread(_plain(region), "limits", nowhere) for region in found.where],
         "component": found.component,
         "verdict": found.verdict,
-        "causes": [_cause(cause) for cause in found.causes],
+        "causes": [_plain(cause) for cause in found.causes],
         "unlisted_probability": found.unlisted,
-        "shrinkage": {"before": shrunk.before, "after": shrunk.after,
-                      "fraction": shrunk.fraction,
-                      "interval": None if shrunk.interval is None else list(shrunk.interval),
-                      "on": shrunk.on},
-        "next_tests": [{
-            **(test.point or {axis.name: None for axis in found.axes}),
-            "separates": list(test.separates),
-            "gain": test.gain, "measure": test.measure} for test in found.next_tests],
+        "shrinkage": _plain(found.shrinkage),
+        "next_tests": [_spread(_plain(test), "point", nowhere) for test in found.next_tests],
         "notes": list(found.notes),
     }
 
 
-def _cause(cause: Cause) -> dict[str, Any]:
-    return {
-        "effect": cause.effect,
-        "form": cause.form,
-        "component": cause.component,
-        "probability": cause.probability,
-        "indistinguishable_from": list(cause.indistinguishable_from),
-        "together_with": cause.together_with,
-        "parameters": cause.parameters,
-        "gap_after": cause.gap_after,
-        "shrinkage": cause.shrinkage,
-        "drift": cause.drift,
-        "summary": cause.summary,
-        "source": cause.source,
-        "remedy": cause.remedy,
-    }
+def _plain(value: Any) -> Any:
+    """A value as JSON has it; a model is none."""
+    if is_dataclass(value):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)
+                if item.repr}
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value
+
+
+def _spread(data: dict[str, Any], key: str, nowhere: dict[str, Any]) -> dict[str, Any]:
+    """The same with the axes at the level of the rest."""
+    place = data.pop(key)
+    return {**(place or nowhere), **data}
 
 
 def report(found: Outcome) -> str:
     """Return a diagnosis as text for a person, at most 100 columns wide."""
-    lines = [words.verdict(found), ""]
     gap, shrunk = found.gap, found.shrinkage
-    lines.append(f"gap        {gap.samples} samples, {words.amount(found, shrunk.before)} rms beyond the "
-                 f"noise, {words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})")
-    lines.append(f"noise      {words.amount(found, gap.noise)}; before the fit "
-                 f"{words.amount(found, gap.noise_stated)}: {gap.noise_source}")
-    lines.append(f"error      {words.amount(found, gap.rmse)} rms of the refitted model at samples left "
-                 "out")
+    before, after, noise, stated, error = (words.amount(found, value) for value in (
+        shrunk.before, shrunk.after, gap.noise, gap.noise_stated, gap.rmse))
+    lines = [words.verdict(found), "",
+             f"gap        {gap.samples} samples, {before} rms beyond the noise, "
+             f"{words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
+             f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
+             f"error      {error} rms of the refitted model at samples left out"]
     if shrunk.fraction is not None:
-        lines.append(f"shrinkage  {words.amount(found, shrunk.before)} -> {words.amount(found, shrunk.after)} "
-                     f"beyond the noise, on {shrunk.on}")
+        lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}")
     lines += _where(found)
     lines += _causes(found)
     lines += _tests(found)

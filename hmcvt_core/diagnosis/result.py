@@ -75,8 +75,8 @@ class Cause:
         probability: that it is present.
         indistinguishable_from: effects that these data cannot tell from it, all that it takes to
             hold the cause with 97 %, given that it is a listed one.
-        parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
         together_with: the other effect of a pair.
+        parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
         gap_after: root of the mean squared error above noise once it is added.
         shrinkage: 1 - G2_after / G2_before for it by cross-validation, held as the effect in every
             fold; None without a gap.
@@ -90,8 +90,8 @@ class Cause:
     component: str
     probability: float
     indistinguishable_from: tuple[str, ...]
-    parameters: dict[str, dict[str, Any]]
     together_with: str | None
+    parameters: dict[str, dict[str, Any]]
     gap_after: float
     shrinkage: float | None
     drift: dict[str, dict[str, float]]
@@ -103,10 +103,16 @@ class Cause:
 
 @dataclass(frozen=True)
 class ShrinkageSummary:
-    """The contract's shrinkage: see `shrinkage.Shrinkage`.
+    """How far the gap shrinks.
 
     By cross-validation it is that of the procedure, which picks the effect anew in every fold; on a
     holdout that of the model of the first cause.
+
+    Attributes:
+        before, after: root of the mean squared error above noise; 0 where below noise.
+        fraction: 1 - G2_after / G2_before, or None where there is no gap before.
+        interval: of `fraction`, 95 %, or None.
+        on: `cross-validation` or `holdout`.
     """
 
     before: float

@@ -12,7 +12,6 @@ chance; errors are averaged over several deals, so that the figure hardly moves 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,32 +19,13 @@ from numpy.typing import NDArray
 from .candidates import Linear
 from .evidence import evidence, gram, one_sided
 from .observations import Observations, replicate_groups
+from .result import ShrinkageSummary
 
 Array = NDArray[np.float64]
 FOLDS = 12
 DEALS = 8
 _DRAWS = 999
 _TAIL = 0.025
-
-
-class Shrinkage(NamedTuple):
-    """Gap before and after an effect is added, in the unit of the first channel.
-
-    Attributes:
-        before, after: root of the mean squared error above noise; 0 where below noise.
-        fraction: 1 - G2_after / G2_before, or None where there is no gap before.
-        interval: of `fraction`, 95 %, or None.
-        on: `cross-validation` or `holdout`.
-        errors_before, errors_after: of prediction at each sample, shape (n,).
-    """
-
-    before: float
-    after: float
-    fraction: float | None
-    interval: tuple[float, float] | None
-    on: str
-    errors_before: Array
-    errors_after: Array
 
 
 def folds(observed: Observations, seed: int) -> list[NDArray[np.intp]]:
@@ -111,7 +91,7 @@ def _without(grams: Array, rival: Linear, noise: Array) -> Array:
 
 def shrinkage(
     before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True
-) -> Shrinkage:
+) -> ShrinkageSummary:
     """Compare two sets of prediction errors at the same samples.
 
     Args:
@@ -135,8 +115,8 @@ def shrinkage(
             low, high = np.quantile(drawn, [_TAIL, 1.0 - _TAIL])
             interval = (float(low), float(high))
     roots = np.sqrt(np.maximum(mean, 0.0))
-    return Shrinkage(float(roots[0]), float(roots[1]),
-                     None if fraction is None else float(fraction), interval, on, before, after)
+    return ShrinkageSummary(float(roots[0]), float(roots[1]),
+                            None if fraction is None else float(fraction), interval, on)
 
 
 def _fraction(means: Array) -> Array:

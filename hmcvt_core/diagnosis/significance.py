@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .candidates import Campaign, screen
-from .observations import FEW, Observations
+from .observations import FEW
 from .regions import Regions
 
 Array = NDArray[np.float64]
@@ -41,66 +41,27 @@ class Significance(NamedTuple):
     region_p: Array
 
 
-class Basis(NamedTuple):
-    """What the refit may absorb, orthonormal, with its priors as further rows.
-
-    Attributes:
-        data: rows of the data, shape (channels, n, p).
-        prior: rows of the priors, shape (p, p).
-    """
-
-    data: Array
-    prior: Array
-
-
-def gap_significance(campaign: Campaign, boxes: Regions, seed: int) -> Significance:
-    """Test a campaign against every region and every known effect."""
-    fit = campaign.base
-    signatures = np.stack([linear.columns[..., -1] for _, _, linear in screen(campaign, fit)])
-    absorbed = basis(fit.jacobian, fit.hypothesis.prior_spread, fit.noise)
-    return significance(absorbed, fit.target, fit.noise, campaign.observed, boxes, signatures, seed)
-
-
-def basis(columns: Array, spread: Array, noise: Array) -> Basis:
-    """Orthonormal basis of columns of shape (channels, n, p) with priors, noise divided out."""
-    scaled = columns / np.sqrt(noise)[:, None, None]
-    p = columns.shape[-1]
-    stacked = np.concatenate([scaled.reshape(-1, p), np.diag(1.0 / spread)])
-    q, _ = np.linalg.qr(stacked)
-    return Basis(q[:-p].reshape(scaled.shape), q[-p:])
-
-
 def significance(
-    absorbed: Basis,
-    target: Array,
-    noise: Array,
-    observed: Observations,
-    boxes: Regions,
-    signatures: Array,
-    seed: int,
-    replicates: int = REPLICATES,
+    campaign: Campaign, boxes: Regions, seed: int, replicates: int = REPLICATES
 ) -> Significance:
     """Test whether anything is left after a refit, anywhere or of any known shape.
 
     Args:
-        absorbed: what the refit may absorb.
-        target: shape (channels, n), in stated deviations.
-        noise: variance of each channel in stated ones.
-        observed: the bench.
+        campaign: to be tested.
         boxes: regions to look at, in each channel.
-        signatures: effect signatures in stated deviations, shape (m, channels, n).
         seed: of the simulated campaigns.
         replicates: simulated campaigns.
     """
-    search = _Search(absorbed, noise, observed, boxes, signatures)
-    z_boxes, z_effects = search.statistics(target[None] / np.sqrt(noise)[:, None],
-                                           np.zeros((1, absorbed.prior.shape[0])))
+    fit, observed = campaign.base, campaign.observed
+    search = _Search(campaign, boxes)
+    white = fit.target / np.sqrt(fit.noise)[:, None]
+    z_boxes, z_effects = search.statistics(white[None], np.zeros((1, len(fit.theta))))
     rng = np.random.default_rng(seed)
     tops: list[Array] = []
     for start in range(0, replicates, _CHUNK):
         count = min(_CHUNK, replicates - start)
-        data = rng.standard_normal((count, *target.shape))
-        prior = rng.standard_normal((count, absorbed.prior.shape[0]))
+        data = rng.standard_normal((count, *white.shape))
+        prior = rng.standard_normal((count, len(fit.theta)))
         a, b = search.statistics(data, prior)
         tops.append(np.stack([_top(a), _top(b)], axis=1))
     null = np.concatenate(tops)
@@ -111,7 +72,7 @@ def significance(
     p_value = (1.0 + np.sum(ranks <= p_own)) / (1.0 + replicates)
     if len(observed) < FEW:
         # Two looks: shape and size.
-        p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, target)))
+        p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, white)))
     z_channels = z_boxes[0].reshape(len(observed.readings), len(boxes))
     channel = np.abs(z_channels).argmax(axis=0)
     z = np.take_along_axis(z_channels, channel[None], 0)[0]
@@ -119,28 +80,41 @@ def significance(
 
 
 class _Search:
-    def __init__(self, absorbed: Basis, noise: Array, observed: Observations, boxes: Regions,
-                 signatures: Array) -> None:
-        self.absorbed, self.trust = absorbed, observed.trusts
-        self.count = absorbed.data.shape[1]
-        root = self.root = np.sqrt(noise)
+    """What is looked at, and what the refit may absorb of it.
+
+    The refit absorbs an orthonormal basis of its columns, with the priors as further rows: `data`
+    of shape (channels, n, p) and `prior` of shape (p, p), the noise divided out.
+    """
+
+    def __init__(self, campaign: Campaign, boxes: Regions) -> None:
+        fit, observed = campaign.base, campaign.observed
+        p, root = len(fit.theta), np.sqrt(fit.noise)
+        scaled = fit.jacobian / root[:, None, None]
+        q, _ = np.linalg.qr(np.concatenate([scaled.reshape(-1, p),
+                                            np.diag(1.0 / fit.hypothesis.prior_spread)]))
+        self.data, self.prior = q[:-p].reshape(scaled.shape), q[-p:]
+        self.trust, self.count, self.root = observed.trusts, len(observed), root
         self.boxes = [(boxes.columns * reading.unit_loss / root[i]).astype(np.float32)
                       for i, reading in enumerate(observed.readings)]
-        self.effect = signatures / root[:, None]
-        self.box_norms = [_norms(np.sum(box**2, axis=1), box @ absorbed.data[i])
+        self.effect = np.stack([linear.columns[..., -1] for _, _, linear in screen(
+            campaign, fit)]) / root[:, None]
+        self.box_norms = [_norms(np.sum(box**2, axis=1), box @ self.data[i])
                           for i, box in enumerate(self.boxes)]
-        shadow = np.einsum("mcn,cnp->mp", self.effect, absorbed.data)
-        self.effect_norm = _norms(np.sum(self.effect**2, axis=(1, 2)), shadow)
-        self.used = np.sum(absorbed.data**2, axis=(1, 2))  # degrees of freedom by channel
+        self.effect_norm = _norms(np.sum(self.effect**2, axis=(1, 2)),
+                                  np.einsum("mcn,cnp->mp", self.effect, self.data))
+        self.used = np.sum(self.data**2, axis=(1, 2))  # degrees of freedom by channel
+
+    def left(self, data: Array, prior: Array) -> Array:
+        """What a refit leaves of k campaigns, shape (k, channels, n); `prior` (k, p)."""
+        shadow = np.einsum("kcn,cnp->kp", data, self.data) + prior @ self.prior
+        return np.asarray(data - np.einsum("kp,cnp->kcn", shadow, self.data))
 
     def statistics(self, data: Array, prior: Array) -> tuple[Array, Array]:
         """z of every box (channel by channel) and every effect, for k campaigns.
 
         `data` has shape (k, channels, n); the answers (k, channels x boxes) and (k, effects).
         """
-        q = self.absorbed
-        shadow = np.einsum("kcn,cnp->kp", data, q.data) + prior @ q.prior
-        left = data - np.einsum("kp,cnp->kcn", shadow, q.data)
+        left = self.left(data, prior)
         squares = np.sum(left**2, axis=2)
         scale = np.sqrt((self.trust + squares)
                         / (self.trust + np.maximum(self.count - self.used, 1.0)))
@@ -152,16 +126,13 @@ class _Search:
         return boxes.astype(float), effects
 
 
-def _lack_of_fit(search: _Search, target: Array) -> float:
+def _lack_of_fit(search: _Search, white: Array) -> float:
     """Chance of so much scatter at the noise stated (F test, worth of the statement counted)."""
     from scipy.stats import f
 
-    q = search.absorbed
-    white = target / search.root[:, None]
-    shadow = np.einsum("cn,cnp->p", white, q.data)
-    left = (white - np.einsum("p,cnp->cn", shadow, q.data)) * search.root[:, None]
-    free = max(left[0].size - float(search.used[0]), 1.0)
-    return float(f.sf(np.sum(left[0] ** 2) / free, free, search.trust[0]))
+    left = search.left(white[None], np.zeros((1, len(search.prior))))[0, 0] * search.root[0]
+    free = max(left.size - float(search.used[0]), 1.0)
+    return float(f.sf(np.sum(left**2) / free, free, search.trust[0]))
 
 
 def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:

@@ -124,7 +124,9 @@ class Effect(Protocol):
 class Samples(Protocol):
     """The system's own record of what was measured, carried along."""
 
-    source: str
+    @property
+    def source(self) -> str:
+        """Where they come from, for messages."""
 
     def __len__(self) -> int: ...
 

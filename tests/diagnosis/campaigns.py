@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bench campaigns simulated from the served model, with effects that the diagnoser is not told."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis.candidates import Bench
-from hmcvt_core.diagnosis.observations import Observations
+from hmcvt_core.benches.transmission import Transmission, observe
+from hmcvt_core.diagnosis.candidates import fitted_campaign
+from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
+from hmcvt_core.physics.effects.drag import ChargePump, Churning
+from hmcvt_core.physics.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.hydraulic import PressureLeakage
+from hmcvt_core.physics.effects.oil import OilTemperature
 from hmcvt_core.physics.power_balance import OperatingPoints
 
 STAGE = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
@@ -67,5 +73,33 @@ def with_column(samples, **columns):
     return replace(samples, **columns)
 
 
-def bench_of(samples, noise=NOISE, model=BASE):
-    return Bench(model, Observations.of(samples, noise))
+def fitted(samples, noise=NOISE, model=BASE):
+    return fitted_campaign(Transmission(model), observe(samples, noise))
+
+
+BAND = (142.0, 160.0)  # rad/s
+
+
+def band_loss(points):
+    """A loss in a narrow band of engine speed, which no effect in the library makes."""
+    inside = (points.engine_speed > BAND[0]) & (points.engine_speed < BAND[1])
+    return 0.02 * inside
+
+
+CASES = {
+    "nothing": {"n": 48},
+    "dead band": {"effects": (DisplacementDeadBand(0.02),), "n": 48},
+    "planetary mesh": {"effects": (PlanetaryMesh(0.06),), "n": 48},
+    "leakage": {"effects": (PressureLeakage(2e-11),), "n": 48},
+    "charge pump": {"effects": (ChargePump(8.0),)},
+    "charge pump without speed": {"effects": (ChargePump(8.0),), "speed_noise": None, "n": 48},
+    "band": {"loss": band_loss},
+    "oil": {"effects": (OilTemperature(1.0),), "temperature": True, "n": 48},
+    "two": {"effects": (Churning(15.0), PressureLeakage(4e-11))},
+}
+
+
+@functools.cache
+def diagnosed(name):
+    """The diagnosis of one of `CASES`, made once."""
+    return hmcvt.diagnose(BASE, campaign(seed=1, **CASES[name]), noise=NOISE)
