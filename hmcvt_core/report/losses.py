@@ -86,7 +86,6 @@ def stack(
         axes.text(displacement_ratio[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
                   va="center", transform=axes.get_xaxis_transform())
     axes.set(xlim=displacement_ratio[[0, -1]], xlabel="displacement ratio [-]")
-    few_ticks(axes)
 
 
 def draw_losses(
@@ -139,6 +138,7 @@ def before_and_after(
             axes = figure.subplots()
             stack(axes, displacement_ratio, kilowatts, parts)
             axes.set(title=title, ylabel="power lost [kW]", ylim=(low / 1e3, high / 1e3))
+            few_ticks(axes)
             tips = {part: f"{part}: {words.fixed(np.nanmin(lost), 2)} to "
                           f"{words.fixed(np.nanmax(lost), 2)} kW"
                     for part, lost in kilowatts.items() if np.any(np.isfinite(lost))}

@@ -1,28 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples held out: their own noise, what does not count, and the model that is measured."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis.intake import admitted
-from hmcvt_core.diagnosis.procedure import _Assembly, _significance
-from hmcvt_core.diagnosis.ranking import rank, single_candidates
-from hmcvt_core.diagnosis.regions import regions
-from hmcvt_core.physics.effects.drag import ChargePump
 from hmcvt_core.physics.effects.gears import PlanetaryMesh
 
 from .campaigns import BASE, NOISE, campaign, joined, with_column
 
-SAMPLES = campaign(seed=1)
+SAMPLES = campaign(seed=1, n=32)
 
 
 def test_a_noisier_holdout_is_no_gap():
     loud = 5.0 * NOISE
-    held = campaign(seed=31, n=400, noise=loud)
-    stated = with_column(held, efficiency_std=np.full(400, loud))
+    held = campaign(seed=31, n=200, noise=loud)
+    stated = with_column(held, efficiency_std=np.full(200, loud))
     found = hmcvt.diagnose(BASE, SAMPLES, stated, noise=NOISE)
     assert found.shrinkage.before < 0.4 * loud
     unstated = hmcvt.diagnose(BASE, SAMPLES, held, noise=NOISE)
@@ -58,18 +51,36 @@ def test_samples_that_stall_are_reported():
                for note in found.notes)
 
 
+def test_without_an_answer_at_any_of_them():
+    stalled = hmcvt.BenchSamples(np.full(3, 1.0), np.full(3, 80.0), np.full(3, 4900.0),
+                                 np.full(3, 0.5))
+    with pytest.raises(hmcvt.InputError, match="no answer at any .* held out"):
+        hmcvt.diagnose(BASE, SAMPLES, stalled, noise=NOISE)
+
+
+def test_the_oil_temperature_may_not_be_missing():
+    warm = with_column(SAMPLES, oil_temperature=np.linspace(40.0, 80.0, 32))
+    with pytest.raises(hmcvt.InputError, match="oil_temperature is missing; .* has it"):
+        hmcvt.diagnose(BASE, warm, campaign(seed=22, n=8), noise=NOISE)
+
+
 def test_the_model_measured_is_the_model_saved():
-    """Even where the first cause by probability is not part of the likeliest candidate."""
-    samples, held = campaign((PlanetaryMesh(0.06),), seed=1), campaign((ChargePump(8.0),), seed=35)
-    bench, notes = admitted(BASE, samples, NOISE)
-    boxes = regions(bench.observed.samples)
-    found = _significance(bench, boxes, 0)
-    ranking = rank(bench, boxes, single_candidates(bench), paired=False)
-    other = next(item for item in ranking.singles if item.names != ranking.leading.names)
-    result = _Assembly(bench, boxes, found, True, replace(ranking, leading=other), held, 0,
-                       notes).diagnosis()
-    saved = result.causes[0].model
-    assert saved.effects[0].name == "planetary_mesh"
-    errors = held.efficiency - saved.efficiency(
-        held.displacement_ratio, held.engine_speed, held.load_torque)
-    np.testing.assert_allclose(result.residuals_after, errors[np.isfinite(errors)], atol=1e-12)
+    mesh = (PlanetaryMesh(0.06),)
+    held = campaign(mesh, seed=21, n=30)
+    found = hmcvt.diagnose(BASE, campaign(mesh, seed=1, n=48), held, noise=NOISE)
+    assert found.model.effects[0].name == "planetary_mesh"
+    assert found.shrinkage.on == "holdout"
+    assert found.shrinkage.fraction > 0.85
+    for errors, model in ((found.residuals_before, found.base),
+                          (found.residuals_after, found.model)):
+        np.testing.assert_allclose(errors, held.efficiency - model.efficiency(
+            held.displacement_ratio, held.engine_speed, held.load_torque), atol=1e-12)
+    assert "On the samples held out, with the first cause added," in found.report()
+
+
+def test_without_a_gap_and_of_one_sample():
+    found = hmcvt.diagnose(BASE, SAMPLES, campaign(seed=22, n=1), noise=NOISE)
+    assert found.verdict == "no_gap"
+    assert found.shrinkage.on == "holdout"
+    assert found.shrinkage.fraction is None
+    np.testing.assert_array_equal(found.residuals_before, found.residuals_after)

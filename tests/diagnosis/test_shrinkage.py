@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shrinkage of the gap: folds, the formula, and errors at samples left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from hmcvt_core.benches.transmission import observe
 from hmcvt_core.diagnosis.candidates import Linear
 from hmcvt_core.diagnosis.evidence import evidence, gram
-from hmcvt_core.diagnosis.observations import Channel, Observations, replicate_groups
-from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, folds, shrinkage
+from hmcvt_core.diagnosis.observations import replicate_groups
+from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, deals, folds, shrinkage
 
 from .campaigns import campaign, measure, random_points
 
 
 def _observed(samples, trust=1e8):
-    channel = Channel("efficiency", samples.efficiency, np.full(len(samples), 0.01), trust)
-    return Observations(samples, (channel,), "made up")
+    observed = observe(samples, 0.01)
+    return replace(observed, readings=(replace(observed.readings[0], trust=trust),))
 
 
 def _linear(columns, target, spread, positive=None):
@@ -38,25 +41,20 @@ def test_repeated_points_are_left_out_together():
     points = random_points(2, 20)
     thrice = type(points)(*(None if axis is None else np.repeat(axis, 3) for axis in points))
     observed = _observed(measure(thrice, seed=2))
-    group = replicate_groups(observed.samples)
+    group = replicate_groups(observed.axes, observed.points)
     assert len(np.unique(group)) == 20
     for part in folds(observed, seed=3):
         inside = np.isin(np.arange(60), part)
         assert not set(group[inside]) & set(group[~inside])
 
 
-def test_points_at_different_oil_temperatures_are_no_replicates():
-    points = random_points(2, 10)
-    twice = [None if axis is None else np.repeat(axis, 2) for axis in points[:3]]
-    warm = type(points)(*twice, np.tile([50.0, 80.0], 10))
-    assert len(np.unique(replicate_groups(measure(warm)))) == 20
-
-
-def test_folds_follow_the_seed():
+def test_folds_follow_the_seed_and_are_dealt_anew_where_that_matters():
     observed = _observed(campaign(seed=1))
     same = [[part.tolist() for part in folds(observed, seed=seed)] for seed in (4, 4, 5)]
     assert same[0] == same[1]
     assert same[0] != same[2]
+    assert len(deals(observed, 0)) == 8
+    assert len(deals(_observed(campaign(seed=1, n=12)), 0)) == 1, "every sample alone"
 
 
 # --- the formula ----------------------------------------------------------------------------------
