@@ -8,7 +8,7 @@ from functools import cache, partial
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis import candidates
+from hmcvt_core.benches import transmission
 from hmcvt_core.physics.effects import library
 from hmcvt_core.physics.effects.drag import ChargePump
 from tests.diagnosis.campaigns import BASE, campaign
@@ -63,5 +63,5 @@ def bench_candidates(timed, monkeypatch, kinds, turn):
     known = library()
     # Every n-th, so that each part has effects of every sort.
     chosen = known[::len(known) // kinds][:kinds]
-    monkeypatch.setattr(candidates, "library", lambda: chosen)
+    monkeypatch.setattr(transmission, "library", lambda: chosen)
     timed(_work("diagnose", USUAL), rounds=1, warm=False)

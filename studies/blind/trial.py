@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from hmcvt_core.diagnosis.hypothesis import BASE_MEAN, Hypothesis, refit
-from hmcvt_core.diagnosis.observations import Observations
+from hmcvt_core.benches.transmission import Transmission, observe
+from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
 from hmcvt_core.errors import HmcvtError
 from hmcvt_core.files.bench import BenchSamples, read_bench
 from hmcvt_core.files.resources import data_path
@@ -167,9 +167,9 @@ def _served() -> EfficiencyModel:
 
 def _base(samples: BenchSamples) -> EfficiencyModel:
     """The served model refitted to a campaign, no effect added."""
-    start = Hypothesis(_served())
-    found = refit(start, Observations.of(samples), BASE_MEAN)
-    return start.model_at(found.base, np.empty(0))
+    system = Transmission(_served())
+    found = refit(Hypothesis(system), observe(samples))
+    return system.model_of(found.base, (), samples)
 
 
 def _left(campaign: Campaign, samples: BenchSamples) -> float:
@@ -180,8 +180,9 @@ def _left(campaign: Campaign, samples: BenchSamples) -> float:
         values["output_speed"] = campaign.truth["output_speed"]
     # The real noise, not the stated one, tells what could be seen.
     values["efficiency_std"] = np.full(len(samples), campaign.label.options.efficiency_noise)
-    observed = Observations.of(BenchSamples(**values))
-    found = refit(Hypothesis(_served()), observed, BASE_MEAN, noise=np.ones(len(observed.channels)))
+    observed = observe(BenchSamples(**values))
+    found = refit(Hypothesis(Transmission(_served())), observed,
+                  noise=np.ones(len(observed.readings)))
     return float(np.sum(found.whitened**2))
 
 

@@ -115,7 +115,7 @@ def test_samples_the_model_cannot_carry():
     assert re.match("2 samples ask for a load that the model cannot carry and were left out: "
                     r"sample 1 \(displacement ratio .*, sample 2 \(", found.notes[0])
     most = with_column(some, load_torque=np.full(24, 4000.0))
-    with pytest.raises(hmcvt.InputError, match="24 of 24 samples ask .* check load_torque"):
+    with pytest.raises(hmcvt.InputError, match=r"24 of 24 samples ask .* check load_torque"):
         hmcvt.diagnose(BASE, most, noise=NOISE)
 
 

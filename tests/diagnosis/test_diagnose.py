@@ -11,9 +11,10 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.result import VERDICTS
 from hmcvt_core.physics.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.hydraulic import OrificeLeakage
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 
-from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points, with_column
+from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points
 
 CLEAR = {"dead band": ("displacement_error", "actuator"),
          "planetary mesh": ("planetary_mesh", "planetary"),
