@@ -59,10 +59,10 @@ Array = NDArray[np.float64]
 
 AXES = (
     Axis("displacement_ratio", "-", "displacement ratio", "stroke", 2, 0.001, graded=False,
-         told="stroke {:+.2f}".format),
+         told="stroke {0:+.2f}"),
     Axis("engine_speed", "rad/s", "engine speed", "speed [rad/s]", 1, RPM,
-         told=lambda value: f"{value:.1f} rad/s ({value / RPM:.0f} r/min)"),
-    Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, told="{:.0f} N m".format),
+         told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / RPM),
+    Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, told="{0:.0f} N m"),
 )
 OIL_TEMPERATURE = Axis("oil_temperature", "deg C", "oil temperature", "oil [deg C]", 0, 1.0,
                        steered=False)

@@ -61,7 +61,6 @@ class Candidate:
 
     Attributes:
         fit: the refit.
-        effects: with fitted sizes.
         linear: the linear model at the refit with bends of the form, at its most likely prior
             scale: what is weighed.
         plain: the same without bends: what the saved model predicts.
@@ -69,15 +68,19 @@ class Candidate:
     """
 
     fit: Fit
-    effects: tuple[Effect, ...]
     linear: Linear
     plain: Linear
     log: float
 
     @property
+    def effects(self) -> tuple[Effect, ...]:
+        """With fitted sizes."""
+        return self.fit.effects
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Effect names."""
-        return tuple(effect.name for effect in self.effects)
+        return tuple(effect.name for effect in self.fit.hypothesis.effects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,8 +194,7 @@ def candidate(campaign: Campaign, effects: tuple[Effect, ...]) -> Candidate:
     tried = weigh(observed, columns, fit.target, spreads, positive)
     best = max(tried, key=lambda item: item.log)
     plain = weigh(observed, fit.jacobian, fit.target, best.spread[None, :shared + k], positive)[0]
-    return Candidate(fit, fit.effects, best, plain,
-                     log_mean(np.array([item.log for item in tried])))
+    return Candidate(fit, best, plain, log_mean(np.array([item.log for item in tried])))
 
 
 # --- what nobody listed ---------------------------------------------------------------------------

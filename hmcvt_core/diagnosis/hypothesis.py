@@ -222,6 +222,8 @@ def _within(
         at[free] = part
         return at
 
+    if not free.any():
+        return theta, True
     found = least_squares(
         lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
         (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,

@@ -105,7 +105,7 @@ def diagnose_system(
     Raises:
         InputError: samples cannot carry a diagnosis.
     """
-    tell = progress if progress is not None else _silence
+    tell = progress or (lambda text: None)
     campaign, more = admitted(system, observed)
     observed = campaign.observed
     boxes = regions(observed.place)
@@ -124,10 +124,6 @@ def diagnose_system(
                    _noise(observed, ranking, significant), dealt,
                    averaged_errors([ranking.nothing], observed, dealt))
     return assemble(study, held, (*notes, *more))
-
-
-def _silence(text: str) -> None:
-    """Nobody asked."""
 
 
 def _noise(observed: Observations, ranking: Ranking, significant: bool) -> Array:

@@ -160,7 +160,8 @@ def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
     told = f"{words.plain(test.separates[0])} from {' and '.join(rivals)}"
     if not test.point:
         return f"{test.measure}: tells {told}"
-    place = ", ".join(axis.told(test.point[axis.name]) for axis in found.axes)
+    place = ", ".join(axis.told.format(value, axis.second * value) for axis in found.axes
+                      for value in (test.point[axis.name],))
     extra = f", with {test.measure} read" if test.measure else ""
     return f"{place}{extra}: tells {told}, gain {max(each.gain for each in tests):.1f}"
 

@@ -32,7 +32,8 @@ class Axis:
         graded: whether a sentence calls it low or high; else it gives the limits.
         steered: whether a test can ask for a value; else it is only recorded, and neither regions
             nor tests are looked for along it.
-        told: a value with its unit, in the description of a test.
+        told: form of a value in the description of a test; `{0}` is the value, `{1}` the same in
+            another unit, `second` times as large.
     """
 
     name: str
@@ -43,7 +44,8 @@ class Axis:
     held: float
     graded: bool = True
     steered: bool = True
-    told: Callable[[float], str] = str
+    told: str = "{0:g}"
+    second: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,8 @@ class Rub(Loss):
 
 
 class Bench:
-    axes = (Axis("pressure", "bar", "pressure", "pressure [bar]", 0, 0.5, told="{:.0f} bar".format),
-            Axis("speed", "rad/s", "speed", "speed [rad/s]", 0, 0.1, told="{:.0f} rad/s".format))
+    axes = (Axis("pressure", "bar", "pressure", "pressure [bar]", 0, 0.5, told="{0:.0f} bar"),
+            Axis("speed", "rad/s", "speed", "speed [rad/s]", 0, 0.1, told="{0:.0f} rad/s"))
     channels = tuple(Channel(name, unit, 1.0, 2, 0.05, False, (0.1, 0.4), (0.1, 0.4))
                      for name, unit in (("flow_loss", "l/min"), ("torque_loss", "N m")))
     base = BaseParameters(("leak", "drag"), np.array([2.0, 3.0]), np.array([1.0, 1.0]),

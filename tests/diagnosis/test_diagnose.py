@@ -2,6 +2,7 @@
 """Whole diagnoses of simulated campaigns: verdict, place, cause, shrinkage, next tests."""
 
 import json
+import pickle
 import re
 from dataclasses import replace
 
@@ -11,9 +12,10 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.result import VERDICTS
 from hmcvt_core.physics.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.hydraulic import OrificeLeakage
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 
-from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points, with_column
+from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points
 
 CLEAR = {"dead band": ("displacement_error", "actuator"),
          "planetary mesh": ("planetary_mesh", "planetary"),
@@ -73,7 +75,7 @@ def test_the_size_is_that_of_the_truth(name, size):
 
 
 def test_an_implausible_size_is_said_to_be_so():
-    found = hmcvt.diagnose(BASE, campaign((PlanetaryMesh(0.19),), seed=1), noise=NOISE)
+    found = hmcvt.diagnose(BASE, campaign((PlanetaryMesh(0.19),), seed=1, n=32), noise=NOISE)
     entry = found.causes[0].parameters["loss"]
     assert found.causes[0].effect == "planetary_mesh"
     assert not entry["plausible"]
@@ -104,7 +106,8 @@ def test_a_loss_in_a_band_of_engine_speed_is_unexplained_and_placed():
 @pytest.mark.parametrize("speed_noise", [0.001, None], ids=["with speed", "efficiency alone"])
 def test_a_large_gap_is_not_hidden_in_stall(speed_noise):
     """Were a refusal cheap, a refit would rather stall than miss by many deviations."""
-    samples = campaign((OrificeLeakage(1e-3),), noise=0.001, speed_noise=speed_noise)
+    samples = campaign((OrificeLeakage(1e-3),), n=48, noise=0.001,
+                       speed_noise=speed_noise)
     found = hmcvt.diagnose(BASE, samples, noise=0.001)
     assert found.causes[0].effect == "orifice_leakage"
     for model, refused in ((found.base, 0.1), (found.model, 0.0)):
@@ -214,6 +217,7 @@ def _is_range(value):
 def test_json_of_the_contract(name):
     data = diagnosed(name).to_dict()
     assert json.loads(json.dumps(data, allow_nan=False)) == data, "plain JSON types only"
+    assert pickle.loads(pickle.dumps(diagnosed(name))).to_dict() == data, "between processes"
     assert data.keys() == {"gap", "where", "component", "verdict", "causes", "shrinkage",
                            "next_tests", "unlisted_probability", "notes"}
     assert data["verdict"] in VERDICTS
@@ -325,7 +329,7 @@ def test_the_papers_own_tests_rest_on_the_noise():
 
 
 def test_torque_out_of_nothing_names_the_meter():
-    found = hmcvt.diagnose(BASE, campaign((EngineTorqueZero(-8.0),), seed=1), noise=NOISE)
+    found = hmcvt.diagnose(BASE, campaign((EngineTorqueZero(-8.0),), seed=1, n=32), noise=NOISE)
     # No drag gives torque.
     assert found.causes[0].effect == "torque_sensor"
     assert found.component == "sensor"

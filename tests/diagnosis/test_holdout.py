@@ -54,13 +54,13 @@ def test_samples_that_stall_are_reported():
 def test_without_an_answer_at_any_of_them():
     stalled = hmcvt.BenchSamples(np.full(3, 1.0), np.full(3, 80.0), np.full(3, 4900.0),
                                  np.full(3, 0.5))
-    with pytest.raises(hmcvt.InputError, match="no answer at any .* held out"):
+    with pytest.raises(hmcvt.InputError, match=r"no answer at any .* held out"):
         hmcvt.diagnose(BASE, SAMPLES, stalled, noise=NOISE)
 
 
 def test_the_oil_temperature_may_not_be_missing():
     warm = with_column(SAMPLES, oil_temperature=np.linspace(40.0, 80.0, 32))
-    with pytest.raises(hmcvt.InputError, match="oil_temperature is missing; .* has it"):
+    with pytest.raises(hmcvt.InputError, match=r"oil_temperature is missing; .* has it"):
         hmcvt.diagnose(BASE, warm, campaign(seed=22, n=8), noise=NOISE)
 
 

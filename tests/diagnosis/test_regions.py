@@ -15,7 +15,7 @@ CAMPAIGNS = {name: observe(samples).place for name, samples in {
     "factorial 100": measure(factorial_points()),
     "five samples": campaign(seed=3, n=5),
 }.items()}
-STROKE, SPEED, LOAD = CAMPAIGNS["random 96"]
+stroke, speed, load = CAMPAIGNS["random 96"]
 
 
 def _overlap(boxes, wanted):
@@ -41,9 +41,9 @@ def test_how_many_there_are():
 
 
 def test_a_narrow_band_of_engine_speed_is_among_them():
-    speeds = np.sort(SPEED)
+    speeds = np.sort(speed)
     for start in (5, 40, 80):
-        band = (SPEED >= speeds[start]) & (SPEED <= speeds[start + 9])
+        band = (speed >= speeds[start]) & (speed <= speeds[start + 9])
         assert _overlap(regions(CAMPAIGNS["random 96"]), band) >= 0.7
 
 
@@ -57,13 +57,13 @@ def test_a_level_of_a_factorial_plan_is_a_region(axis):
 @pytest.mark.parametrize("low", [0.0, 0.4])
 def test_a_corner_is_among_them(low):
     boxes = regions(CAMPAIGNS["random 96"])
-    assert _overlap(boxes, (STROKE > low) & (SPEED < 140.0)) >= 0.65
-    assert _overlap(boxes, (STROKE < -low) & (LOAD > 300.0)) >= 0.65
-    assert _overlap(boxes, (STROKE > 0.0) & (SPEED < 160.0) & (LOAD > 200.0)) >= 0.6
+    assert _overlap(boxes, (stroke > low) & (speed < 140.0)) >= 0.65
+    assert _overlap(boxes, (stroke < -low) & (load > 300.0)) >= 0.65
+    assert _overlap(boxes, (stroke > 0.0) & (speed < 160.0) & (load > 200.0)) >= 0.6
 
 
 def test_an_axis_without_extent_gives_no_regions_of_its_own():
-    boxes = regions(np.stack([STROKE, np.full(96, 150.0), LOAD]))
+    boxes = regions(np.stack([stroke, np.full(96, 150.0), load]))
     assert len(boxes) > 0
     np.testing.assert_array_equal(boxes.low[:, 1], 150.0)
     np.testing.assert_array_equal(boxes.high[:, 1], 150.0)
