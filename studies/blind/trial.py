@@ -58,7 +58,8 @@ class Case:
 def score(case: Case) -> dict[str, Any]:
     """Make a campaign, have it diagnosed, and say how the answer compares with the truth."""
     campaign = make_campaign(case.seed, case.effects, **dict(case.options))
-    samples = hmcvt.BenchSamples(**campaign.samples)
+    columns: dict[str, Any] = dict(campaign.samples)
+    samples = hmcvt.BenchSamples(**columns)
     with tempfile.TemporaryDirectory(prefix="hmcvt-blind-") as folder:
         answer, model = _diagnose(samples, Path(folder))
     served = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
