@@ -64,9 +64,9 @@ def score(case: Case) -> dict[str, Any]:
         answer, model = _diagnose(samples, Path(folder))
     served = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     noise = campaign.label.options.efficiency_noise
-    base, _ = refitted(served, samples, noise)
+    base, _ = refitted(served, samples, noise, known=False)
     # The real noise, not the stated one, tells what could be seen in readings without any.
-    _, left = refitted(served, _without_noise(campaign, samples), noise)
+    _, left = refitted(served, _without_noise(campaign, samples), noise, known=True)
     return {
         "condition": case.condition,
         "seed": case.seed,
