@@ -10,8 +10,13 @@ from typing import Any
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.identification.held_back import FEWEST, HeldBack, held_back
-from hmcvt_core.model.relative_error import RelativeError
+from hmcvt_core.identification.cross_validation import (
+    FEWEST,
+    QUICK,
+    CrossValidation,
+    cross_validate,
+)
+from hmcvt_core.model.agreement import RelativeError, predicted_at
 from hmcvt_ros.json_text import json_text
 from hmcvt_ros.numbered_files import keep_newest, next_name
 
@@ -36,16 +41,19 @@ def reidentify(request: Mapping[str, Any]) -> dict[str, Any]:
                                f"= {request['min_samples']}")
     served, seed = hmcvt.load_model(request["model"]), request["seed"]
 
-    def fitted(part: hmcvt.BenchSamples) -> hmcvt.Identification:
+    def fitted(
+        part: hmcvt.BenchSamples, schedule: hmcvt.Schedule | None = None
+    ) -> hmcvt.Identification:
         return hmcvt.identify(part, stage=served.stage, formulation=served.formulation,
-                              effects=served.effects, seed=seed)
+                              effects=served.effects, schedule=schedule, seed=seed)
 
     fit = fitted(samples)
-    compared = held_back(samples, fit.model, served, lambda part: fitted(part).model, seed)
+    compared = cross_validate(
+        samples, fit.model, served, lambda part: fitted(part, QUICK).model, seed)
     result = {
         "samples": len(samples),
         "source": samples.source,
-        "error_before": RelativeError.of_model(served, samples).mean,
+        "error_before": RelativeError.of(predicted_at(served, samples), samples.efficiency).mean,
         "error_after": float(fit.fit_error),
         "parameters": fit.model.to_mapping()["parameters"],
         "warnings": [*fit.warnings, *_unchecked(compared)],
@@ -57,13 +65,13 @@ def reidentify(request: Mapping[str, Any]) -> dict[str, Any]:
     return {**result, **_set_aside(fit.model, compared, Path(request["candidates"]))}
 
 
-def _unchecked(compared: HeldBack | None) -> list[str]:
+def _unchecked(compared: CrossValidation | None) -> list[str]:
     return [] if compared is not None else [
         f"fewer than {FEWEST} samples: none could be held back to check the refit"]
 
 
 def _set_aside(
-    model: hmcvt.EfficiencyModel, compared: HeldBack, folder: Path
+    model: hmcvt.EfficiencyModel, compared: CrossValidation, folder: Path
 ) -> dict[str, str]:
     path = next_name(folder).with_suffix(".yaml")
     model.save(path)

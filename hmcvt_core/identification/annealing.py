@@ -121,7 +121,6 @@ class AnnealingResult:
         stop_reason: `threshold` or `cooled`.
         evaluations: points evaluated.
         history: best value after each temperature step.
-        seed: the one given.
     """
 
     x: Array
@@ -130,7 +129,6 @@ class AnnealingResult:
     stop_reason: str
     evaluations: int
     history: tuple[float, ...]
-    seed: int | None
 
 
 def minimise(
@@ -188,7 +186,7 @@ def minimise(
     value = float(run.best_values[order[0]])
     return AnnealingResult(run.best[order[0]], value, run.best[order],
                            "threshold" if value < threshold else "cooled",
-                           run.evaluations, tuple(history), seed)
+                           run.evaluations, tuple(history))
 
 
 def _starts(

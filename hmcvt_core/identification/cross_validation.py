@@ -24,9 +24,12 @@ from ..model.agreement import predicted_at, relative_errors
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_NAMES
 from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from .annealing import Schedule
 
 Array = NDArray[np.float64]
 FOLDS = 5
+QUICK = Schedule(chains=8, moves=2)
+"""Annealing enough for the refits: only what the local search makes of it counts."""
 FEWEST = len(PARAMETER_NAMES) + 1
 """Fewest samples that can spare one; fewer cannot determine the parameters without it."""
 

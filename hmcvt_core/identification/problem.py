@@ -8,10 +8,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ..files.bench import BenchSamples
-from ..model.agreement import determination_residuals
+from ..model.agreement import determination_loss
 from ..model.model import EfficiencyModel
 from ..physics.power_balance import OperatingPoints
 from ..transmission.parameters import SEARCH_BOUNDS, from_scaled
@@ -21,7 +20,7 @@ Array = NDArray[np.float64]
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
 """What each formulation minimises."""
 
-_NO_ANSWER = 1e3  # residual where the model has none
+_FAR = 1e3  # residual, or 1 - RSQ, where the model has no answer
 _PRECISION = 1e-14
 
 
@@ -65,27 +64,36 @@ class Problem:
         every bench: the mean of weighted squares in the variance of the noise, at which it is 1 for
         a true model; 1 - RSQ in the spread of the predictions.
         """
-        return np.asarray((self._terms(scaled) ** 2).sum(axis=-1))
-
-    def _terms(self, scaled: Array) -> Array:
-        """Residuals whose squares add up to the objective, shape (..., n)."""
         if self.model.formulation == "published":
-            return determination_residuals(self.predict(scaled), self.samples.efficiency)
-        return self.residuals(scaled) / np.sqrt(len(self.samples))
+            return determination_loss(self.predict(scaled), self.samples.efficiency)
+        return np.asarray((self.residuals(scaled) ** 2).mean(axis=-1))
 
     def finish(self, ends: Array) -> tuple[Array, float]:
-        """Finish points of shape (m, 3) by least squares within the bounds.
+        """Finish points of shape (m, 3) by a local search within the bounds.
 
         Returns:
             The best point, shape (3,), and its objective; infinite where some sample has no answer.
         """
-        def terms(scaled: Array) -> Array:
-            return np.nan_to_num(self._terms(scaled), nan=_NO_ANSWER)
-
-        # Of SciPy's methods this one puts a parameter on its bound, not next to it.
-        found = [least_squares(terms, end, bounds=SEARCH_BOUNDS.T, method="dogbox",
-                               ftol=_PRECISION, xtol=_PRECISION, gtol=_PRECISION).x
-                 for end in ends]
-        points = np.vstack([*found, *ends])
+        search = self._simplex if self.model.formulation == "published" else self._least_squares
+        points = np.vstack([*(search(end) for end in ends), *ends])
         values = np.nan_to_num(self.objective(points), nan=np.inf)
         return points[int(values.argmin())], float(values.min())
+
+    def _least_squares(self, start: Array) -> Array:
+        from scipy.optimize import least_squares
+
+        # Of SciPy's methods this one puts a parameter on its bound, not next to it.
+        found = least_squares(lambda scaled: np.nan_to_num(self.residuals(scaled), nan=_FAR), start,
+                              bounds=SEARCH_BOUNDS.T, method="dogbox", ftol=_PRECISION,
+                              xtol=_PRECISION, gtol=_PRECISION)
+        return np.asarray(found.x)
+
+    def _simplex(self, point: Array) -> Array:
+        """Search that also follows the edge of consistency, where RSQ may be highest."""
+        from scipy.optimize import minimize
+
+        for _ in range(2):  # one run may collapse early
+            point = minimize(lambda scaled: np.nan_to_num(self.objective(scaled), nan=_FAR), point,
+                             method="Nelder-Mead", bounds=SEARCH_BOUNDS,
+                             options={"xatol": 1e-9, "fatol": 1e-12, "maxfev": 2000}).x
+        return point

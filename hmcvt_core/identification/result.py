@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
+from ..model.parameter_file import save_model
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
 from .two_part import HydraulicRoots
 
@@ -31,8 +32,9 @@ class Identification:
         prediction_error: the same over the samples held back at which the model has an answer, or
             None.
         objective: value reached; `objective_name` says of what.
-        annealing_objective: value that the annealing reached by itself, before least squares.
-        history: best objective after each temperature step, then after least squares.
+        annealing_objective: value that the annealing reached by itself, before the finish; NaN
+            where some sample had no answer there.
+        history: best objective after each temperature step, then after the finish.
         evaluations: candidates evaluated by the annealing.
         stop_reason: of the annealing.
         seed: of the random numbers.
@@ -72,7 +74,7 @@ class Identification:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the parameter file, whole or not at all."""
-        self.model.save(path)
+        save_model(self.model, path)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the outcome as plain data for JSON."""
@@ -114,8 +116,8 @@ class Identification:
         model = self.model
         yield (f"{model.formulation}, stage {model.stage.name}: fitted to {len(self.samples)} "
                f"samples, {self.objective_name} = {self.objective:.6g}")
-        yield (f"  (the annealing by itself reached {self.annealing_objective:.6g}; least squares "
-               "finished it)")
+        yield (f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
+               "search finished it)")
         for name in PARAMETER_NAMES:
             yield (f"  {name:<14} {getattr(self.parameters, name):10.4g} +- "
                    f"{self.standard_errors[name]:.2g} {PARAMETER_UNITS[name]}")

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, least_squares
 
 from ..files.bench import BenchSamples
 from ..physics import published
@@ -51,7 +50,10 @@ def hydraulic_roots(stage: Stage, samples: BenchSamples) -> list[HydraulicRoots]
 
 
 def _roots(stage: Stage, displacement_ratio: float, efficiency: float) -> HydraulicRoots:
-    consistent, rejected = [], []
+    from scipy.optimize import brentq
+
+    consistent: list[float] = []
+    rejected: list[float] = []
     stroke = np.array(displacement_ratio)
 
     def gap(hydraulic: Array | float) -> Array:
@@ -72,6 +74,8 @@ def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:
 
     One start for every combination of roots, as long as those are few.
     """
+    from scipy.optimize import least_squares
+
     used = [i for i, entry in enumerate(roots) if entry.consistent]
     middle = SEARCH_BOUNDS.mean(axis=1)
     if not used:

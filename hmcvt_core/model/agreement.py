@@ -26,19 +26,14 @@ def relative_errors(predicted: Array, measured: Array) -> Array:
     return np.asarray(np.abs(predicted - measured) / measured)
 
 
-def determination_residuals(predicted: Array, measured: Array) -> Array:
-    """Residuals whose squares add up to 1 - RSQ, eq. (21): shape (..., n) [-].
+def determination_loss(predicted: Array, measured: Array) -> Array:
+    """1 - RSQ, eq. (21), of predictions (..., n), shape (...); NaN where one has no answer.
 
     As printed, the lower sum runs over predicted (not measured) minus the measured mean.
     """
-    spread = np.sum((predicted - measured.mean()) ** 2, axis=-1, keepdims=True)
+    spread = np.sum((predicted - measured.mean()) ** 2, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray((predicted - measured) / np.sqrt(spread))
-
-
-def determination_loss(predicted: Array, measured: Array) -> Array:
-    """1 - RSQ, eq. (21), of predictions (..., n), shape (...); NaN where one has no answer."""
-    return np.asarray(np.sum(determination_residuals(predicted, measured) ** 2, axis=-1))
+        return np.asarray(np.sum((predicted - measured) ** 2, axis=-1) / spread)
 
 
 class RelativeError(NamedTuple):

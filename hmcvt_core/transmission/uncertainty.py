@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
@@ -26,18 +25,6 @@ def random_uncertainty(mean: float, standard_deviation: float) -> float:
         raise InputError(f"mean = {mean}, standard deviation = {standard_deviation}: "
                          "finite numbers and a mean other than 0 are needed")
     return abs(standard_deviation / mean)
-
-
-def random_uncertainty_of(readings: ArrayLike) -> float:
-    """Relative uncertainty of repeated readings, eq. (1); shape (n,), n at least 2.
-
-    Raises:
-        InputError: fewer than two readings, or the mean is zero.
-    """
-    values = np.asarray(readings, dtype=float)
-    if values.ndim != 1 or values.size < 2:
-        raise InputError(f"eq. (1) needs at least 2 readings, got shape {values.shape}")
-    return random_uncertainty(float(values.mean()), float(values.std(ddof=1)))
 
 
 def systematic_uncertainty(largest_error: float) -> float:

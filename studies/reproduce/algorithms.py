@@ -25,7 +25,14 @@ from pymoo.core.problem import Problem as Minimisation
 from pymoo.optimize import minimize
 
 from hmcvt_core.identification import identify
-from hmcvt_core.identification.annealing import IMPROVED, STANDARD, Schedule, minimise
+from hmcvt_core.identification.annealing import (
+    IMPROVED,
+    STANDARD,
+    Schedule,
+    minimise,
+    never,
+    with_steps,
+)
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.two_part import hydraulic_roots, starting_points
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
@@ -124,11 +131,11 @@ def run(task: Task) -> Run:
 
 def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
     """Schedule, and whether it starts from part 1."""
-    improved = replace(IMPROVED, moves=paper.PARTICLES, threshold=threshold)
+    improved = replace(IMPROVED, shrink=with_steps, moves=paper.PARTICLES, threshold=threshold)
     return {
         IMPROVED_SA: (improved, True),
         WITHOUT[1]: (replace(improved, threshold=None), True),
-        WITHOUT[2]: (replace(improved, shrink=STANDARD.shrink), True),
+        WITHOUT[2]: (replace(improved, shrink=never), True),
         WITHOUT[3]: (replace(improved, cooling=STANDARD.cooling), True),
         WITHOUT[4]: (improved, False),
         STANDARD_SA: (replace(STANDARD, moves=paper.PARTICLES), False),

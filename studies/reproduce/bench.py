@@ -20,7 +20,7 @@ from scipy.stats import qmc
 from hmcvt_core.files.bench import BenchSamples, read_bench
 from hmcvt_core.files.resources import data_path
 from hmcvt_core.identification.problem import Problem
-from hmcvt_core.model.agreement import determination_loss, determination_residuals, relative_errors
+from hmcvt_core.model.agreement import determination_loss, relative_errors
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import load_stage
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
@@ -99,8 +99,8 @@ class Cloud:
         """Return the scaled parameters, shape (3,), that fit the given tests best."""
         measured = self.problem.samples.efficiency[tests]
         values = np.nan_to_num(objective(self.predicted[:, tests], measured), nan=np.inf)
-        # A sum of squares has residuals for least squares; the mean error has none.
-        finish = self._simplex if objective is mean_error else self._least_squares
+        # The simplex follows the edge at which the published formulas contradict themselves.
+        finish = self._least_squares if objective is relative_squares else self._simplex
         ends = np.array([finish(self.points[i], objective, tests) for i in self._apart(values)])
         reached = objective(self.problem.predict(ends)[:, tests], measured)
         best: Array = ends[int(np.nan_to_num(reached, nan=np.inf).argmin())]
@@ -117,14 +117,11 @@ class Cloud:
                               options={"xatol": 1e-5, "fatol": 1e-9, "maxfev": 600}).x
         return end
 
-    def _least_squares(self, start: Array, objective: Objective, tests: NDArray[np.intp]) -> Array:
+    def _least_squares(self, start: Array, _: Objective, tests: NDArray[np.intp]) -> Array:
         measured = self.problem.samples.efficiency[tests]
 
         def residuals(scaled: Array) -> Array:
-            predicted = self.problem.predict(scaled)[tests]
-            return np.nan_to_num(
-                predicted / measured - 1.0 if objective is relative_squares
-                else determination_residuals(predicted, measured), nan=1.0)
+            return np.nan_to_num(self.problem.predict(scaled)[tests] / measured - 1.0, nan=1.0)
 
         end: Array = least_squares(residuals, start, bounds=self.box.T).x
         return end

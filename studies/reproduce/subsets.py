@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hmcvt_core.model.agreement import relative_errors
+
 from . import paper
 from .bench import OBJECTIVES, Cloud, problem, table2
 from .item import Item, claim
@@ -62,7 +64,7 @@ def fit(task: tuple[str, tuple[int, ...]]) -> SubsetFit:
     tests = np.array(subset) - 1
     cloud, objective = _cloud(formulation), OBJECTIVES[formulation]
     predicted = cloud.problem.predict(cloud.lowest(objective, tests))
-    relative = 100.0 * np.abs(predicted / table2().efficiency - 1.0)
+    relative = 100.0 * relative_errors(predicted, table2().efficiency)
     rest = np.setdiff1d(np.arange(len(relative)), tests)
     held = float(np.nan_to_num(relative[rest], nan=np.inf).mean()) if len(rest) else np.nan
     return SubsetFit(formulation, subset, float(relative[tests].mean()), held,

@@ -9,8 +9,10 @@ import pytest
 from scipy.optimize import least_squares
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification import identify_gear_efficiency
-from hmcvt_core.identification.annealing import Schedule
+from hmcvt_core.identification import Schedule
+from hmcvt_core.identification.problem import Problem
+from hmcvt_core.identification.two_part import hydraulic_roots
+from hmcvt_core.model.agreement import determination_loss, predicted_at, relative_errors
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 
 from .conftest import FIT, HELD_BACK
@@ -41,9 +43,8 @@ def test_power_balance_meets_the_targets(fitted, table2):
     assert fitted.prediction_error <= 0.0165
     assert fitted.fit_error == pytest.approx(0.0202, abs=5e-5)
     assert fitted.prediction_error == pytest.approx(0.0160, abs=5e-5)
-    assert relative_error(fitted.model, table2.select(FIT)) == pytest.approx(fitted.fit_error)
-    assert relative_error(fitted.model, table2.select(HELD_BACK)) == pytest.approx(
-        fitted.prediction_error, rel=1e-5)
+    assert relative_errors(predicted_at(fitted.model, table2.select(FIT)),
+                           table2.efficiency[FIT]).mean() == pytest.approx(fitted.fit_error)
 
 
 def test_published_meets_the_targets(fitted_published, table2):
@@ -59,44 +60,67 @@ def test_published_meets_the_targets(fitted_published, table2):
     rsq = 1.0 - (np.sum((predicted - measured) ** 2)
                  / np.sum((predicted - measured.mean()) ** 2))
     assert 1.0 - fitted_published.objective == pytest.approx(rsq, rel=1e-9)
+    assert determination_loss(predicted, measured) == pytest.approx(1.0 - rsq, rel=1e-9)
 
 
-def relative_error(model, samples):
-    predicted = model.efficiency(samples.displacement_ratio, samples.engine_speed,
-                                 samples.load_torque)
-    return np.mean(np.abs(predicted - samples.efficiency) / samples.efficiency)
+# Lowest weighted squares by least squares from 64 points (docs/benchmarks.md).
+LOWEST = {"five": 3.9710167, "eight": 3.1234263, "simulated": 2.1298878}
 
 
-@pytest.mark.parametrize("formulation", ["power_balance", "published"])
-def test_ten_seeds_agree(table2, formulation):
-    """Three digits of the objective; the local minimum that predicts test 3 as 63 % is missed."""
-    found = [hmcvt.identify(table2.select(FIT), formulation=formulation, seed=seed)
-             for seed in range(10)]
-    values = [fit.objective for fit in found]
-    assert max(values) / min(values) - 1.0 < 5e-4
+def campaign(name, table2):
+    if name == "simulated":
+        return hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
+    return table2.select(FIT) if name == "five" else table2
+
+
+@pytest.mark.parametrize("name", LOWEST)
+def test_annealing_arrives_by_itself(table2, name):
+    """Within 1 %, and least squares finishes it: every seed ends at the same parameters.
+
+    100 of 100 seeds do (docs/theory.md); with eq. (19) by steps, or fewer chains, some do not.
+    """
+    found = [hmcvt.identify(campaign(name, table2), seed=seed) for seed in range(8)]
+    assert max(fit.annealing_objective for fit in found) < 1.01 * LOWEST[name]
     for fit in found:
+        assert fit.objective == pytest.approx(LOWEST[name], rel=2e-8)
+        assert fit.annealing_objective == fit.history[-2] >= fit.history[-1] == fit.objective
+        np.testing.assert_allclose(fit.parameters.to_array(), found[0].parameters.to_array(),
+                                   rtol=1e-4)
+
+
+def test_published_misses_the_local_minimum(table2):
+    """Of 1 - RSQ, which predicts test 3 as 63 %."""
+    for seed in range(4):
+        fit = hmcvt.identify(table2.select(FIT), formulation="published", seed=seed)
+        assert fit.objective == pytest.approx(0.018479745, rel=1e-7)
+        assert fit.annealing_objective < 1.02 * fit.objective
         assert fit.model.efficiency(0.73, 78.54, 267.38) == pytest.approx(0.808, abs=0.02)
-        for name in PARAMETER_NAMES:
-            error = found[0].standard_errors[name]
-            assert getattr(fit.parameters, name) == pytest.approx(
-                getattr(found[0].parameters, name), abs=0.01 * error)
 
 
-def test_power_balance_optimum_is_a_minimum_for_scipy_too(fitted, hm4, table2):
-    """Least squares from elsewhere, written without the code under test, ends no lower."""
-    samples = table2.select(FIT)
+def test_many_candidates_are_predicted_as_one_by_one(hm4, table2):
+    """However many rows at once, and in any shape."""
+    problem = Problem(hmcvt.EfficiencyModel(hm4, TRUTH), table2)
+    scaled = np.random.default_rng(0).uniform((-13, 0, 0), (-10, 1, 1.5), (3, 700, 3))
+    found = problem.predict(scaled)
+    assert found.shape == (3, 700, 8)
+    for i, j in ((0, 0), (1, 350), (2, 699)):
+        one = hmcvt.HydraulicParameters(10.0 ** scaled[i, j, 0], *scaled[i, j, 1:])
+        np.testing.assert_allclose(
+            found[i, j], predicted_at(replace(problem.model, parameters=one), table2), rtol=1e-12)
 
-    def residuals(x):
-        model = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(10.0 ** x[0], x[1], x[2]))
-        predicted = model.efficiency(samples.displacement_ratio, samples.engine_speed,
-                                     samples.load_torque)
-        return (predicted - samples.efficiency) / (0.0112 * samples.efficiency)
 
-    bounds = ([-13.0, 0.0, 0.0], [-10.0, 1.0, 1.5])
-    best = min((least_squares(residuals, start, bounds=bounds, x_scale=(1.0, 0.1, 0.1))
-                for start in ((-11.0, 0.05, 0.3), (-10.5, 0.3, 0.05), (-12.0, 0.1, 0.5))),
-               key=lambda found: found.cost)
-    assert fitted.objective == pytest.approx(2.0 * best.cost / len(samples), rel=1e-6)
+@pytest.mark.parametrize("leakage", [1e-13, 1e-10])
+def test_a_leakage_at_its_bound_is_found_there(hm4, leakage):
+    """And nowhere beyond, where rounding of the logarithm might put it."""
+    model = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(leakage, 0.1, 0.1))
+    rng = np.random.default_rng(0)
+    point = rng.uniform(-1, 1, 30), rng.uniform(90, 200, 30), rng.uniform(80, 250, 30)
+    # Beyond the bound: a bench that loses less, or more, than any leakage allowed.
+    told = model.efficiency(*point) * (1.005 if leakage < 1e-12 else 0.97)
+    found = hmcvt.identify(hmcvt.BenchSamples(*point, told), schedule=QUICK)
+    assert found.parameters.leakage == leakage
+    side = "lower bound 1e-13" if leakage < 1e-12 else "upper bound 1e-10"
+    assert any(side in sentence for sentence in found.warnings)
 
 
 def test_parameter_at_its_bound_is_named(fitted_published):
@@ -119,8 +143,7 @@ def test_result_is_whole(fitted, table2):
     assert len(fitted.residuals) == 5
     assert fitted.correlation.shape == (3, 3)
     assert np.diag(fitted.correlation) == pytest.approx(1.0)
-    assert (np.diff(fitted.history) <= 1e-12).all()
-    assert fitted.history[-1] == fitted.objective
+    assert (np.diff(fitted.history) <= 0.0).all()
     assert (fitted.seed, fitted.stop_reason) == (0, "cooled")
     assert fitted.model.domain.engine_speed == (78.54, 146.61)
     again = hmcvt.identify(table2.select(FIT), seed=0)
@@ -134,10 +157,10 @@ def test_gear_efficiency_enumerated_as_in_table_3(table2):
     Table 3 and docs/theory.md call 0.98 best; with these readings 0.99 is, by the samples alone.
     """
     expected = {0.99: 0.73, 0.98: 1.43, 0.97: 2.08, 0.96: 3.18}
-    found = identify_gear_efficiency(
-        table2.select(FIT), list(expected), validation=table2.select(HELD_BACK),
-        formulation="published")
-    for fit, (gear_efficiency, percent) in zip(found, expected.items(), strict=True):
+    for gear_efficiency, percent in expected.items():
+        fit = hmcvt.identify(
+            table2.select(FIT), validation=table2.select(HELD_BACK), formulation="published",
+            gear_efficiency=gear_efficiency, schedule=QUICK)
         assert {pair.efficiency for pair in fit.model.stage.gear_pairs} == {gear_efficiency}
         overall = (5.0 * fit.fit_error + 3.0 * fit.prediction_error) / 8.0
         assert 100.0 * overall == pytest.approx(percent, abs=0.006)
@@ -168,15 +191,11 @@ def roots_of_equation_18(displacement_ratio, efficiency, gear=0.98):
 @pytest.mark.parametrize(("test", "efficiency", "expected"), [
     # docs/theory.md, test 1.
     (1, 0.643, (0.163, 0.526)),
-    # The same section gives 0.120, 0.494 for test 2 and 0.150, 0.512 for test 5: those belong to
-    # the efficiencies *estimated* in Table 4 (69.23 %, 63.52 %), see below; measured they are these
-    # (confirmed with SymPy).
+    # Confirmed with SymPy.
     (2, 0.698, (0.130, 0.508)),
     (5, 0.588, (0.040, 0.441)),
 ])
 def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, expected):
-    from hmcvt_core.identification.two_part import hydraulic_roots
-
     samples = table2.select([test - 1])
     assert samples.efficiency[0] == efficiency
     roots = hydraulic_roots(hm4, samples)[0]
@@ -188,13 +207,6 @@ def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, ex
     assert roots.consistent[0] > roots.rejected[0]
 
 
-@pytest.mark.parametrize(("stroke", "estimated", "expected"), [
-    (-0.73, 0.6923, (0.120, 0.494)), (-1.0, 0.6352, (0.150, 0.512)),
-])
-def test_roots_of_design_belong_to_table_4(stroke, estimated, expected):
-    assert roots_of_equation_18(stroke, estimated) == pytest.approx(expected, abs=1.1e-3)
-
-
 def test_rejected_roots_are_reported(fitted_published):
     assert [len(entry.rejected) for entry in fitted_published.roots] == [1, 1, 0, 1, 0]
     assert "3 samples have a second root for eta_H, beyond the pole" in fitted_published.report()
@@ -203,13 +215,14 @@ def test_rejected_roots_are_reported(fitted_published):
 # --- a known truth --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_truth_is_recovered_from_noisy_samples(hm4, seed):
     found = hmcvt.identify(synthetic(hm4, 60, seed), stage=hm4, schedule=QUICK, seed=seed)
     for name in PARAMETER_NAMES:
         miss = getattr(found.parameters, name) - getattr(TRUTH, name)
         assert abs(miss) < 3.0 * found.standard_errors[name], name
         assert found.standard_errors[name] < 0.25 * getattr(TRUTH, name), name
+    assert found.warnings == ()
 
 
 def test_truth_is_recovered_exactly_without_noise(hm4):
@@ -219,7 +232,7 @@ def test_truth_is_recovered_exactly_without_noise(hm4):
 
 
 def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
-    """Monte Carlo: 200 noisy repetitions of the same 40 points, each fitted by SciPy."""
+    """Monte Carlo: 100 noisy repetitions of the same 40 points, each fitted by SciPy."""
     base = synthetic(hm4, 40, 11, noise=0.0)
     exact, rng = base.efficiency, np.random.default_rng(5)
     points = (base.displacement_ratio, base.engine_speed, base.load_torque)
@@ -232,16 +245,14 @@ def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
 
         return least_squares(residuals, (np.log10(2e-11), 0.15, 0.1), x_scale=(0.1, 0.1, 0.1)).x
 
-    fitted = np.array([fit(exact + NOISE * rng.standard_normal(40)) for _ in range(200)])
+    fitted = np.array([fit(exact + NOISE * rng.standard_normal(40)) for _ in range(100)])
     scatter = fitted.std(axis=0) * [np.log(10.0) * 2e-11, 1.0, 1.0]
     noisy = replace(base, efficiency=exact + NOISE * rng.standard_normal(40),
                     efficiency_std=np.full(40, NOISE))
-    stated = hmcvt.identify(noisy, stage=hm4, schedule=QUICK).standard_errors
-    # 200 repetitions know the scatter to 5 %, one bench its own noise to 12 %.
-    np.testing.assert_allclose([stated[name] for name in PARAMETER_NAMES], scatter, rtol=0.3)
-    correlation = np.corrcoef(fitted.T)
-    model = hmcvt.identify(noisy, stage=hm4, schedule=QUICK).correlation
-    np.testing.assert_allclose(model, correlation, atol=0.2)
+    stated = hmcvt.identify(noisy, stage=hm4, schedule=QUICK)
+    # 100 repetitions know the scatter to 7 %, one bench its own noise to 12 %.
+    np.testing.assert_allclose(list(stated.standard_errors.values()), scatter, rtol=0.3)
+    np.testing.assert_allclose(stated.correlation, np.corrcoef(fitted.T), atol=0.2)
 
 
 def test_weights_follow_the_stated_deviation(hm4):
@@ -269,17 +280,15 @@ def test_fewer_samples_than_parameters(table2):
         in found.warnings
 
 
-def test_one_sign_of_stroke_only(hm4):
+@pytest.mark.parametrize(("sign", "missing", "present"), [
+    (1.0, "negative", "positive"), (-1.0, "positive", "negative")])
+def test_one_sign_of_stroke_only(hm4, sign, missing, present):
     samples = synthetic(hm4, 40, 2)
-    half = samples.select(samples.displacement_ratio > 0.1)
+    half = samples.select(sign * samples.displacement_ratio > 0.1)
     found = hmcvt.identify(half, stage=hm4, schedule=QUICK)
-    assert "no sample has a negative displacement ratio: the model is unchecked there" \
+    assert f"no sample has a {missing} displacement ratio: the model is unchecked there" \
         in found.warnings
-    assert not any("positive displacement" in sentence for sentence in found.warnings)
-    other = hmcvt.identify(samples.select(samples.displacement_ratio < -0.1), stage=hm4,
-                           schedule=QUICK)
-    assert "no sample has a positive displacement ratio: the model is unchecked there" \
-        in other.warnings
+    assert not any(f"{present} displacement" in sentence for sentence in found.warnings)
 
 
 def test_all_samples_at_one_point(hm4):
@@ -297,8 +306,15 @@ def test_all_samples_at_one_point(hm4):
     assert undetermined
 
 
-def test_well_determined_parameters_raise_no_warning(hm4):
-    assert hmcvt.identify(synthetic(hm4, 60, 0), stage=hm4, schedule=QUICK).warnings == ()
+def test_annealing_of_many_samples_looks_at_some_and_tells_of_all(hm4):
+    samples = synthetic(hm4, 700, 4)
+    asked = []
+    found = hmcvt.identify(samples, stage=hm4, schedule=QUICK, progress=asked.append)
+    assert found.objective == pytest.approx(
+        np.mean((found.residuals / samples.efficiency_std) ** 2), rel=1e-9)
+    assert found.objective < found.annealing_objective < 3.0 * found.objective
+    assert asked[-1].value != found.annealing_objective  # of fewer samples
+    np.testing.assert_allclose(found.parameters.to_array(), TRUTH.to_array(), rtol=0.1)
 
 
 def test_no_answer_within_the_bounds(hm4):
@@ -345,6 +361,7 @@ def test_report_reads(fitted):
     for needle in ("power_balance, stage HM4: fitted to 5 samples",
                    "which is assumed", "error of the fit           2.02 %",
                    "error of the prediction    1.60 % (3 samples held back)",
+                   f"(the annealing by itself reached {fitted.annealing_objective:.6g}; a local",
                    "note: leakage is not"):
         assert needle in text
     assert len(text.splitlines()) > 12
@@ -355,6 +372,8 @@ def test_plain_data_is_json(fitted, fitted_published):
         again = json.loads(json.dumps(found.to_dict(), allow_nan=False))
         assert again["fit_error"] == found.fit_error
         assert again["parameters"]["leakage"]["unit"] == "m3/(s Pa)"
+        assert again["objective"] == {"name": found.objective_name, "value": found.objective}
+        assert again["annealing_objective"] == found.annealing_objective > found.objective
 
 
 def plain(value):

@@ -12,7 +12,8 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import brentq, differential_evolution, minimize_scalar
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.problem import BOUNDS, Problem
+from hmcvt_core.identification.problem import Problem
+from hmcvt_core.transmission.parameters import SEARCH_BOUNDS
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 
 AXES = (np.linspace(-1.0, 1.0, 41), np.linspace(*ENGINE_SPEED_LIMITS, 31),
@@ -42,7 +43,7 @@ def table(model):
 
 @pytest.fixture(scope="module")
 def problem(model, table2):
-    return Problem.of(model, table2)
+    return Problem(model, table2)
 
 
 def test_lookup(model, table):
@@ -97,10 +98,10 @@ def test_optimum_at_an_output_speed(model):
 
 def test_identification(table2, problem):
     def value(scaled):
-        return float(np.nan_to_num(problem.weighted_squares(scaled), nan=1e9))
+        return float(np.nan_to_num(problem.objective(scaled), nan=1e9))
 
     def search():
-        return differential_evolution(value, BOUNDS, rng=0).fun
+        return differential_evolution(value, SEARCH_BOUNDS, rng=0).fun
 
     assert hmcvt.identify(table2).objective == pytest.approx(search(), rel=1e-4)
     assert times_faster(lambda: hmcvt.identify(table2), search, rounds=3) > 2.5

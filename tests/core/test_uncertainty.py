@@ -9,7 +9,6 @@ from hmcvt_core import InputError
 from hmcvt_core.transmission.uncertainty import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     random_uncertainty,
-    random_uncertainty_of,
     systematic_uncertainty,
     total_uncertainty,
 )
@@ -37,20 +36,7 @@ def test_total_used_as_weight_is_the_papers():
     assert PAPER_EFFICIENCY_UNCERTAINTY == 0.0112
 
 
-def test_repeated_readings():
-    # By hand: mean 2, deviations -1, 0, 1, s = sqrt(2 / 2) = 1.
-    assert random_uncertainty_of([1.0, 2.0, 3.0]) == pytest.approx(0.5)
-    assert total_uncertainty(3.0, 4.0) == pytest.approx(5.0)
-    assert systematic_uncertainty(math.sqrt(3.0)) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("bad", [(0.0, 1.0), (math.nan, 1.0), (1.0, math.inf)])
 def test_no_mean_no_uncertainty(bad):
     with pytest.raises(InputError, match="finite numbers and a mean other than 0"):
         random_uncertainty(*bad)
-
-
-@pytest.mark.parametrize("bad", [[1.0], [], [[1.0, 2.0], [3.0, 4.0]]])
-def test_too_few_readings(bad):
-    with pytest.raises(InputError, match="needs at least 2 readings, got shape"):
-        random_uncertainty_of(bad)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.annealing import STANDARD
+from hmcvt_core.identification.annealing import STANDARD, never
 from studies.reproduce import algorithms, bench, kinematics, paper, subsets, tables
 from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, WITHOUT, Run, Task
 from studies.reproduce.comparison import Summary, cheaper
@@ -82,7 +82,7 @@ def test_subsets_are_all_with_three_tests_or_more():
 def test_one_improvement_is_left_out_at_a_time(number):
     whole, two_part = algorithms._settings(IMPROVED_SA, 0.02)
     part, part_two = algorithms._settings(WITHOUT[number], 0.02)
-    changed = {1: {"threshold": None}, 2: {"shrink": STANDARD.shrink},
+    changed = {1: {"threshold": None}, 2: {"shrink": never},
                3: {"cooling": STANDARD.cooling}, 4: {}}[number]
     assert part == replace(whole, **changed)
     assert (two_part, part_two) == (True, number != 4)
