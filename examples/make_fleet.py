@@ -4,20 +4,27 @@
     python examples/make_fleet.py fleet --logs 40
     hmcvt fleet fleet/logs --out fleet/fitted
 
-Every transmission is a plant of `hmcvt_core.blind`, whose physics are written apart from the model
-that is fitted. Leakage and dampings scatter by 5 % around one design. The last of every ten
-transmissions is worn (its leakage is half as much again), the third of every five has an effect
-that the fitted model does not know. Logs go to FOLDER/logs; what is hidden in them is sealed in
-FOLDER/labels.
+Run from a clone. Every transmission is a plant of `studies.blind`, whose physics are written apart
+from the model that is fitted. Leakage and dampings scatter by 5 % around one design. The last of
+every ten transmissions is worn (its leakage is half as much again), the third of every five has an
+effect that the fitted model does not know. Logs go to FOLDER/logs; FOLDER/hidden.json tells what is
+in them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from studies.blind.seal import seal
+
+import hmcvt_core as hmcvt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies are not installed
 
 from studies.blind.campaign import Campaign, CampaignOptions, Label, fresh
 from studies.blind.catalogue import draw_effect, size_effect
@@ -55,9 +62,15 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=96, help="in each log (96)")
     parser.add_argument("--seed", type=int, default=0, help="of the random numbers (0)")
     options = parser.parse_args()
+    (options.folder / "logs").mkdir(parents=True, exist_ok=True)
+    hidden = {}
     for number in range(options.logs):
-        seal(transmission(number, options.samples, options.seed), f"{number:05d}",
-             options.folder / "logs", options.folder / "labels")
+        campaign, name = transmission(number, options.samples, options.seed), f"{number:05d}"
+        hmcvt.write_bench(options.folder / "logs" / f"{name}.csv",
+                          hmcvt.BenchSamples(**campaign.samples))
+        label = campaign.label
+        hidden[name] = {"base": asdict(label.base), "effects": list(label.names)}
+    (options.folder / "hidden.json").write_text(json.dumps(hidden, indent=1), encoding="utf-8")
     print(f"{options.logs} logs in {options.folder / 'logs'}")
 
 

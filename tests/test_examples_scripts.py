@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scripts in examples/, run as their readers run them (the one over ROS 2: tests/ros)."""
 
+import json
 import os
 import re
 import subprocess
@@ -60,6 +61,16 @@ def test_offline_study_tells_what_cannot_be_reached(tmp_path):
     done = run("offline_study.py", "--engine-speed", "1000", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stderr.startswith("1000 r/min cannot make") and "Traceback" not in done.stderr
+
+
+def test_make_fleet(tmp_path):
+    done = run("make_fleet.py", "fleet", "--logs", "3", "--samples", "12", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    hidden = json.loads((tmp_path / "fleet/hidden.json").read_text(encoding="utf-8"))
+    logs = sorted((tmp_path / "fleet/logs").iterdir())
+    assert [path.stem for path in logs] == list(hidden) == ["00000", "00001", "00002"]
+    assert [len(hmcvt.read_bench(path)) for path in logs] == [12, 12, 12]
+    assert [len(each["effects"]) for each in hidden.values()] == [0, 0, 1]
 
 
 def test_bag_to_diagnosis(tmp_path):

@@ -22,10 +22,12 @@ _BOUNDS = np.array([[-13.0, -9.0], [0.0, 3.0], [0.0, 3.0], [-6.0, 6.0], [-6.0, 6
 _METER_GAIN, _GEAR_LOSS = 0.0015, 0.0005  # one deviation of each
 _SPEED_NOISE = 0.001  # relative
 _STALLED = 100.0  # deviations charged where the model has no answer
+_TRUST = np.array([8.0, 1.0])  # samples that the stated noise of efficiency and speed is worth
+_ROUNDS = 8
 
 
 def refitted(
-    model: hmcvt.EfficiencyModel, samples: hmcvt.BenchSamples, noise: float
+    model: hmcvt.EfficiencyModel, samples: hmcvt.BenchSamples, noise: float, known: bool
 ) -> tuple[hmcvt.EfficiencyModel, float]:
     """Refit the base parameters of a model without effects.
 
@@ -33,6 +35,7 @@ def refitted(
         model: where stage and gear efficiency come from.
         samples: to be met; output speed counts where it is there.
         noise: standard deviation of the efficiency [-].
+        known: whether the noise is what is told; else it is what the residuals say as well.
 
     Returns:
         The refitted model, and the squared deviations that it leaves, over all channels.
@@ -54,12 +57,16 @@ def refitted(
         if samples.output_speed is not None:
             rows.append((samples.output_speed - there.output_speed(*at))
                         / (_SPEED_NOISE * samples.output_speed))
-        return np.nan_to_num(np.concatenate(rows), nan=_STALLED)
+        return np.nan_to_num(np.array(rows), nan=_STALLED)
 
-    def penalised(theta: FloatArray) -> FloatArray:
+    def penalised(theta: FloatArray, scale: FloatArray) -> FloatArray:
         prior = np.concatenate([(theta[:3] - _MEAN) / _SPREAD, theta[3:]])
-        return np.concatenate([deviations(theta), prior])
+        return np.concatenate([(deviations(theta) / scale).ravel(), prior])
 
-    start = np.concatenate([_MEAN, np.zeros(2)])
-    end = least_squares(penalised, start, bounds=_BOUNDS.T, x_scale="jac").x
-    return at_base(end[:3], model.stage), float(np.sum(deviations(end) ** 2))
+    theta, scale = np.concatenate([_MEAN, np.zeros(2)]), np.ones((1, 1))
+    for _ in range(1 if known else _ROUNDS):
+        theta = least_squares(penalised, theta, bounds=_BOUNDS.T, x_scale="jac", args=(scale,)).x
+        left = np.sum(deviations(theta) ** 2, axis=1)
+        trust, free = _TRUST[:len(left)], len(samples) - len(theta) / len(left)
+        scale = np.sqrt((trust + left) / (trust + free))[:, None]
+    return at_base(theta[:3], model.stage), float(np.sum(left))

@@ -58,14 +58,15 @@ class Case:
 def score(case: Case) -> dict[str, Any]:
     """Make a campaign, have it diagnosed, and say how the answer compares with the truth."""
     campaign = make_campaign(case.seed, case.effects, **dict(case.options))
-    samples = hmcvt.BenchSamples(**campaign.samples)  # type: ignore[arg-type]
+    columns: dict[str, Any] = dict(campaign.samples)
+    samples = hmcvt.BenchSamples(**columns)
     with tempfile.TemporaryDirectory(prefix="hmcvt-blind-") as folder:
         answer, model = _diagnose(samples, Path(folder))
     served = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     noise = campaign.label.options.efficiency_noise
-    base, _ = refitted(served, samples, noise)
+    base, _ = refitted(served, samples, noise, known=False)
     # The real noise, not the stated one, tells what could be seen in readings without any.
-    _, left = refitted(served, _without_noise(campaign, samples), noise)
+    _, left = refitted(served, _without_noise(campaign, samples), noise, known=True)
     return {
         "condition": case.condition,
         "seed": case.seed,

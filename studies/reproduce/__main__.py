@@ -3,39 +3,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 from pathlib import Path
-from typing import Any
 
 import click
 
 from hmcvt_core.cli import run_command
 from hmcvt_core.cli.common import Progress, json_option, print_json
-from hmcvt_core.errors import InputError
+
+from .procedure import reproduce
+from .report import write
+from .text import plain
 
 _SEEDS = 30
 _JOBS = 2
-
-
-class OutputFolder(click.ParamType):  # type: ignore[type-arg]
-    """A folder to write into, refused before the work rather than after it."""
-
-    name = "folder"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Path:
-        """Return the path; the folder is made later."""
-        path = Path(value)
-        if path.exists() and not path.is_dir():
-            self.fail(f"{value}: is not a folder", param, ctx)
-        there = path if path.exists() else path.absolute().parent
-        if not there.is_dir():
-            self.fail(f"{value}: {there} is not a folder", param, ctx)
-        if not os.access(there, os.W_OK):
-            self.fail(f"{value}: folder {there} cannot be written", param, ctx)
-        return path
 
 
 @click.command("reproduce", epilog="""\b
@@ -43,8 +24,9 @@ Examples:
   python -m studies.reproduce
   python -m studies.reproduce --out reproduction --seeds 100
   python -m studies.reproduce --json""")
-@click.option("--out", type=OutputFolder(), default="reproduction", show_default=True,
-              metavar="DIR", help="Folder for report.html, report.md and the figures.")
+@click.option("--out", default="reproduction", show_default=True, metavar="DIR",
+              type=click.Path(file_okay=False, writable=True, path_type=Path),
+              help="Folder for report.html, report.md and the figures.")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=_SEEDS, show_default=True,
               help="Runs of each algorithm of figure 6.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=min(_JOBS, os.cpu_count() or 1),
@@ -52,13 +34,6 @@ Examples:
 @json_option
 def command(out: Path, seeds: int, jobs: int, as_json: bool) -> None:
     """Put every number and figure of the paper beside ours, with a verdict on each."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise InputError("the figures need matplotlib; in the folder of hmcvt: "
-                         "pip install '.[plot,compare]'")
-    from . import reproduce
-    from .report import write
-    from .text import plain
-
     progress = Progress("reproducing")
     try:
         found = reproduce(seeds, jobs, progress)

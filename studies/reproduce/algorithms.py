@@ -3,7 +3,7 @@
 
 All minimise 1 - RSQ (21) over the same three scaled parameters within the same bounds, gear
 efficiency 0.98, tests 1, 2, 4, 5 and 6. Each temperature step of the annealing holds as many trial
-points as a generation of the others. GA and PSO are pymoo's (the optional extra `compare`): the GA
+points as a generation of the others. GA and PSO are pymoo's (extra `compare`): the GA
 with its own settings, the PSO with constriction coefficients (Clerc and Kennedy, 2002).
 
 The four improvements of section 4.1 are the threshold, the disturbance and the cooling of
@@ -13,7 +13,6 @@ The four improvements of section 4.1 are the threshold, the disturbance and the 
 from __future__ import annotations
 
 import functools
-import importlib.util
 import math
 import time
 from collections.abc import Callable
@@ -21,9 +20,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pymoo.algorithms.soo.nonconvex import ga, pso
+from pymoo.core.problem import Problem as Minimisation
+from pymoo.optimize import minimize
 
 from hmcvt_core.identification import identify
-from hmcvt_core.identification.annealing import IMPROVED, STANDARD, Schedule, minimise
+from hmcvt_core.identification.annealing import (
+    IMPROVED,
+    STANDARD,
+    Schedule,
+    minimise,
+    never,
+    with_steps,
+)
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.two_part import hydraulic_roots, starting_points
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
@@ -98,11 +107,6 @@ class _Recorder:
         return values
 
 
-def library() -> bool:
-    """Tell whether pymoo is installed."""
-    return importlib.util.find_spec("pymoo") is not None
-
-
 def run(task: Task) -> Run:
     """Run one algorithm once."""
     if task.algorithm == SERVED:
@@ -127,11 +131,11 @@ def run(task: Task) -> Run:
 
 def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
     """Schedule, and whether it starts from part 1."""
-    improved = replace(IMPROVED, moves=paper.PARTICLES, threshold=threshold)
+    improved = replace(IMPROVED, shrink=with_steps, moves=paper.PARTICLES, threshold=threshold)
     return {
         IMPROVED_SA: (improved, True),
         WITHOUT[1]: (replace(improved, threshold=None), True),
-        WITHOUT[2]: (replace(improved, shrink=STANDARD.shrink), True),
+        WITHOUT[2]: (replace(improved, shrink=never), True),
         WITHOUT[3]: (replace(improved, cooling=STANDARD.cooling), True),
         WITHOUT[4]: (improved, False),
         STANDARD_SA: (replace(STANDARD, moves=paper.PARTICLES), False),
@@ -166,10 +170,7 @@ def _served(task: Task) -> Run:
 
 
 def _population(name: str) -> Callable[[_Recorder, int], None]:
-    """GA or PSO, ready to run, so that its import is in nobody's time."""
-    from pymoo.algorithms.soo.nonconvex import ga, pso
-    from pymoo.core.problem import Problem as Minimisation
-    from pymoo.optimize import minimize
+    """GA or PSO, ready to run."""
 
     class Identification(Minimisation):  # type: ignore[misc]
         """The recorder as pymoo wants it."""

@@ -99,6 +99,7 @@ class Cloud:
         """Return the scaled parameters, shape (3,), that fit the given tests best."""
         measured = self.problem.samples.efficiency[tests]
         values = np.nan_to_num(objective(self.predicted[:, tests], measured), nan=np.inf)
+        # The simplex follows the edge at which the published formulas contradict themselves.
         finish = self._least_squares if objective is relative_squares else self._simplex
         ends = np.array([finish(self.points[i], objective, tests) for i in self._apart(values)])
         reached = objective(self.problem.predict(ends)[:, tests], measured)

@@ -16,6 +16,10 @@ Handler = Callable[[Any, int], None]
 """Takes a message and when the middleware received it [ns since 1970]."""
 
 
+def unused(message: object) -> None:
+    """The callback of a subscription that no executor serves."""
+
+
 class Ear:
     """Takes the messages of some subscriptions of a node.
 

@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 
 from hmcvt_ros import qos
 
-from .ear import Ear, Statuses
+from .ear import Ear, Statuses, unused
 from .fuzz_inputs import DEPTH
 from .processes import Process
 
@@ -51,7 +51,7 @@ class BenchFuzzer:
         self._publisher = client.create_publisher(
             JointState, f"{namespace}/bench_sample", QoSProfile(depth=DEPTH))
         diagnostics = client.create_subscription(
-            DiagnosticArray, "/diagnostics", lambda message: None, qos.DIAGNOSTICS)
+            DiagnosticArray, "/diagnostics", unused, qos.DIAGNOSTICS)
         self.ear = Ear(client, {diagnostics: self._statuses.take})
 
     def run(self, count: int) -> None:

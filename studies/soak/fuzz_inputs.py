@@ -22,7 +22,7 @@ from std_msgs.msg import Float64
 from hmcvt_core import EfficiencyModel
 from hmcvt_ros import qos
 
-from .ear import Ear, Statuses
+from .ear import Ear, Statuses, unused
 from .points import ORDINARY
 from .processes import Process
 
@@ -113,10 +113,10 @@ class InputFuzzer:
             Float64, f"{namespace}/{topic}", QoSProfile(depth=DEPTH)) for topic in TOPICS}
         outputs = {"efficiency": self._efficiency, "optimal_displacement_ratio": self._optimum}
         self._outputs = {client.create_subscription(
-            Float64, f"{namespace}/{topic}", _unused, QoSProfile(depth=DEPTH)): values
+            Float64, f"{namespace}/{topic}", unused, QoSProfile(depth=DEPTH)): values
             for topic, values in outputs.items()}
         diagnostics = client.create_subscription(
-            DiagnosticArray, "/diagnostics", _unused, qos.DIAGNOSTICS)
+            DiagnosticArray, "/diagnostics", unused, qos.DIAGNOSTICS)
         self.ear = Ear(client, {
             diagnostics: self._statuses.take,
             **{subscription: lambda message, _, values=values: values.append(message.data)
@@ -224,7 +224,3 @@ class InputFuzzer:
         if not self.ear.listen_until(lambda: counted() == due, self._patience):
             self.differences.append(f"diagnostics count {counted()}, not {due}")
         self._compare_outputs()
-
-
-def _unused(message: object) -> None:
-    """The callback of a subscription that no executor serves."""

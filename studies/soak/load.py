@@ -29,7 +29,7 @@ from hmcvt_ros import qos
 from hmcvt_ros.inputs import INPUT_RANGES
 from studies.page import busy_seconds
 
-from .ear import Ear, Statuses
+from .ear import Ear, Statuses, unused
 from .matching import match
 from .points import TOPICS, Answer, Cycle
 from .processes import Process
@@ -131,10 +131,10 @@ class Target:
         self._efficiency, self._optimum = _Answers(), _Answers()
         outputs = {"efficiency": self._efficiency, "optimal_displacement_ratio": self._optimum}
         self._outputs = {
-            client.create_subscription(Float64, f"{namespace}/{topic}", _unused, _DEEP): answers
+            client.create_subscription(Float64, f"{namespace}/{topic}", unused, _DEEP): answers
             for topic, answers in outputs.items()}
         diagnostics = client.create_subscription(
-            DiagnosticArray, "/diagnostics", _unused, qos.DIAGNOSTICS)
+            DiagnosticArray, "/diagnostics", unused, qos.DIAGNOSTICS)
         self.ear = Ear(client, {
             **{subscription: answers.take for subscription, answers in self._outputs.items()},
             diagnostics: self.statuses.take})
@@ -273,10 +273,6 @@ class Target:
             "efficiency_latency": (np.array(self._efficiency.received)[numbers] - began) * 1e-6,
             "optimum_latency": (np.array(self._optimum.received)[numbers] - began) * 1e-6,
         }
-
-
-def _unused(message: object) -> None:
-    """The callback of a subscription that no executor serves."""
 
 
 def _clock_offset() -> float:

@@ -13,15 +13,12 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from diagnosis.html_browser import browse, measured
 
 from studies.reproduce.__main__ import command
 from studies.reproduce.item import VERDICTS
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.timeout(300)  # the run takes half a minute on a machine at rest
-WIDTHS = (1280, 390)
-LEAST_LETTER = 9.0  # px
 
 # Verdicts that do not hang on the number of seeds.
 EXPECTED = {
@@ -139,45 +136,13 @@ def test_markdown_shows_figures_that_are_there(text: str, folder: Path) -> None:
         assert (folder / name).with_suffix(".svg").read_text(encoding="utf-8").count("<svg") == 1
 
 
-def test_names_in_the_page_are_unique(page: str) -> None:
-    names = re.findall(r'\bid="([^"]+)"', page)
-    assert len(names) > 100
-    assert len(names) == len(set(names))
-    body = page.split("<body>")[1]  # the style sheet is shared with the page of the diagnosis
-    used = {name for pair in re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', body)
-            for name in pair if name}
-    assert used <= set(names)
-
-
 def test_page_is_self_contained(page: str) -> None:
     assert not re.findall(r"<(?:script|img|link|iframe|object)\b", page)
     assert not re.findall(r'(?:href|src)="(?!#)', page)
 
 
-def test_page_fits_in_a_browser(page: str, folder: Path, tmp_path: Path) -> None:
-    seen = browse(folder / "report.html", tmp_path)
-    assert seen.console == []
-    layout = measured({"report": page}, WIDTHS, tmp_path)
-    for width in WIDTHS:
-        found = layout[f"report@{width}"]
-        assert found["scroll"] <= width, found["beyond"]
-        assert found["beyond"] == []
-        assert found["figures"] >= 15
-        assert found["crossing"] == []
-        assert found["clipped"] == []
-        assert found["smallest"] >= LEAST_LETTER
-
-
 def test_folder_that_cannot_be_is_told_before_the_work(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("")
-    for out, says in ((file, "is not a folder"), (tmp_path / "a" / "b", "is not a folder")):
-        done = CliRunner().invoke(command, ["--out", str(out)])
-        assert done.exit_code == 2 and says in done.output
-
-
-def test_missing_matplotlib_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.reproduce.__main__.importlib.util.find_spec", lambda name: None)
-    done = CliRunner().invoke(command, ["--out", str(tmp_path / "out")])
-    assert "pip install '.[plot,compare]'" in str(done.exception)
-    assert not (tmp_path / "out").exists()
+    done = CliRunner().invoke(command, ["--out", str(file)])
+    assert done.exit_code == 2 and "is a file" in done.output

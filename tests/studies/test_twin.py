@@ -12,7 +12,7 @@ from scipy.optimize import brentq, root
 
 import studies.blind as blind
 from hmcvt_core.errors import InputError
-from studies.blind.campaign import Campaign, draw_base, fresh, make_campaign
+from studies.blind.campaign import fresh, make_campaign
 from studies.blind.catalogue import KNOWN_EFFECTS, UNKNOWN_EFFECTS, draw_effect, size_effect
 from studies.blind.effect import Box
 from studies.blind.oil import relative_viscosity
@@ -22,21 +22,14 @@ from studies.blind.twin import BaseTruth, Plant, operating_points
 
 BASE = BaseTruth(leakage=2e-11, motor_damping=0.12, pump_damping=0.08)
 SWING = 25.0
-VARIANTS = {
-    "gear_mesh": ("friction", "efficiency"),
-    "pressure_leakage": ("clearance", "power_law"),
-    "displacement_error": ("offset", "gain", "dead_band"),
-    "torque_sensor": ("engine_zero", "engine_gain", "output_zero", "output_gain"),
-    "swash_chatter": ("torque", "flow"),
-}
-EVERY_EFFECT = [
-    f"{name}:{variant}" if variant else name
-    for name in KNOWN_EFFECTS + UNKNOWN_EFFECTS
-    for variant in VARIANTS.get(name, ("",))
-]
+
 
 def drawn(name, seed=5):
     return draw_effect(name, np.random.default_rng(seed))
+
+
+EVERY_EFFECT = [f"{name}:{variant}" if variant else name for name in KNOWN_EFFECTS + UNKNOWN_EFFECTS
+                for variant in drawn(name).variants or ("",)]
 
 
 def points_over_the_range():
@@ -141,7 +134,7 @@ def load_in_time(plant, point):
 
 
 @pytest.mark.parametrize(("stroke", "speed", "torque", "settles"), [
-    (0.02, 150.0, 250.0, True), (0.6875, 80.37, 590.0, True), (-0.98, 138.0, 560.0, False)])
+    (0.6875, 80.37, 590.0, True), (-0.98, 138.0, 560.0, False)])
 def test_loading_in_real_time_reaches_the_same_rest_or_the_same_stall(
         stroke, speed, torque, settles):
     effects = (replace(drawn("pressure_friction"), size=2.0), drawn("stroke_leakage"))
@@ -187,8 +180,7 @@ def test_unknown_effects_keep_to_their_box(name):
     shift = Plant(BASE, (sized.effect,)).read(points).efficiency
     shift = np.abs(shift - Plant(BASE).read(points).efficiency)
     inside = sized.effect.box.contains(
-        points.displacement_ratio, points.engine_speed, points.load_torque
-    )
+        points.displacement_ratio, points.engine_speed, points.load_torque)
     assert 0.08 < np.mean(inside) < 0.5
     assert np.mean(shift[~inside]) < 0.12 * np.mean(shift[inside])
 
@@ -245,10 +237,9 @@ def test_plans_give_the_points_asked_for_within_the_range(plan, samples):
     assert (np.ptp(power) < 1e-6) == (plan == "constant_power")
 
 
-def same(one: Campaign, other: Campaign) -> bool:
+def same(one, other):
     return set(one.samples) == set(other.samples) and all(
-        np.array_equal(one.samples[name], other.samples[name]) for name in one.samples
-    )
+        np.array_equal(one.samples[name], other.samples[name]) for name in one.samples)
 
 
 def test_seeds_reproduce_and_a_fresh_campaign_keeps_the_plant():
@@ -272,8 +263,7 @@ def test_noise_is_what_the_options_say():
     assert np.std(error) == pytest.approx(0.004, rel=0.15)
     assert plain.truth["efficiency"] == pytest.approx(plain.truth["efficiency_plain"])
     odd = make_campaign(
-        3, samples=400, stated_noise_factor=0.5, outliers=5, session_gain_std=0.01, sessions=4
-    )
+        3, samples=400, stated_noise_factor=0.5, outliers=5, session_gain_std=0.01, sessions=4)
     assert np.all(odd.samples["efficiency_std"] == 0.002)
     error = odd.samples["efficiency"] / odd.truth["efficiency"] - 1.0
     quiet = odd.truth["outlier"] == 0.0
@@ -298,16 +288,6 @@ def test_a_varying_temperature_alone_changes_nothing():
     assert np.array_equal(still.samples["efficiency"], varied.samples["efficiency"])
     with pytest.raises(InputError, match="vary_temperature"):
         make_campaign(4, [("oil_temperature", 0.01)])
-
-
-def test_base_parameters_leave_their_ranges_only_on_request():
-    for seed in range(20):
-        inside = draw_base(np.random.default_rng(seed))
-        outside = draw_base(np.random.default_rng(seed), off=True)
-        assert 1e-11 <= inside.leakage <= 4e-11
-        assert 0.06 <= inside.motor_damping <= 0.25
-        assert not 1e-11 <= outside.leakage <= 4e-11
-        assert not 0.06 <= outside.motor_damping <= 0.25
 
 
 @pytest.mark.parametrize("call", [
