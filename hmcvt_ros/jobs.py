@@ -96,7 +96,7 @@ def reidentify(
 
 def _set_aside(model: hmcvt.EfficiencyModel, compared: HeldBack, folder: Path) -> dict[str, str]:
     path = next_name(folder).with_suffix(".yaml")
-    model.save(path)
+    hmcvt.save_model(model, path)
     keep_newest(folder, CANDIDATES_KEPT)
     return {"candidate": str(path), "refused": (
         f"the refit is worse on samples held back: mean error {100 * compared.error_refit:.2f} %, "
