@@ -11,9 +11,8 @@ import contextlib
 import os
 from pathlib import Path
 
-from hmcvt_core.errors import InputError
+from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.files.atomic import free_name, make_folder, sync_folder, write_atomically
-from hmcvt_core.files.bench import BenchSamples
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
 COLUMNS = ("stamp", "displacement_ratio", "engine_speed", "load_torque", "efficiency",

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from .inputs import REASONS, Inputs, OperatingPoint, State
+from .inputs import Inputs, OperatingPoint, State, Tally
 from .model_store import InService
 
 _LEVELS = {
@@ -23,39 +22,6 @@ _WORST_LAST = (State.FRESH, State.MISSING, State.STALE, State.INVALID)
 NOT_WRITTEN = "not written"
 BENCH_REASONS = ("invalid", "log full", NOT_WRITTEN)
 """Why a bench sample may be refused."""
-
-
-@dataclass
-class BenchCounts:
-    """What became of the bench samples received.
-
-    Attributes:
-        received: all that were accepted or refused.
-        accepted: written to the log.
-        refused: by `BENCH_REASONS`.
-        reason: why the last one was refused; empty when it was not.
-        complaint: the same for a person.
-    """
-
-    received: int = 0
-    accepted: int = 0
-    refused: Counter[str] = field(default_factory=Counter)
-    reason: str = ""
-    complaint: str = ""
-
-    def accept(self) -> None:
-        """Count one that is in the log."""
-        self.accepted += 1
-        self.reason = self.complaint = ""
-
-    def refuse(self, reason: str, complaint: str) -> None:
-        """Count one that is not."""
-        self.refused[reason] += 1
-        self.reason, self.complaint = reason, complaint
-
-    def cannot_write(self, complaint: str) -> None:
-        """Say so before the first sample is lost; the first that is written proves it wrong."""
-        self.reason, self.complaint = NOT_WRITTEN, complaint
 
 
 def gap_values(found: Mapping[str, Any], model: str, time: str) -> dict[str, str]:
@@ -85,7 +51,7 @@ class Activity:
         running: the background job, empty when there is none.
     """
 
-    bench: BenchCounts = field(default_factory=BenchCounts)
+    bench: Tally = field(default_factory=lambda: Tally(BENCH_REASONS))
     last_refit: str = "none"
     last_diagnosis: str = "none"
     gap: Mapping[str, str] = field(default_factory=dict)
@@ -104,10 +70,7 @@ def inputs_status(
         values[f"{key} state"] = states[key].value
         values[f"{key} age [s]"] = "-" if age is None else f"{age:.3f}"
         values[f"{key} age limit [s]"] = f"{timeouts[key]:g}"
-        values[f"{key} received"] = item.received
-        values[f"{key} accepted"] = item.accepted
-        for reason in REASONS:
-            values[f"{key} refused, {reason}"] = item.refused[reason]
+        values |= item.tally.values(key)
     values["points answered"] = answered
     values["clock jumps"] = inputs.clock_jumps
     message = "; ".join(inputs.problems(now, timeouts)) or "three fresh inputs"
@@ -153,9 +116,7 @@ def model_status(
         "in service since": now.since,
         "extrapolation": "; ".join(outside) or "no",
         "bench samples logged": logged,
-        "bench samples received": bench.received,
-        "bench samples accepted": bench.accepted,
-        **{f"bench samples refused, {reason}": bench.refused[reason] for reason in BENCH_REASONS},
+        **bench.values("bench samples"),
         "last refit": activity.last_refit,
         "last diagnosis": activity.last_diagnosis,
         **activity.gap,

@@ -36,44 +36,76 @@ class State(Enum):
 
 
 @dataclass
+class Tally:
+    """What became of the messages of one kind.
+
+    Attributes:
+        reasons: why one may be refused.
+        accepted: count of messages.
+        refused: counts by `reasons`.
+        reason: why the last one was refused; empty when it was not.
+        complaint: the same for a person.
+    """
+
+    reasons: tuple[str, ...]
+    accepted: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    reason: str = ""
+    complaint: str = ""
+
+    def accept(self) -> None:
+        """Count one that was taken."""
+        self.accepted += 1
+        self.reason = self.complaint = ""
+
+    def expect(self, reason: str, complaint: str) -> None:
+        """Say why one would be refused before one is; the first that is taken proves it wrong."""
+        self.reason, self.complaint = reason, complaint
+
+    def refuse(self, reason: str, complaint: str) -> None:
+        """Count one that was not taken."""
+        self.refused[reason] += 1
+        self.expect(reason, complaint)
+
+    def values(self, subject: str) -> dict[str, int]:
+        """Return the counts as diagnostics name them."""
+        return {f"{subject} received": self.accepted + self.refused.total(),
+                f"{subject} accepted": self.accepted,
+                **{f"{subject} refused, {reason}": self.refused[reason]
+                   for reason in self.reasons}}
+
+
+@dataclass
 class Input:
-    """One input and what became of its messages.
+    """One input.
 
     Attributes:
         limits: its range.
         value: of the last message, None when that was refused or none came.
         stamp: time of the last message [ns], None before the first.
-        complaint: why the last message was refused, empty when it was not.
-        received: count of messages; all that were accepted or refused.
-        accepted: count of messages.
-        refused: counts of messages by `REASONS`.
+        tally: what became of its messages.
     """
 
     limits: Range
     value: float | None = None
     stamp: int | None = None
-    complaint: str = ""
-    received: int = 0
-    accepted: int = 0
-    refused: Counter[str] = field(default_factory=Counter)
+    tally: Tally = field(default_factory=lambda: Tally(REASONS))
 
     def take(self, value: float, now: int) -> bool:
-        """Take a message; False when the value is refused, `complaint` says why."""
+        """Take a message; False when the value is refused, the tally says why."""
         self.stamp = now
-        self.received += 1
         if self.limits.low <= value <= self.limits.high:  # false for NaN
-            self.value, self.complaint = value, ""
-            self.accepted += 1
+            self.value = value
+            self.tally.accept()
             return True
         # The last good value is gone with it: what the sensor says now is not known.
-        self.value, self.complaint = None, self.limits.complaint(value)
-        self.refused["out of range" if math.isfinite(value) else "not finite"] += 1
+        self.value = None
+        self.tally.refuse(REASONS[math.isfinite(value)], self.limits.complaint(value))
         return False
 
     def forget(self) -> None:
         """Be as if nothing had come yet; the counts stay."""
         self.value = self.stamp = None
-        self.complaint = ""
 
     def age(self, now: int) -> float | None:
         """Seconds since the last message, None when there is none."""
@@ -98,7 +130,7 @@ class Input:
             return f"{self.limits.name}: nothing received"
         if state is State.STALE:
             return f"{self.limits.name}: nothing received for {self.age(now):.1f} s"
-        return self.complaint
+        return "" if state is State.FRESH else self.tally.complaint
 
 
 class Inputs:

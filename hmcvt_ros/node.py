@@ -64,7 +64,7 @@ class EfficiencyNode(Node):
         self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
         self._inputs, self._activity = Inputs(), Activity()
         if not self._state.writable:
-            self._activity.bench.cannot_write(self._state.complaint)
+            self._activity.bench.expect(NOT_WRITTEN, self._state.complaint)
         self._warned: dict[str, float] = {}
         self._last_output = -math.inf
         self._output_due = False
@@ -163,7 +163,7 @@ class EfficiencyNode(Node):
         def take(message: Float64) -> None:
             item, now = self._inputs.by_name[name], self._now()
             if not item.take(float(message.data), now):
-                self._warn(name, item.complaint)
+                self._warn(name, item.tally.complaint)
             self._output_due = True
             self._publish_outputs(now)
         return take
@@ -193,7 +193,6 @@ class EfficiencyNode(Node):
 
     def _on_bench_sample(self, message: JointState) -> None:
         bench, reason = self._activity.bench, "invalid"
-        bench.received += 1
         try:
             sample = messages.bench_sample_from_message(message, self._now() * NANOSECONDS)
             reason = "log full"

@@ -9,7 +9,7 @@ from typing import Any
 
 from std_msgs.msg import Float64
 
-from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core import EfficiencyModel
 
 from . import messages, qos
 from .inputs import OperatingPoint

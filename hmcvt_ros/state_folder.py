@@ -7,7 +7,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from hmcvt_core.errors import InputError
+from hmcvt_core import InputError
 from hmcvt_core.files.atomic import make_folder, remove_leftovers
 
 

@@ -9,9 +9,8 @@ from typing import Any
 
 import click
 
+from hmcvt_core import InputError, write_bench
 from hmcvt_core.cli.common import OutputFile, Progress, json_option, print_json
-from hmcvt_core.errors import InputError
-from hmcvt_core.files.bench import write_bench
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 

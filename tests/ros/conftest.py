@@ -118,6 +118,12 @@ class NodeUnderTest:
         self.process.send_signal(number)
         return self.process.wait(timeout=10)
 
+    def kill(self) -> None:
+        """End it the hard way, if it still runs."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+
     def children(self) -> list[int]:
         """Process ids of the node's children: the worker, and what Python keeps beside it."""
         path = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
@@ -153,7 +159,7 @@ def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
 
 
 @pytest.fixture(scope="session")
-def start_node(
+def start_anywhere(
     connect: Callable[[str], BenchPlayer],
     environment: Mapping[str, str],
     tmp_path_factory: pytest.TempPathFactory,
@@ -183,9 +189,23 @@ def start_node(
 
     yield start
     for node in nodes:
-        if node.process.poll() is None:
-            node.process.kill()
-        node.process.wait()
+        node.kill()
+
+
+@pytest.fixture(scope="module")
+def start_node(
+    start_anywhere: Callable[..., NodeUnderTest]
+) -> Iterator[Callable[..., NodeUnderTest]]:
+    """Start a node that lives as long as the module, as `start_anywhere` does."""
+    nodes: list[NodeUnderTest] = []
+
+    def start(*arguments: Any, **parameters: Any) -> NodeUnderTest:
+        nodes.append(start_anywhere(*arguments, **parameters))
+        return nodes[-1]
+
+    yield start
+    for node in nodes:
+        node.kill()
 
 
 @pytest.fixture(scope="session")
@@ -200,9 +220,9 @@ def table2() -> hmcvt.BenchSamples:
 
 
 @pytest.fixture(scope="session")
-def shared_node(start_node: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
+def shared_node(start_anywhere: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
     """The node that most tests use, one after the other."""
-    return start_node(paper_file)
+    return start_anywhere(paper_file)
 
 
 @pytest.fixture
@@ -214,10 +234,10 @@ def node(shared_node: NodeUnderTest) -> NodeUnderTest:
 
 @pytest.fixture(scope="session")
 def refused(
-    start_node: Callable[..., NodeUnderTest], table2: hmcvt.BenchSamples
+    start_anywhere: Callable[..., NodeUnderTest], table2: hmcvt.BenchSamples
 ) -> tuple[NodeUnderTest, Any]:
     """A node of the shipped model that has refused a refit: the third test read 30 % too low."""
-    node = start_node("''")
+    node = start_anywhere("''")
     efficiency = table2.efficiency.copy()
     efficiency[2] *= 0.7
     send_table(node, dataclasses.replace(table2, efficiency=efficiency))
@@ -225,6 +245,6 @@ def refused(
 
 
 @pytest.fixture(scope="session")
-def sim_node(start_node: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
+def sim_node(start_anywhere: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
     """A node that follows /clock."""
-    return start_node(paper_file, use_sim_time=True, input_timeout=0.5, max_output_rate=50.0)
+    return start_anywhere(paper_file, use_sim_time=True, input_timeout=0.5, max_output_rate=50.0)

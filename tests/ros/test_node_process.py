@@ -134,7 +134,7 @@ def test_unusable_state_folder_and_unknown_parameter_do_not_stop_it(
     # Nor does a model with an effect in it, as the diagnosis writes them.
     plain = hmcvt.load_model(paper_file)
     model = dataclasses.replace(plain, effects=(PlanetaryMesh(0.08),))
-    model.save(tmp_path / "diagnosed.yaml")
+    hmcvt.save_model(model, tmp_path / "diagnosed.yaml")
     (tmp_path / "file").write_text("")
     node = start_node(tmp_path / "diagnosed.yaml", state=tmp_path / "file" / "state",
                       inputtimeout=1.0)

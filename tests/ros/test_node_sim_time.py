@@ -26,9 +26,14 @@ class Simulation:
         self.node, self.player = node, node.player
         self.now, self.stamp, self.arrays, self.status = 0.0, None, 0, None
         self.clock = self.player.create_publisher(Clock, "/clock", 1)
-        self.player.create_subscription(
+        self._heard = self.player.create_subscription(
             DiagnosticArray, "/diagnostics", self._keep, qos.DIAGNOSTICS)
         assert self.player.wait_until(lambda: self.clock.get_subscription_count() > 0, 10.0)
+
+    def close(self):
+        """Leave the client as it was."""
+        self.player.destroy_publisher(self.clock)
+        self.player.destroy_subscription(self._heard)
 
     def _keep(self, array):
         if array.status[0].name == f"{self.node.namespace.strip('/')}/hmcvt: inputs":
@@ -67,7 +72,9 @@ class Simulation:
 
 @pytest.fixture(scope="module")
 def simulation(sim_node):
-    return Simulation(sim_node)
+    simulation = Simulation(sim_node)
+    yield simulation
+    simulation.close()
 
 
 def test_ages_follow_the_clock_also_when_it_stands_still(simulation):

@@ -79,6 +79,10 @@ def test_every_number_has_limits_and_every_descriptor_tells_all(declaration):
     else:
         assert declaration.limits is not None
     assert descriptor.additional_constraints == declaration.allowed
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    assert [(item.from_value, item.to_value) for item in ranges] == (
+        [declaration.limits] if declaration.limits and not isinstance(declaration.default, list)
+        else [])
 
 
 def test_defaults_are_valid_and_help_names_all():
