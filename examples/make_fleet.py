@@ -20,7 +20,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from studies.blind.seal import seal
 
 import hmcvt_core as hmcvt
 

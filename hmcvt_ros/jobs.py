@@ -102,7 +102,9 @@ def reidentify(
     return Done(answer, Ready(refit, refit.efficiency_map(*map_axes)))
 
 
-def _set_aside(model: hmcvt.EfficiencyModel, compared: CrossValidation, folder: Path) -> dict[str, str]:
+def _set_aside(
+    model: hmcvt.EfficiencyModel, compared: CrossValidation, folder: Path
+) -> dict[str, str]:
     path = next_name(folder).with_suffix(".yaml")
     hmcvt.save_model(model, path)
     keep_newest(folder, CANDIDATES_KEPT)
