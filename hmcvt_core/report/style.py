@@ -46,7 +46,7 @@ _UNKNOWN_LOSS = ("#f3a56a", "++")
 
 _STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 15.0, "axes.titlesize": 15.0,
-    "axes.titlelocation": "left", "legend.fontsize": 13.0, "legend.frameon": False,
+    "axes.titlelocation": "left", "legend.fontsize": 14.0, "legend.frameon": False,
     "text.color": INK, "axes.labelcolor": INK, "axes.grid": True, "grid.color": "0.9",
     "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False,
     "text.parse_math": False, "figure.constrained_layout.use": True, "hatch.linewidth": 0.8,
