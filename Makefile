@@ -9,6 +9,7 @@
 #                the machine should do nothing else meanwhile)
 #   make reproduce  every number and figure of the paper beside ours; in reproduction/
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (an hour on two cores)
+#   make mutants  200 random mistakes in the core: do the tests see them? writes docs/mutants.md
 #   make docs    the pages of docs/ as a web site, in site/
 #   make bench   time everything against what one would use instead; writes docs/benchmarks.md (ten
 #                minutes; nothing else meanwhile, too)
@@ -25,7 +26,7 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 
-.PHONY: demo test lint types colcon soak bench blind reproduce docs system clean
+.PHONY: demo test lint types colcon soak bench blind reproduce mutants docs system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -75,6 +76,10 @@ soak: $(VENV)/.dev
 bench: $(VENV)/.bench
 	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md
 
+# Goes on where it was interrupted (build/mutants holds the results).
+mutants: $(VENV)/.dev
+	$(BIN)/python -m studies.mutants --out docs/mutants.md
+
 docs: $(BIN)/python
 	@$(INSTALL) --editable '.[docs]'
 	$(BIN)/mkdocs build --strict
@@ -113,12 +118,12 @@ $(BIN)/python:
 
 $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py
 	@echo "Installing hmcvt and ROS 2 from wheels into $(VENV) (about 500 MB, once) ..."
-	@$(INSTALL) --editable '.[ros,bag,plot]'
+	@$(INSTALL) --editable '.[ros,bag,report]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
-	@$(INSTALL) --editable '.[ros,plot,bag,compare,fleet,test,dev]'
+	@$(INSTALL) --editable '.[ros,report,bag,compare,fleet,test,dev]'
 	@touch $@
 
 # Not part of .dev: pytest-benchmark would sit in every run of the tests.

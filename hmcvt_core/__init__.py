@@ -21,15 +21,17 @@ from .model.model import EfficiencyModel, Prediction
 from .model.optimum import Optimum
 from .model.parameter_file import load_model, load_stage, save_model
 from .physics.breakdown import Breakdown
+from .physics.effects.base import Effect, ShaftState, Value, shape, size
+from .report import write_html
 from .transmission.parameters import HydraulicParameters
 from .transmission.stage import GearPair, Path, PumpMotor, Stage
 from .version import __version__
 
 __all__ = [
-    "BenchSamples", "Breakdown", "Diagnosis", "Domain", "EfficiencyMap", "EfficiencyModel",
-    "GearPair", "HmcvtError", "HydraulicParameters", "Identification", "IdentificationError",
-    "InputError", "Isolability", "Optimum", "Path", "Prediction", "PumpMotor", "Schedule", "Stage",
-    "__version__", "data_path", "diagnose", "identify",
-    "load_model", "load_stage", "read_bench", "read_raw_bench", "save_model", "separable",
-    "write_bench",
+    "BenchSamples", "Breakdown", "Diagnosis", "Domain", "Effect", "EfficiencyMap",
+    "EfficiencyModel", "GearPair", "HmcvtError", "HydraulicParameters", "Identification",
+    "IdentificationError", "InputError", "Isolability", "Optimum", "Path", "Prediction",
+    "PumpMotor", "Schedule", "ShaftState", "Stage", "Value", "__version__", "data_path",
+    "diagnose", "identify", "load_model", "load_stage", "read_bench", "read_raw_bench",
+    "save_model", "separable", "shape", "size", "write_bench", "write_html",
 ]
