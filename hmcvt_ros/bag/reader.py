@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -89,7 +89,10 @@ class Bag:
             for entry in chosen:
                 self._check_layout(entry)
             if chosen:
-                yield from self._records(reader.messages(connections=chosen))
+                with self._in_words():
+                    for entry, receipt, data in reader.messages(connections=chosen):
+                        message = self._decode(data, entry.msgtype)
+                        yield Record(entry.topic, receipt * _NANOSECONDS, message)
 
     def describe_topics(self) -> str:
         """Return the topics with their types, for messages."""
@@ -98,29 +101,23 @@ class Bag:
         return ", ".join(names[:_SHOWN]) + more if names else "none"
 
     def _open(self, reader_class: Any, part: Path) -> None:
-        try:
+        with self._in_words():
             reader = self._stack.enter_context(reader_class(part))
-        except OSError:
-            raise
-        except Exception as error:
-            # Each storage has errors of its own, decoders of compressed parts too.
-            raise self._damaged(error) from error
         self._readers.append(reader)
         for entry in reader.connections:
             self.topics[entry.topic] = entry.msgtype
             self.counts[entry.topic] = self.counts.get(entry.topic, 0) + entry.msgcount
 
-    def _records(self, messages: Iterator[Any]) -> Iterator[Record]:
-        while True:
-            try:
-                entry, receipt, data = next(messages)
-            except StopIteration:
-                return
-            except OSError:
-                raise
-            except Exception as error:
-                raise self._damaged(error) from error
-            yield Record(entry.topic, receipt * _NANOSECONDS, self._decode(data, entry.msgtype))
+    @contextmanager
+    def _in_words(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            raise
+        except Exception as error:
+            # Each storage has errors of its own, decoders of compressed parts too.
+            raise InputError(f"{self.path}: the bag cannot be read: "
+                             f"{error or type(error).__name__}") from error
 
     def _decode(self, data: bytes, kind: str) -> Any:
         try:
@@ -133,9 +130,6 @@ class Bag:
         if not known or (entry.digest and entry.digest != self._types.hash_rihs01(entry.msgtype)):
             raise InputError(f"{self.path}: {entry.topic} has type {entry.msgtype} with a layout "
                              "that ROS 2 Jazzy does not know")
-
-    def _damaged(self, error: Exception) -> InputError:
-        return InputError(f"{self.path}: the bag cannot be read: {error or type(error).__name__}")
 
 
 def _parts(path: Path) -> list[Path]:

@@ -58,7 +58,7 @@ class Simulation:
         """Send a point and tell whether it is answered."""
         self.player.efficiencies.clear()
         self.player.send_inputs(GOOD)
-        return self.player.wait_until(lambda: bool(self.player.efficiencies), 0.5)
+        return self.player.wait_until(lambda: bool(self.player.efficiencies), 3.0)
 
     def inputs(self):
         """Level, ages and values that the node tells at the time set, not those before."""
