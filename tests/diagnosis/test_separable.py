@@ -146,8 +146,8 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
     assert "torque_sensor" in confused["charge_pump"].twins
     assert any("meter" in remedy for remedy in confused["charge_pump"].remedies)
     flow = confused["pressure_leakage"]
-    assert flow.by_speed, "reading the output speed helps a flow loss"
-    assert set(flow.by_speed) <= set(flow.twins)
+    assert flow.by_channel, "reading the output speed helps a flow loss"
+    assert set(flow.by_channel) <= set(flow.twins)
     text = found.report()
     assert "reading the output speed too tells it from" in text
     assert max(map(len, text.splitlines())) <= 100
