@@ -202,11 +202,6 @@ def test_a_meter_error_is_settled_by_calibration():
     assert any("meter" in text or "shaft torque" in text for text in measures)
 
 
-def test_reading_the_output_speed_is_advised_where_that_pays():
-    found = diagnosed("charge pump without speed")
-    assert "output_speed" in {test.measure for test in found.next_tests if test.point}
-
-
 def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():
     lossy = replace(BASE, parameters=hmcvt.HydraulicParameters(2e-11, 2.0, 2.5))
     system = Transmission(lossy)
