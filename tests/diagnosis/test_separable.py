@@ -146,8 +146,8 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
     assert "torque_sensor" in confused["charge_pump"].twins
     assert any("meter" in remedy for remedy in confused["charge_pump"].remedies)
     flow = confused["pressure_leakage"]
-    assert flow.by_speed, "reading the output speed helps a flow loss"
-    assert set(flow.by_speed) <= set(flow.twins)
+    assert flow.by_channel, "reading the output speed helps a flow loss"
+    assert set(flow.by_channel) <= set(flow.twins)
     text = found.report()
     assert "reading the output speed too tells it from" in text
     assert max(map(len, text.splitlines())) <= 100
@@ -200,11 +200,6 @@ def test_a_meter_error_is_settled_by_calibration():
     """No operating point tells a constant torque from a meter's zero."""
     measures = [test.measure for test in diagnosed("charge pump").next_tests if not test.point]
     assert any("meter" in text or "shaft torque" in text for text in measures)
-
-
-def test_reading_the_output_speed_is_advised_where_that_pays():
-    found = diagnosed("charge pump without speed")
-    assert "output_speed" in {test.measure for test in found.next_tests if test.point}
 
 
 def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():
