@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nothing is lost by kill -9: a small edition of `python -m studies.soak.kill_trials`.
 
-In a process of its own, because it forks, which the threads of DDS in this one would not bear.
+In processes of their own, because they fork, which the threads of DDS in this one would not bear.
 """
 
 from __future__ import annotations
@@ -13,25 +13,33 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+TRIALS = {"random": ("--trials", "3", "--no-lines", "--seed", "1"),
+          "lines": ("--trials", "0", "--lines")}
 pytestmark = pytest.mark.slow
 
 
-def table(environment, *arguments):
-    """Run the trials; return the cells of each kind by the title of their column."""
-    done = subprocess.run(
+@pytest.fixture(scope="module")
+def tables(environment):
+    """Run the trials side by side; the cells of each kind by the title of their column."""
+    running = {name: subprocess.Popen(
         [sys.executable, "-m", "studies.soak.kill_trials", *arguments], env=dict(environment),
-        cwd=ROOT, capture_output=True, text=True, timeout=110)
-    assert done.returncode == 0, done.stdout + done.stderr
-    lines = [[cell.strip() for cell in line.strip("|").split("|")]
-             for line in done.stdout.splitlines() if line.startswith("|")]
-    return {name: dict(zip(lines[0][1:], map(int, cells), strict=True))
-            for name, *cells in lines[2:]}
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        for name, arguments in TRIALS.items()}
+    said = {name: process.communicate(timeout=110)[0] for name, process in running.items()}
+    found = {}
+    for name, process in running.items():
+        assert process.returncode == 0, said[name]
+        lines = [[cell.strip() for cell in line.strip("|").split("|")]
+                 for line in said[name].splitlines() if line.startswith("|")]
+        found[name] = {kind: dict(zip(lines[0][1:], map(int, cells), strict=True))
+                       for kind, *cells in lines[2:]}
+    return found
 
 
-def test_kill_at_random_moments_loses_nothing(environment):
-    found = table(environment, "--trials", "33", "--node-trials", "3", "--no-lines", "--seed", "1")
-    assert len(found) == 6
-    assert sum(row["kills"] for row in found.values()) == 33
+def test_kill_at_random_moments_loses_nothing(tables):
+    found = tables["random"]
+    assert len(found) == 3
+    assert sum(row["kills"] for row in found.values()) == 3
     for row in found.values():
         assert row["problems"] == 0
         # A kill between two operations would show nothing.
@@ -39,8 +47,7 @@ def test_kill_at_random_moments_loses_nothing(environment):
     assert sum(row["acknowledged"] for row in found.values()) > 20
 
 
-def test_kill_before_every_line_loses_nothing(environment):
-    found = table(environment, "--trials", "0", "--lines")
-    assert len(found) == 8
-    for row in found.values():
+def test_kill_before_every_line_loses_nothing(tables):
+    assert len(tables["lines"]) == 8
+    for row in tables["lines"].values():
         assert row["kills"] > 20 and row["problems"] == 0
