@@ -107,7 +107,8 @@ class _Node:
     @property
     def file(self) -> Path:
         """Parameter file that it says is in service."""
-        return Path(yaml.safe_load(self.player.model_text or "")["served"]["file"])
+        self.player.wait_until(lambda: bool(self.player.model_text), 10.0)
+        return Path(yaml.safe_load(self.player.model_text)["served"]["file"])
 
 
 def _alive(pid: str) -> bool:
