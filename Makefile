@@ -73,11 +73,11 @@ reproduce: $(VENV)/.dev
 soak: $(VENV)/.dev
 	$(BIN)/python -m studies.soak --out docs/soak.md
 
-bench: $(VENV)/.bench
+bench: $(VENV)/.dev
 	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md
 
 # Goes on where it was interrupted (build/mutants holds the results).
-mutants: $(VENV)/.dev
+mutants: $(VENV)/.mutants
 	$(BIN)/python -m studies.mutants --out docs/mutants.md
 
 docs: $(BIN)/python
@@ -126,7 +126,6 @@ $(VENV)/.dev: $(VENV)/.ros
 	@$(INSTALL) --editable '.[ros,report,bag,compare,fleet,test,dev]'
 	@touch $@
 
-# Not part of .dev: pytest-benchmark would sit in every run of the tests.
-$(VENV)/.bench: $(VENV)/.dev
-	@$(INSTALL) --editable '.[bench]'
+$(VENV)/.mutants: $(VENV)/.mutants
+	@$(INSTALL) --editable '.[mutants]'
 	@touch $@

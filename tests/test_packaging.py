@@ -17,8 +17,8 @@ import hmcvt_core as hmcvt
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
 # What rosdep calls the packages that Python imports under another name.
-KEYS = {"click": "python3-click", "hypothesis": "python3-hypothesis", "numpy": "python3-numpy",
-        "pytest": "python3-pytest", "scipy": "python3-scipy", "yaml": "python3-yaml"}
+KEYS = {name: f"python3-{name}" for name in (
+    "click", "hypothesis", "jinja2", "matplotlib", "numpy", "pytest", "scipy", "yaml")}
 
 
 def test_package_xml_repeats_name_and_version():
@@ -53,7 +53,7 @@ def test_file_that_does_not_ship_is_told():
 
 def third_party(*folders):
     """What the Python files of some folders import from elsewhere, under the names of rosdep."""
-    found, own = set(), {"hmcvt_core", "hmcvt_ros", "setuptools", "tests"}
+    found, own = set(), {"hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"}
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         own |= {path.stem} | ({path.parent.name} if path.stem == "__init__" else set())
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -65,12 +65,12 @@ def third_party(*folders):
 
 
 def optional():
-    """The words in the extras of pyproject.toml for users."""
+    """The words in the extras that a robot does without; it writes the page of a diagnosis."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     section = text.partition("[project.optional-dependencies]\n")[2].partition("\n[")[0]
     _, *parts = re.split(r"^(\w+) = ", section, flags=re.MULTILINE)
     extras = dict(zip(parts[::2], parts[1::2], strict=True))
-    return {word for name in extras.keys() - {"ros", "test", "dev"}
+    return {word for name in extras.keys() - {"ros", "report", "plot", "test", "dev"}
             for word in re.findall(r"[\w-]+", extras[name])}
 
 
@@ -85,11 +85,9 @@ def test_rosdep_installs_what_is_imported_and_no_more():
 
 
 def test_rosdep_installs_what_the_tests_import():
-    # rosdep has no key for cyclonedds; the rivals of the benchmarks have a place of their own.
-    folders = [f"tests/{path.name}" for path in (ROOT / "tests").iterdir()
-               if path.is_dir() and path.name != "benchmarks"]
+    # rosdep has no key for cyclonedds.
     assert depends("test_depend") - {"python3-pytest-timeout"} == (
-        third_party(*folders) - depends("exec_depend") - optional() - {"cyclonedds"})
+        third_party("tests") - depends("exec_depend") - optional() - {"cyclonedds"})
 
 
 def test_everything_beside_the_modules_is_installed_for_ros():
