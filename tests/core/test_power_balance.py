@@ -9,7 +9,7 @@ from hypothesis import assume, given
 
 from hmcvt_core import EfficiencyModel, HydraulicParameters, PumpMotor
 from hmcvt_core.model.model import STALLED
-from hmcvt_core.physics.balance import power_flow
+from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.transmission.points import OperatingPoints
 
 from .reference import steady_states
@@ -21,7 +21,8 @@ TYPICAL = HydraulicParameters(3e-11, 0.2, 0.08)  # about what Table 2 gives
 
 def flow_along(model, stroke, engine_speed, load_torque):
     points = np.broadcast_arrays(np.atleast_1d(stroke), engine_speed, load_torque)
-    return power_flow(model.stage, model.parameters, OperatingPoints(*points), model.effects)
+    return BalanceSolver(model.stage, model.parameters, model.effects).flow(
+        OperatingPoints(*points))
 
 
 # --- limits ---------------------------------------------------------------------------------------

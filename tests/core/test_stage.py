@@ -12,7 +12,7 @@ from hypothesis import given
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics import published
-from hmcvt_core.physics.balance import power_flow
+from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.transmission.points import OperatingPoints
 from hmcvt_core.transmission.stage import speed_ratio
 
@@ -119,8 +119,8 @@ def test_published_formulas_follow_the_members(tmp_path):
     # By hand at eps = -0.5: ring 100, motor -50, sun 12.5, carrier 312.5 / 4; the torque of the
     # sun is a quarter of the carrier's, so its share is 12.5 / 4 / (312.5 / 4) = 0.04.
     assert published.hydraulic_split_ratio(stage, np.array([-0.5]))[0] == pytest.approx(0.04)
-    flow = power_flow(stage, hmcvt.HydraulicParameters(1e-16, 0.0, 0.0),
-                      OperatingPoints(np.array([-0.5]), np.array([100.0]), np.array([50.0])))
+    flow = BalanceSolver(stage, hmcvt.HydraulicParameters(1e-16, 0.0, 0.0)).flow(
+        OperatingPoints(np.array([-0.5]), np.array([100.0]), np.array([50.0])))
     share = flow.row_motor_torque * flow.state.motor_speed / flow.output_power
     assert share[0] == pytest.approx(0.04, rel=1e-6)
 

@@ -5,7 +5,6 @@ import functools
 from dataclasses import replace
 
 import numpy as np
-from hmcvt_core.physics.power_balance import OperatingPoints
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
@@ -15,6 +14,7 @@ from hmcvt_core.physics.effects.drag import ChargePump, Churning
 from hmcvt_core.physics.effects.gears import PlanetaryMesh
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.oil import OilTemperature
+from hmcvt_core.transmission.points import OperatingPoints
 
 STAGE = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
 BASE = hmcvt.EfficiencyModel(STAGE, hmcvt.HydraulicParameters(2e-11, 0.12, 0.2))

@@ -9,7 +9,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.system import forms_of
-from hmcvt_core.physics.balance import power_flow
+from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
 from hmcvt_core.physics.effects.base import Effect, size
 from hmcvt_core.physics.effects.drag import ChargePump, Churning
@@ -152,11 +152,10 @@ def test_walther_gives_the_grade_of_the_oil():
 
 
 def test_effects_add_up_in_one_model():
-    both = replace(BASE, effects=(ChargePump(5.0), Churning(5.0)))
-    watts = power_flow(BASE.stage, BASE.parameters, POINTS, both.effects)
-    alone = power_flow(BASE.stage, BASE.parameters, POINTS, (ChargePump(5.0),))
+    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow(POINTS)
+                   for effects in ((ChargePump(5.0), Churning(5.0)), (ChargePump(5.0),)))
     churned = 5.0 * (POINTS.engine_speed / 150.0) ** Churning().exponent * POINTS.engine_speed
-    np.testing.assert_allclose(watts.engine_power - alone.engine_power, churned, rtol=1e-9)
+    np.testing.assert_allclose(both.engine_power - alone.engine_power, churned, rtol=1e-9)
 
 
 def _diagnose_an_effect_of_the_users_own():
