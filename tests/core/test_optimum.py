@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.drag import ChargePump
-from hmcvt_core.physics.effects.hydraulic import Compressibility, PressureFrictionStribeck
+from hmcvt_core.physics.effects.hydraulic import (
+    Compressibility,
+    DisplacementDeadBand,
+    PressureFrictionStribeck,
+)
 from hmcvt_core.physics.published import hydraulic_split_ratio
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 

@@ -13,7 +13,7 @@ from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
 from hmcvt_core.physics.effects.base import Effect, size
 from hmcvt_core.physics.effects.drag import ChargePump, Churning
-from hmcvt_core.physics.effects.oil import walther_log_viscosity
+from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
 from hmcvt_core.transmission.points import OperatingPoints
 
 from .campaigns import BASE, NOISE, campaign, random_points
