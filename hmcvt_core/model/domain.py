@@ -43,10 +43,7 @@ class Domain:
 
     def contains(self, points: OperatingPoints) -> NDArray[np.bool_]:
         """Tell which points lie inside; a rounding error outside counts as inside."""
-        inside = np.ones(np.shape(points.engine_speed), dtype=bool)
-        for axis in AXES:
-            inside &= self.covers(axis, getattr(points, axis))
-        return inside
+        return np.all([self.covers(axis, getattr(points, axis)) for axis in AXES], axis=0)
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
         """Tell which values of one of `AXES` lie inside, as `contains` does."""
@@ -60,8 +57,8 @@ class Domain:
     ) -> list[str]:
         """Say for each axis along which one point lies outside how far the data reach."""
         point = (displacement_ratio, engine_speed, load_torque)
-        values = zip(POINT_RANGES, point, strict=True)
-        return [self._departure(axis, value) for axis, value in values
+        return [self._departure(axis, value)
+                for axis, value in zip(POINT_RANGES, point, strict=True)
                 if not self.covers(axis.name, value)]
 
     def _departure(self, axis: Range, value: float) -> str:

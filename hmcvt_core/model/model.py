@@ -284,7 +284,7 @@ class EfficiencyModel:
         rows, n = values.reshape(-1, values.shape[-1]), len(points.engine_speed)
         found, part = np.empty((len(rows), n)), max(1, _CHUNK // max(1, n))
         for i in range(0, len(rows), part):
-            solver = self._solver_of(Candidates.of(rows[i:i + part]))
+            solver = self._solver_of(Candidates(*rows[i:i + part].T[:, :, None]))
             found[i:i + part] = solver.solve(points).efficiency
         return found.reshape(*values.shape[:-1], n)
 

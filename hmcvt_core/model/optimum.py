@@ -75,7 +75,10 @@ def optimum(
     given = [ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)]
     limits = None
     if hold == "output_speed":
-        limits = _checked_limits(engine_speed_limits)
+        low, high = limits = ENGINE_SPEED.check(
+            engine_speed_limits, "engine_speed_limits").tolist()
+        if not low < high:
+            raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
         if output_speed is not None:
             given.append(OUTPUT_SPEED.check(output_speed))
         elif displacement_ratio is not None:
@@ -103,13 +106,6 @@ def optimum(
     stroke, efficiency, speed, torque, target, limit = (
         column.reshape(shape) if shape else column.item() for column in columns)
     return Optimum(stroke, efficiency, speed, torque, target, hold, limit)
-
-
-def _checked_limits(limits: Limits) -> Limits:
-    low, high = ENGINE_SPEED.check(limits, "engine_speed_limits").tolist()
-    if not low < high:
-        raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
-    return low, high
 
 
 # --- held engine speed ----------------------------------------------------------------------------

@@ -347,12 +347,11 @@ def through_gears(
 
 
 def _sun_against_carrier(stage: Stage, engine_speed: Array, motor_speed: Array) -> Array:
+    engine, motor, output = stage.mechanical_member, stage.motor_member, stage.output_member
     speeds: dict[str, Array] = {
-        stage.mechanical_member: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
-        stage.motor_member: stage.motor.direction * motor_speed / stage.motor.ratio,
+        engine: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
+        motor: stage.motor.direction * motor_speed / stage.motor.ratio,
     }
-    coefficients = member_speed_coefficients(stage.planetary_constant)
-    total = (coefficients[stage.mechanical_member] * speeds[stage.mechanical_member]
-             + coefficients[stage.motor_member] * speeds[stage.motor_member])
-    speeds[stage.output_member] = -total / coefficients[stage.output_member]
+    row = member_speed_coefficients(stage.planetary_constant)
+    speeds[output] = -(row[engine] * speeds[engine] + row[motor] * speeds[motor]) / row[output]
     return np.asarray(speeds["sun"] - speeds["carrier"])
