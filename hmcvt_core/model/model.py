@@ -31,8 +31,7 @@ from ..transmission.parameters import (
 from ..transmission.points import Answer, OperatingPoints, is_plain
 from ..transmission.ranges import ENGINE_SPEED_LIMITS
 from ..transmission.stage import Stage
-from .domain import AXES, Domain
-from .efficiency_map import EfficiencyMap
+from .domain import AXES, Domain, EfficiencyMap
 from .optimum import Optimum, optimum
 
 Array = NDArray[np.float64]
@@ -259,9 +258,9 @@ class EfficiencyModel:
     def answer_at(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed at checked points of one shape."""
         shape, count = points.engine_speed.shape, points.engine_speed.size
-        flat = points if len(shape) == 1 else points.map(np.ravel)
+        flat = points.map(np.ravel)
         parts = [self._solver.solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK]))
-                 for i in range(0, count, _CHUNK)] if count > _CHUNK else [self._solver.solve(flat)]
+                 for i in range(0, max(count, 1), _CHUNK)]
         return Answer(*(np.concatenate(column).reshape(shape)
                         for column in zip(*parts, strict=True)))
 

@@ -121,10 +121,10 @@ class _Shafts:
             for effect in effects:
                 self.viscosity = self.viscosity * effect.viscosity_ratio(points.oil_temperature)
         self.leakage = parameters.leakage / self.viscosity
-        self.motor_damping = parameters.motor_damping * self.viscosity
         self.pump_damping = parameters.pump_damping * self.viscosity
         self.solver = ArraySolver(
-            stage, Candidates(self.leakage, self.motor_damping, self.pump_damping))
+            stage, Candidates(self.leakage, parameters.motor_damping * self.viscosity,
+                              self.pump_damping))
         self.engine_speed = points.engine_speed
         self.pump_speed = points.engine_speed / stage.pump.ratio
         self.load_power = points.load_torque * points.engine_speed
@@ -195,19 +195,18 @@ class _Shafts:
 
         def corrected(commanded: Array) -> Array:
             nonlocal pressure
-            stroke = self.true_stroke(commanded)
-            found = self.torques(speed, direction, stroke, pressure)
+            found = self.torques(speed, direction, self.true_stroke(commanded), pressure)
             pressure = found.state.pressure
-            excess = self._flow(found, stroke) - speed
+            excess = self._flow(found) - speed
             return np.asarray(commanded - excess / (solver.full_flow * self.engine_speed))
 
         return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
 
-    def _flow(self, found: _Torques, stroke: Array | None = None) -> Array:
+    def _flow(self, found: _Torques) -> Array:
         """Motor speed that the flow gives, eq. (13)."""
-        stroke = self.stroke if stroke is None else stroke
-        return np.asarray(self.solver.full_flow * stroke * self.engine_speed
-                          - found.leakage_flow / self.stage.pump_motor.motor_displacement)
+        delivered = abs(self.solver.full_flow) * found.state.displacement_ratio * self.engine_speed
+        return np.asarray(
+            delivered - found.leakage_flow / self.stage.pump_motor.motor_displacement)
 
     # --- the shafts ---------------------------------------------------------------------------
 
@@ -254,7 +253,7 @@ class _Shafts:
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
-        units, torque = self.stage.pump_motor, torque + self.motor_damping * speed
+        units, torque = self.stage.pump_motor, torque + self.solver.motor_damping * speed
         friction = units.motor_friction * direction * np.sign(torque)
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 

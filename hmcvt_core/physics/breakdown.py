@@ -38,12 +38,7 @@ class Breakdown:
 def breakdown(
     stage: Stage, parameters: HydraulicParameters, flow: PowerFlow, effects: Sequence[Effect] = ()
 ) -> Breakdown:
-    """Share the lost power of a steady state among the parts.
-
-    Args:
-        stage, parameters, effects: those that `flow` was solved with.
-        flow: the steady state; NaN in it stays NaN.
-    """
+    """Share the lost power of a steady state among the parts of what it was solved with."""
     losses = _hydraulic_losses(stage, parameters, flow)
     _add_gears_and_row(losses, stage, flow, effects)
     state = flow.state

@@ -251,13 +251,12 @@ def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: st
 
 
 def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
-    where = "pump_motor."
-    return PumpMotor(
-        number(data, "pump_displacement_cm3_per_rev", where) * _CM3_PER_REV,
-        number(data, "motor_displacement_cm3_per_rev", where) * _CM3_PER_REV,
-        number(data, "pump_friction", where) if "pump_friction" in data else 0.01,
-        number(data, "motor_friction", where) if "motor_friction" in data else 0.01,
-    )
+    def given(name: str) -> float:
+        return number(data, name, "pump_motor.")
+
+    friction = {name: given(name) for name in ("pump_friction", "motor_friction") if name in data}
+    return PumpMotor(given("pump_displacement_cm3_per_rev") * _CM3_PER_REV,
+                     given("motor_displacement_cm3_per_rev") * _CM3_PER_REV, **friction)
 
 
 def _round(value: float) -> float:
