@@ -176,10 +176,9 @@ class EfficiencyModel:
         oil_temperature: float | None = None,
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
-        point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
-        if np.isfinite(self.efficiency(*point)).all():
-            return None
-        return STALLED if self.formulation == "power_balance" else INCONSISTENT
+        found = self.efficiency(displacement_ratio, engine_speed, load_torque, oil_temperature)
+        reason = STALLED if self.formulation == "power_balance" else INCONSISTENT
+        return None if np.isfinite(found).all() else reason
 
     def breakdown(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
@@ -301,8 +300,7 @@ class EfficiencyModel:
         flat = points.map(np.ravel)
         here, *there = self.efficiency_of_candidates(
             np.vstack([base, base + np.diag(steps)]), flat)
-        slopes = [(moved - here) / step for moved, step in zip(there, steps, strict=True)]
-        slope = np.stack(slopes, axis=-1).reshape(*points.engine_speed.shape, -1)
+        slope = ((np.array(there) - here).T / steps).reshape(*points.engine_speed.shape, -1)
         gradient = slope * errors
         variance = np.einsum("...i,ij,...j->...", gradient, self.correlation, gradient)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
