@@ -27,9 +27,9 @@ from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..files.columns import read_columns
+from ..model.agreement import output_speed_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
-from ..model.plausibility import output_speed_remark
 from ..physics.effects import library
 from ..physics.effects.base import Effect
 from ..physics.effects.gears import GearEfficiency
