@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .evidence import Evidence, evidence, gram, log_mean, one_sided
-from .hypothesis import Fit, Hypothesis, linearise, nuisance_columns, refit
+from .evidence import evidence, gram, log_mean
+from .hypothesis import Fit, Hypothesis, refit
 from .observations import Observations
 from .regions import Regions, smooth_functions
-from .system import Effect, System, forms_of
+from .system import Effect, forms_of
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,8 @@ class Linear:
         spread: prior standard deviations, shape (p,).
         positive: index of a coefficient that cannot be negative, or None.
         log: log evidence.
-        found: posterior of the coefficients.
+        covariance: posterior, of the coefficients, shape (p, p).
+        noise: variance of each channel, shape (channels,).
     """
 
     columns: Array
@@ -52,7 +53,8 @@ class Linear:
     spread: Array
     positive: int | None
     log: float
-    found: Evidence
+    covariance: Array
+    noise: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,105 +85,72 @@ class Candidate:
         return tuple(effect.name for effect in self.fit.hypothesis.effects)
 
 
-@dataclass(frozen=True, eq=False)
-class Campaign:
-    """What all competitors for the gap of one campaign share.
-
-    Attributes:
-        system, observed: what stands on the bench, and its readings.
-        base: the refit without any effect.
-        nuisance: columns of the shared errors there, shape (channels, n, k).
-    """
-
-    system: System
-    observed: Observations
-    base: Fit
-    nuisance: Array
-
-
-def fitted_campaign(system: System, observed: Observations) -> Campaign:
-    """Refit the base parameters to a campaign."""
-    start = Hypothesis(system)
-    base = refit(start, observed)
-    return Campaign(system, observed, base, nuisance_columns(start, base.theta, observed))
-
-
-def planned_campaign(system: System, observed: Observations, base: Array) -> Campaign:
-    """Take a plan as it is: nothing is read yet to which base parameters could be fitted."""
-    start = Hypothesis(system)
-    theta = np.concatenate([base, np.zeros(len(system.nuisances))])
-    fit = linearise(start, observed, theta, np.ones(len(observed.readings)))
-    return Campaign(system, observed, fit, fit.jacobian[..., len(base):])
-
-
 def weigh(
-    observed: Observations, columns: Array, target: Array, spreads: Array, positive: int | None
+    observed: Observations, columns: Array, target: Array, spreads: Array,
+    positive: int | None = None,
 ) -> list[Linear]:
     """Weigh the same columns under several priors, spreads of shape (m, p)."""
-    grams = np.broadcast_to(gram(columns, target), (len(spreads), len(columns),
-                                                    *2 * (columns.shape[-1] + 1,)))
-    found = evidence(grams, len(observed), spreads, observed.trusts)
-    log = found.log
-    if positive is not None:
-        log = log + one_sided(found, positive)
-    return [Linear(columns, target, spread, positive, float(log[i]),
-                   Evidence(*(part[i:i + 1] for part in found)))
-            for i, spread in enumerate(spreads)]
+    one = gram(columns, target)
+    found = evidence(np.broadcast_to(one, (len(spreads), *one.shape)), len(observed), spreads,
+                     observed.trusts, positive)
+    return [Linear(columns, target, spread, positive, float(log), covariance, noise)
+            for spread, log, _, covariance, noise in zip(spreads, *found, strict=True)]
 
 
-def nothing(campaign: Campaign) -> Linear:
+def nothing(base: Fit) -> Linear:
     """Weigh the base model alone."""
-    fit = campaign.base
-    return weigh(campaign.observed, fit.jacobian, fit.target,
-                 fit.hypothesis.prior_spread[None, :], None)[0]
+    return weigh(base.observed, base.jacobian, base.target,
+                 base.hypothesis.prior_spread[None, :])[0]
 
 
 # --- known effects --------------------------------------------------------------------------------
 
 
-def signature(campaign: Campaign, fit: Fit, added: Effect) -> Array | None:
-    """Change of prediction / deviation by one typical size of an effect, (channels, n)."""
-    observed = campaign.observed
-    here = observed.whiten(fit.hypothesis.predict(fit.theta, observed.points))
-    # The refit leaves little of an effect: the slope that counts is that of a small one.
-    small = added.with_values({item.name: _SCREENED_SIZE * item.typical for item in added.sizes()})
-    there = observed.whiten(campaign.system.predict(fit.base, (*fit.effects, small),
-                                                    observed.points))
-    change = (here - there) / _SCREENED_SIZE
-    # Where the typical size cannot be carried it says nothing.
-    return None if not np.isfinite(change).any() else np.nan_to_num(change)
-
-
-def screen(
-    campaign: Campaign, fit: Fit, without: str = ""
-) -> list[tuple[float, Effect, Linear]]:
+def screen(fit: Fit, without: str = "") -> list[tuple[float, Effect, Array]]:
     """Evidence of every form added to a refitted hypothesis, in linear approximation, best first.
 
     Args:
-        campaign: to be explained.
         fit: of the hypothesis that each form is added to.
         without: name of effects to leave out.
+
+    Returns:
+        Log evidence, form, and its signature: change of prediction / deviation by one typical
+        size, shape (channels, n).
     """
+    observed, system = fit.observed, fit.hypothesis.system
+    here = observed.whiten(fit.hypothesis.predict(fit.theta, observed.points))
     spread = np.concatenate([fit.hypothesis.prior_spread, np.full(len(fit.sizes), 1.5)])
+    spreads = np.stack([np.append(spread, scale) for scale in SIZE_SPREADS])
     results = []
-    for kind in campaign.system.library:
-        for form in forms_of(kind) if kind.name != without else ():
-            change = signature(campaign, fit, form)
-            if change is None or np.abs(change).max() < _UNSEEN:
-                continue
-            columns = np.concatenate([fit.jacobian, change[..., None]], axis=-1)
-            spreads = np.stack([np.append(spread, scale) for scale in SIZE_SPREADS])
-            positive = len(spread) if form.sizes()[0].low >= 0.0 else None
-            tried = weigh(campaign.observed, columns, fit.target, spreads, positive)
-            best = max(tried, key=lambda item: item.log)
-            results.append((log_mean(np.array([item.log for item in tried])), form, best))
+    for form in (form for kind in system.library if kind.name != without
+                 for form in forms_of(kind)):
+        # The refit leaves little of an effect: the slope that counts is that of a small one.
+        small = form.with_values({item.name: _SCREENED_SIZE * item.typical
+                                  for item in form.sizes()})
+        there = system.predict(fit.base, (*fit.effects, small), observed.points)
+        change = np.nan_to_num((here - observed.whiten(there)) / _SCREENED_SIZE)
+        # Where the typical size cannot be carried it says nothing.
+        if np.abs(change).max() < _UNSEEN:
+            continue
+        tried = weigh(observed, np.concatenate([fit.jacobian, change[..., None]], axis=-1),
+                      fit.target, spreads, _positive(form, len(spread)))
+        results.append((log_mean([item.log for item in tried]), form, change))
     return sorted(results, key=lambda item: -item[0])
 
 
-def candidate(campaign: Campaign, effects: tuple[Effect, ...]) -> Candidate:
-    """Refit an hypothesis exactly and weigh it, with an allowance for its form."""
-    observed, hypothesis = campaign.observed, Hypothesis(campaign.system, effects)
-    fit = refit(hypothesis, observed, campaign.base.base, campaign.nuisance)
+def _positive(effect: Effect, index: int) -> int | None:
+    return index if effect.sizes()[0].low >= 0.0 else None
+
+
+def candidate(base: Fit, effects: tuple[Effect, ...]) -> Candidate:
+    """Refit an hypothesis exactly and weigh it, with an allowance for its form.
+
+    Args:
+        base: the refit without any effect, to start from.
+        effects: with the shapes to use.
+    """
+    observed, hypothesis = base.observed, Hypothesis(base.hypothesis.system, effects)
+    fit = refit(hypothesis, observed, base.base, base.nuisance)
     shared, k = hypothesis.shared, len(fit.sizes)
     bends = smooth_functions(observed.place, _ALLOWED_DEGREE)[0][:, 1:]
     own = [fit.jacobian[..., [shared + i]] * size * bends for i, size in enumerate(fit.sizes)]
@@ -190,11 +159,11 @@ def candidate(campaign: Campaign, effects: tuple[Effect, ...]) -> Candidate:
     spreads = np.stack([
         np.concatenate([hypothesis.prior_spread, np.full(k, scale), allowance * each])
         for scale in SIZE_SPREADS for allowance in FORM_ALLOWANCES])
-    positive = shared + k - 1 if effects[-1].sizes()[0].low >= 0.0 else None
+    positive = _positive(effects[-1], shared + k - 1)
     tried = weigh(observed, columns, fit.target, spreads, positive)
     best = max(tried, key=lambda item: item.log)
     plain = weigh(observed, fit.jacobian, fit.target, best.spread[None, :shared + k], positive)[0]
-    return Candidate(fit, best, plain, log_mean(np.array([item.log for item in tried])))
+    return Candidate(fit, best, plain, log_mean([item.log for item in tried]))
 
 
 # --- what nobody listed ---------------------------------------------------------------------------
@@ -244,7 +213,7 @@ def unlisted(
     observed: Observations, boxes: Regions, smooth: Sequence[Linear], beside: Linear
 ) -> float:
     """Log evidence of a loss that nobody listed: half a smooth field, half a step somewhere."""
-    log = log_mean(np.array([item.log for item in smooth]))
+    log = log_mean([item.log for item in smooth])
     if not len(boxes):
         return log
     placed = log_mean(np.concatenate([steps(observed, boxes, beside, channel)[0]

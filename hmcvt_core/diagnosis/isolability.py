@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import planned_campaign, screen
+from .candidates import screen
+from .hypothesis import Hypothesis, linearise
 from .next_tests import DECISIVE
 from .observations import Observations
 from .system import Channel, System
@@ -169,16 +170,16 @@ def isolability(
 
 
 def _of_plan(system: System, plan: Observations, base: Array) -> Isolability:
-    campaign = planned_campaign(system, plan, base)
-    fit = campaign.base
-    p = len(fit.theta)
-    stacked = np.concatenate([fit.jacobian.reshape(-1, p),
-                              np.diag(1.0 / fit.hypothesis.prior_spread)])
-    absorbed, _ = np.linalg.qr(stacked)
-    screened = screen(campaign, fit)
-    rows = np.array([np.append(linear.columns[..., -1].ravel(), np.zeros(p))
-                     for _, _, linear in screened])
-    left = rows - rows @ absorbed @ absorbed.T
+    # Nothing is read yet to which base parameters could be fitted.
+    fit = linearise(Hypothesis(system), plan, np.append(base, np.zeros(len(system.nuisances))),
+                    np.ones(len(plan.readings)))
+    data, prior = fit.absorbed
+    screened = screen(fit)
+    rows = np.array([change for _, _, change in screened])
+    shadow = np.einsum("mcn,cnp->mp", rows, data)
+    left = np.concatenate([
+        (rows - np.einsum("mp,cnp->mcn", shadow, data)).reshape(len(rows), -1),
+        -shadow @ prior.T], axis=1)
     effects = tuple(sorted({form.name for _, form, _ in screened}))
     index = np.array([effects.index(form.name) for _, form, _ in screened])
     detectability, separation = _separation(index, left, len(effects))

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import Campaign, Candidate
-from .hypothesis import linearise
+from .candidates import Candidate
+from .hypothesis import Fit, linearise
 from .observations import Observations, Reading
 from .ranking import Ranking
 from .result import NextTest
@@ -74,14 +74,14 @@ class _Rival(NamedTuple):
                              covariance=self.covariance - gain @ own @ self.covariance)
 
 
-def next_tests(campaign: Campaign, ranking: Ranking) -> tuple[NextTest, ...]:
+def next_tests(base: Fit, ranking: Ranking) -> tuple[NextTest, ...]:
     """Choose tests that separate the leading cause from each other one alive."""
     names = [name for name, p in ranking.probability.items() if p >= ALIVE][:_CAUSES]
     if len(names) < 2:
         return ()
-    pool = _pool(campaign)
+    pool = _pool(base)
     rivals = {name: _rival(ranking.best[name], pool) for name in names}
-    read = len(campaign.observed.readings)
+    read = len(base.observed.readings)
     tests: list[NextTest] = []
     for name in names[1:]:
         pair, most = (names[0], name), _TESTS if name == names[1] else 2
@@ -107,17 +107,17 @@ def _point(pool: Observations, i: int) -> dict[str, float]:
     return {axis.name: float(pool.points[axis.name][i]) for axis in pool.steered}
 
 
-def _pool(campaign: Campaign) -> Observations:
+def _pool(base: Fit) -> Observations:
     """Possible tests, in every channel that there is, as if read with the present noise."""
-    observed, base = campaign.observed, campaign.base.base
-    points = campaign.system.candidates(observed.points, base)
-    predicted = campaign.system.predict(base, (), points)
+    observed, system = base.observed, base.hypothesis.system
+    points = system.candidates(observed.points, base.base)
+    predicted = system.predict(base.base, (), points)
     readings = []
-    for i, (channel, values) in enumerate(zip(campaign.system.channels, predicted, strict=True)):
+    for i, (channel, values) in enumerate(zip(system.channels, predicted, strict=True)):
         if channel.relative:
             deviation = channel.uncertainty * values
         else:
-            usual = float(np.median(observed.scale[i]) * np.sqrt(campaign.base.noise[i]))
+            usual = float(np.median(observed.scale[i]) * np.sqrt(base.noise[i]))
             deviation = np.full(len(values), usual)
         readings.append(Reading(channel, values, deviation, 1.0))
     return replace(observed, points=points, readings=tuple(readings),
@@ -128,7 +128,7 @@ def _rival(item: Candidate, pool: Observations) -> _Rival:
     there = linearise(item.fit.hypothesis, pool, item.fit.theta, item.fit.noise)
     p = len(item.fit.theta)
     return _Rival(-there.whitened.T, np.moveaxis(there.jacobian, 0, 1),
-                  item.linear.found.covariance[0][:p, :p])
+                  item.linear.covariance[:p, :p])
 
 
 def _choose(rivals: Sequence[_Rival], most: int) -> list[tuple[int, float]]:

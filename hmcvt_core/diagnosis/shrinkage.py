@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .candidates import Linear
-from .evidence import evidence, gram, one_sided
+from .evidence import evidence, gram
 from .observations import Observations, replicate_groups
 from .result import ShrinkageSummary
 
@@ -67,11 +67,10 @@ def cross_validated_errors(
         left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
                              for part in parts])
         others = gram(rival.columns, rival.target) - left_out
-        found = evidence(others, count, np.tile(rival.spread, (len(parts), 1)), observed.trusts)
-        log = found.log if rival.positive is None else (
-            found.log + one_sided(found, rival.positive))
-        for i in np.flatnonzero(log > best).tolist():
-            best[i], part, mean = log[i], parts[i], found.mean[i]
+        found = evidence(others, count, np.tile(rival.spread, (len(parts), 1)), observed.trusts,
+                         rival.positive)
+        for i in np.flatnonzero(found.log > best).tolist():
+            best[i], part, mean = found.log[i], parts[i], found.mean[i]
             if rival.positive is not None and mean[rival.positive] < 0.0:
                 mean = _without(others[i], rival, found.noise[i])
             errors[part] = rival.target[0, part] - rival.columns[0, part] @ mean
