@@ -15,8 +15,8 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,15 +33,11 @@ _WIDTH = 100
 _MOST_REPEATS = 20
 
 
-@dataclass(frozen=True)
-class Confusion:
-    """An effect that a plan can see and not tell from others.
+class Confusion(NamedTuple):
+    """An effect that a plan can see and not tell from its twins.
 
-    Attributes:
-        effect: its name.
-        twins: the others.
-        by_channel: those from which reading a further channel too would tell it.
-        remedies: measurements that settle it against the rest.
+    Reading a further channel too would tell it from those `by_channel`; `remedies` are
+    measurements that settle it against the rest.
     """
 
     effect: str
@@ -64,7 +60,7 @@ class Isolability:
         channels: what is read, the first channel first.
         further: name of the channel that a bench may read besides.
         remedies: measurement that settles each effect when no operating point does, by name.
-        with_further: `separation` if that channel were read too; None where it is.
+        with_further: `separation` if the further channel were read too; None where it is.
     """
 
     effects: tuple[str, ...]
@@ -75,7 +71,7 @@ class Isolability:
     noise_source: str
     channels: tuple[Channel, ...]
     further: str
-    remedies: Mapping[str, str] = field(default_factory=dict)
+    remedies: Mapping[str, str]
     with_further: Array | None = None
 
     def confused(self) -> tuple[Confusion, ...]:
@@ -83,15 +79,13 @@ class Isolability:
         found = []
         for i, name in enumerate(self.effects):
             twins = self.twins(name) if self.detectability[i] >= DECISIVE else ()
-            if not twins:
-                continue
             by_channel = () if self.with_further is None else tuple(
                 other for other in twins
                 if self.with_further[i, self.effects.index(other)] >= DECISIVE)
             left = [other for other in twins if other not in by_channel]
-            remedies = dict.fromkeys(self.remedies.get(each, "")
-                                     for each in ([name, *left] if left else []))
-            found.append(Confusion(name, twins, by_channel, tuple(filter(None, remedies))))
+            remedies = dict.fromkeys(self.remedies[each] for each in (name, *left) if left)
+            if twins:
+                found.append(Confusion(name, twins, by_channel, tuple(filter(None, remedies))))
         return tuple(found)
 
     def twins(self, effect: str) -> tuple[str, ...]:
@@ -125,28 +119,43 @@ class Isolability:
         Args:
             matrix: whether to print `separation` too.
         """
-        mixed = {item.effect for item in self.confused()}
-        seen = [name for name, level in zip(self.effects, self.detectability, strict=True)
-                if level >= DECISIVE]
-        first = self.channels[0]
+        confused, first = self.confused(), self.channels[0]
+        levels = dict(zip(self.effects, self.detectability.tolist(), strict=True))
+        told = [name for name, level in levels.items() if level >= DECISIVE
+                and name not in {item.effect for item in confused}]
         lines = [f"{self.samples} points; read: "
                  f"{', '.join(channel.name for channel in self.channels)}",
                  f"noise of the {plain(first.name)}: {first.factor * self.noise:.2g} "
-                 f"{first.unit}, {self.noise_source}", ""]
-        lines += _listed("told from all others: ",
-                         [name for name in seen if name not in mixed] or ["none"])
-        if mixed:
+                 f"{first.unit}, {self.noise_source}", "",
+                 *_listed("told from all others: ", told or ["none"])]
+        if confused:
             lines += ["", "seen, but not told from:"]
-        for item in self.confused():
+        for item in confused:
             lines += _listed(f"  {item.effect}: ", item.twins)
             if item.by_channel:
                 lines += _listed(f"    reading the {plain(self.further)} too tells it from ",
                                  item.by_channel)
             if item.remedies:
                 lines += _listed("    to settle it: ", ["; or ".join(item.remedies)])
+        hidden = []
+        for name, level in levels.items():
+            if level < DECISIVE:
+                times = DECISIVE / max(level, 1e-9)
+                hidden.append(name + (f" ({math.ceil(times)})" if times <= _MOST_REPEATS else ""))
         lines += ["", *_listed("not visible at their typical size (number: runs of the whole plan "
-                               "that would show it): ", list(_hidden(self)) or ["none"])]
-        return "\n".join([*lines, *(_matrix(self) if matrix else ())])
+                               "that would show it): ", hidden or ["none"])]
+        return "\n".join([*lines, *(self._matrix() if matrix else ())])
+
+    def _matrix(self) -> list[str]:
+        width = max(len(name) for name in self.effects)
+        lines = ["", "squared deviations that the row's effect, at its typical size, leaves after "
+                 "the refit of the", "base parameters when the column's effect may mimic it; "
+                 f"visible from {DECISIVE:g}:",
+                 " " * (width + 3) + " ".join(f"{j + 1:>6}" for j in range(len(self.effects)))]
+        for i, name in enumerate(self.effects):
+            row = " ".join(f"{min(value, 99999.0):6.0f}" for value in self.separation[i])
+            lines.append(f"{i + 1:>2} {name:<{width}} {row}")
+        return lines
 
 
 def isolability(
@@ -182,7 +191,16 @@ def _of_plan(system: System, plan: Observations, base: Array) -> Isolability:
         -shadow @ prior.T], axis=1)
     effects = tuple(sorted({form.name for _, form, _ in screened}))
     index = np.array([effects.index(form.name) for _, form, _ in screened])
-    detectability, separation = _separation(index, left, len(effects))
+    squares = np.sum(left**2, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.nan_to_num((left @ left.T) ** 2 / squares[None, :])
+    alone = np.maximum(squares[:, None] - part, 0.0)
+    # The worst case over the forms of each effect.
+    members = [np.flatnonzero(index == i) for i in range(len(effects))]
+    detectability = np.array([squares[own].min() for own in members])
+    separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
+                           for own in members])
+    np.fill_diagonal(separation, detectability)
     read = len(plan.readings)
     return Isolability(
         effects, detectability, separation, len(plan), plan.usual_noise, plan.noise_source,
@@ -190,45 +208,6 @@ def _of_plan(system: System, plan: Observations, base: Array) -> Isolability:
         {form.name: form.remedy for _, form, _ in screened})
 
 
-def _separation(index: NDArray[np.intp], left: Array, k: int) -> tuple[Array, Array]:
-    """`detectability` and `separation` of k effects, the worst case over the forms of each.
-
-    Args:
-        index: the effect of each form, shape (m,).
-        left: what the refit leaves of each form at its typical size, shape (m, readings).
-        k: effects.
-    """
-    squares = np.sum(left**2, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.nan_to_num((left @ left.T) ** 2 / squares[None, :])
-    alone = np.maximum(squares[:, None] - part, 0.0)
-    detectability = np.array([squares[index == i].min() for i in range(k)])
-    separation = np.array([[alone[np.ix_(index == i, index == j)].min() for j in range(k)]
-                           for i in range(k)])
-    np.fill_diagonal(separation, detectability)
-    return detectability, separation
-
-
 def _listed(title: str, names: Iterable[str]) -> list[str]:
     return textwrap.wrap(title + ", ".join(names), _WIDTH, subsequent_indent="      ",
                          break_on_hyphens=False)
-
-
-def _hidden(found: Isolability) -> Iterable[str]:
-    """Effects not seen, and how many times the plan must be run to see them."""
-    for name, level in zip(found.effects, found.detectability, strict=True):
-        if level < DECISIVE:
-            times = math.ceil(DECISIVE / level) if level > 0.0 else _MOST_REPEATS + 1
-            yield name + (f" ({times})" if times <= _MOST_REPEATS else "")
-
-
-def _matrix(found: Isolability) -> list[str]:
-    width = max(len(name) for name in found.effects)
-    lines = ["", "squared deviations that the row's effect, at its typical size, leaves after the "
-             "refit of the", f"base parameters when the column's effect may mimic it; "
-             f"visible from {DECISIVE:g}:",
-             " " * (width + 3) + " ".join(f"{j + 1:>6}" for j in range(len(found.effects)))]
-    for i, name in enumerate(found.effects):
-        row = " ".join(f"{min(value, 99999.0):6.0f}" for value in found.separation[i])
-        lines.append(f"{i + 1:>2} {name:<{width}} {row}")
-    return lines

@@ -87,24 +87,20 @@ def next_tests(base: Fit, ranking: Ranking) -> tuple[NextTest, ...]:
         pair, most = (names[0], name), _TESTS if name == names[1] else 2
         both = [rivals[each] for each in pair]
         chosen, measure = _choose([each.reads(read) for each in both], most), None
-        total = sum(gain for _, gain in chosen)
         if read < len(pool.readings):
             fuller = _choose(both, most)
-            if sum(gain for _, gain in fuller) > _CHANNEL_PAYS * max(total, 1.0):
-                chosen, total = fuller, sum(gain for _, gain in fuller)
+            if sum(fuller.values()) > _CHANNEL_PAYS * max(sum(chosen.values()), 1.0):
+                chosen = fuller
                 measure = ", ".join(item.channel.name for item in pool.readings[read:])
-        tests += [NextTest(_point(pool, i), pair, gain, measure)
-                  for i, gain in chosen if gain > 0.1 * DECISIVE / most]
-        if total < DECISIVE:
+        tests += [NextTest({axis.name: float(pool.points[axis.name][i]) for axis in pool.steered},
+                           pair, gain, measure)
+                  for i, gain in chosen.items() if gain > 0.1 * DECISIVE / most]
+        if sum(chosen.values()) < DECISIVE:
             # No operating point decides: say what does.
             remedies = {effect.remedy for each in pair for effect in ranking.best[each].effects
                         if effect.name == each}
             tests += [NextTest(None, pair, 0.0, remedy) for remedy in sorted(remedies) if remedy]
     return tuple(tests)
-
-
-def _point(pool: Observations, i: int) -> dict[str, float]:
-    return {axis.name: float(pool.points[axis.name][i]) for axis in pool.steered}
 
 
 def _pool(base: Fit) -> Observations:
@@ -114,11 +110,8 @@ def _pool(base: Fit) -> Observations:
     predicted = system.predict(base.base, (), points)
     readings = []
     for i, (channel, values) in enumerate(zip(system.channels, predicted, strict=True)):
-        if channel.relative:
-            deviation = channel.uncertainty * values
-        else:
-            usual = float(np.median(observed.scale[i]) * np.sqrt(base.noise[i]))
-            deviation = np.full(len(values), usual)
+        deviation = channel.uncertainty * values if channel.relative else np.full(
+            len(values), np.median(observed.scale[i]) * np.sqrt(base.noise[i]))
         readings.append(Reading(channel, values, deviation, 1.0))
     return replace(observed, points=points, readings=tuple(readings),
                    number=np.arange(predicted.shape[1]))
@@ -131,16 +124,16 @@ def _rival(item: Candidate, pool: Observations) -> _Rival:
                   item.linear.covariance[:p, :p])
 
 
-def _choose(rivals: Sequence[_Rival], most: int) -> list[tuple[int, float]]:
+def _choose(rivals: Sequence[_Rival], most: int) -> dict[int, float]:
     """Pick points one after another; each with its mean gain over both directions."""
     first, second = rivals
     one, other = second, first  # each adapts itself to what the other one foretells
-    chosen: list[tuple[int, float]] = []
+    chosen: dict[int, float] = {}
     for _ in range(most):
         gains = (one.gains(first.predicted) + other.gains(second.predicted)) / 2.0
-        gains[[i for i, _ in chosen]] = -1.0
+        gains[list(chosen)] = -1.0
         best = int(gains.argmax())
-        chosen.append((best, float(gains[best])))
+        chosen[best] = float(gains[best])
         one = one.given(best, first.predicted[best])
         other = other.given(best, second.predicted[best])
     return chosen

@@ -174,7 +174,8 @@ class Outcome:
     @property
     def named(self) -> Cause | None:
         """The leading cause, if the verdict names one."""
-        return self.causes[0] if self.verdict in ("cause_found", "ambiguous") else None
+        stands = self.causes and self.verdict in ("cause_found", "ambiguous")
+        return self.causes[0] if stands else None
 
     @property
     def component(self) -> str | None:
