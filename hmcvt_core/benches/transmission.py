@@ -276,15 +276,15 @@ def read_plan(
     """
     found = read_columns(path, _POINT)
     known = found.known
-    points = OperatingPoints(*(known[name] for name in _POINT),
-                             oil_temperature=known.get("oil_temperature"))
-    efficiency, speed = model.answer_at(points)
+    ratio, speed, torque = (known[name] for name in _POINT)
+    points = OperatingPoints(ratio, speed, torque, known.get("oil_temperature"))
+    efficiency, read_speed = model.answer_at(points)
     stalled = np.flatnonzero(np.isnan(efficiency))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
-                         f"{points.load_torque[stalled[0]]:g} cannot be carried there")
+                         f"{torque[stalled[0]]:g} cannot be carried there")
     return BenchSamples(
-        *points[:3], efficiency,
-        output_speed=speed if output_speed or "output_speed" in known else None,
+        ratio, speed, torque, efficiency,
+        output_speed=read_speed if output_speed or "output_speed" in known else None,
         oil_temperature=points.oil_temperature, efficiency_std=known.get("efficiency_std"),
         source=found.source, sha256=found.sha256)

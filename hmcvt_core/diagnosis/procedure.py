@@ -12,22 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .candidates import Linear
 from .hypothesis import Fit, refit
 from .intake import admitted, listed_samples
-from .next_tests import next_tests
 from .observations import FEW, Observations
-from .ranking import Ranking, pair_candidates, rank, single_candidates
+from .plans import next_tests
+from .ranking import Linear, Ranking, pair_candidates, rank, single_candidates
 from .regions import Regions, regions
 from .report import Diagnosis
-from .result import (
-    GAP_SIGNIFICANCE,
-    REGION_SIGNIFICANCE,
-    Cause,
-    Gap,
-    Region,
-    ShrinkageSummary,
-)
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, Gap, Region, ShrinkageSummary
 from .shrinkage import averaged_errors, deals, shrinkage
 from .significance import Significance, significance
 from .system import Effect, System
@@ -35,24 +27,13 @@ from .words import plain
 
 Array = NDArray[np.float64]
 
-FOUND = 0.80
-"""Probability from which one cause is called found."""
-
-SET_PROBABILITY = 0.97
-"""The set that cannot be told apart holds the cause with this probability, if it is listed."""
-
-ADEQUATE = 0.5
-"""Part of the gap that a named cause must remove; else the gap is unexplained."""
-
+FOUND = 0.80  # probability from which one cause is called found
+SET_PROBABILITY = 0.97  # with which the set that cannot be told apart holds a listed cause
+ADEQUATE = 0.5  # part of the gap that a named cause must remove; else the gap is unexplained
+# The same for the squared gap of a further channel: read only where it is much more exact.
 ADEQUATE_BESIDE = 0.8
-"""The same for the squared gap of a further channel: read only where it is much more exact."""
-
-UNLISTED = 0.2
-"""Probability of an unlisted effect from which a poor cause is not named."""
-
-LEFTOVER = 5.0
-"""Log evidence from which something is left beside the leading cause."""
-
+UNLISTED = 0.2  # probability of an unlisted effect from which a poor cause is not named
+LEFTOVER = 5.0  # log evidence from which something is left beside the leading cause
 _LARGE_REGION = 0.8  # discount of a region with most of the samples
 _MOST_REGIONS = 5
 _OVERLAP = 0.2
@@ -254,16 +235,12 @@ def _cause(study: _Study, name: str) -> Cause:
 
 def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
     """Effects that these data cannot tell from one: the rest of the credible set."""
-    with_it = ranking.best[name].names
+    partners = set(ranking.best[name].names) - {name}
     total, chosen = 0.0, []
-    wanted = SET_PROBABILITY * (1.0 - ranking.unlisted)
     for other, p in ranking.probability.items():
-        if other in with_it and other != name:
-            continue
-        if total >= wanted:
-            break
-        total += p
-        chosen.append(other)
+        if total < SET_PROBABILITY * (1.0 - ranking.unlisted) and other not in partners:
+            total += p
+            chosen.append(other)
     return tuple(other for other in chosen if other != name) if name in chosen else ()
 
 
@@ -306,25 +283,20 @@ def _where(study: _Study) -> tuple[Region, ...]:
     clear = order[found.region_p[order] <= REGION_SIGNIFICANCE]
     chosen: list[int] = []
     # Where no place is significant by itself the first one is named all the same, with its p.
-    for i in clear if len(clear) else order[:1]:
-        shared = [np.sum(boxes.members[i] & boxes.members[j])
-                  / min(boxes.members[i].sum(), boxes.members[j].sum()) for j in chosen]
-        if all(part <= _OVERLAP for part in shared):
-            chosen.append(int(i))
-        if len(chosen) == _MOST_REGIONS:
-            break
-    return tuple(_region(study, i) for i in chosen)
-
-
-def _region(study: _Study, i: int) -> Region:
-    boxes, observed = study.boxes, study.base.observed
-    inside = boxes.members[i]
+    for i in (clear if len(clear) else order[:1]).tolist():
+        shared = (np.sum(boxes.members[i] & boxes.members[chosen], axis=1)
+                  / np.minimum(boxes.members[i].sum(), boxes.members[chosen].sum(axis=1)))
+        if (shared <= _OVERLAP).all() and len(chosen) < _MOST_REGIONS:
+            chosen.append(i)
+    observed = study.base.observed
     residual = study.base.whitened[0] * observed.scale[0]
-    limits = {axis.name: (float(boxes.low[i, k]), float(boxes.high[i, k]))
-              for k, axis in enumerate(observed.steered)}
-    return Region(limits, float(residual[inside].mean()), int(inside.sum()),
-                  float(study.found.region_p[i]),
-                  observed.readings[study.found.region_channel[i]].channel.name)
+    limits = np.stack([boxes.low, boxes.high], axis=-1).tolist()
+    return tuple(Region(
+        {axis.name: (low, high) for axis, (low, high) in zip(observed.steered, limits[i],
+                                                             strict=True)},
+        float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
+        float(found.region_p[i]), observed.readings[found.region_channel[i]].channel.name)
+        for i in chosen)
 
 
 # --- remarks --------------------------------------------------------------------------------------

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import Linear
 from .evidence import evidence, gram
 from .observations import Observations, replicate_groups
+from .ranking import Linear
 from .result import ShrinkageSummary
 
 Array = NDArray[np.float64]

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import screen
 from .hypothesis import Fit
 from .observations import FEW
+from .ranking import screen
 from .regions import Regions
 
 Array = NDArray[np.float64]
