@@ -10,10 +10,9 @@ deviations, sizes in typical ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +30,8 @@ More than any misfit, or refits to a large gap would hide the worst points where
 
 _FIRST_SIZE = 0.1  # in typical sizes
 _NUISANCE_LIMIT = 6.0
-_PASSES, _STEPS = 20, 3  # estimates of the noise, and evaluations between two of them, at most
-_TOLERANCE = 1e-6  # of the squares
-_NOISE_SETTLED = 1e-3
-_AT_BOUND = 1e-3  # in prior deviations or typical sizes
+_STEPS, _HALVINGS = 60, 12  # of a refit, and of one step that leads nowhere, at most
+_TOLERANCE = 1e-7  # of the squares
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 
 
@@ -54,12 +51,12 @@ class Hypothesis:
     def prior_mean(self) -> Array:
         """Mean of theta; sizes are free and have zero."""
         base = self.system.base
-        return np.concatenate([base.mean, np.zeros(self.shared - len(base) + len(self.typical))])
+        return np.append(base.mean, np.zeros(self.shared - len(base) + len(self._sizes)))
 
     @property
     def prior_spread(self) -> Array:
         """Standard deviations of the parameters that every hypothesis has, shape (shared,)."""
-        return np.concatenate([self.system.base.spread, np.ones(len(self.system.nuisances))])
+        return np.append(self.system.base.spread, np.ones(len(self.system.nuisances)))
 
     @property
     def shared(self) -> int:
@@ -67,23 +64,22 @@ class Hypothesis:
         return len(self.system.base) + len(self.system.nuisances)
 
     @property
-    def typical(self) -> Array:
-        """Typical size of each, shape (k,)."""
-        return np.array([item.typical for effect in self.effects for item in effect.sizes()])
+    def _sizes(self) -> list[Any]:
+        return [item for effect in self.effects for item in effect.sizes()]
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest theta."""
-        base, sizes = self.system.base, [item for each in self.effects for item in each.sizes()]
+        base, sizes = self.system.base, self._sizes
         nuisance = np.full(len(self.system.nuisances), _NUISANCE_LIMIT)
         return (np.array([*base.low, *-nuisance, *(item.low / item.typical for item in sizes)]),
                 np.array([*base.high, *nuisance, *(item.high / item.typical for item in sizes)]))
 
     def with_sizes(self, scaled: Array) -> tuple[Effect, ...]:
         """Return the effects at sizes given in typical ones."""
-        values = iter((scaled * self.typical).tolist())
-        return tuple(effect.with_values({item.name: next(values) for item in effect.sizes()})
-                     for effect in self.effects)
+        values = iter(scaled.tolist())
+        return tuple(effect.with_values({item.name: next(values) * item.typical
+                                         for item in effect.sizes()}) for effect in self.effects)
 
     def predict(self, theta: Array, points: Points) -> Array:
         """Return every channel without the nuisances, shape (channels, n)."""
@@ -91,11 +87,13 @@ class Hypothesis:
         return self.system.predict(theta[:len(self.system.base)], effects, points)
 
 
-class Fit(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Fit:
     """A refitted hypothesis.
 
     Attributes:
         hypothesis: what was refitted.
+        observed: to what.
         theta: where.
         whitened: (measured - predicted) / deviation, shape (channels, n).
         jacobian: of the prediction / deviation by theta, shape (channels, n, p).
@@ -103,6 +101,7 @@ class Fit(NamedTuple):
     """
 
     hypothesis: Hypothesis
+    observed: Observations
     theta: Array
     whitened: Array
     jacobian: Array
@@ -130,6 +129,25 @@ class Fit(NamedTuple):
                           + self.jacobian @ (self.theta - self.hypothesis.prior_mean))
 
 
+    @cached_property
+    def nuisance(self) -> Array:
+        """`nuisance_columns` where the refit ended."""
+        return nuisance_columns(self.hypothesis, self.theta, self.observed)
+
+    @cached_property
+    def absorbed(self) -> tuple[Array, Array]:
+        """What a refit nearby absorbs: an orthonormal basis of its columns, the noise divided out.
+
+        Data of shape (channels, n, p), and the priors as further rows, shape (p, p); for a
+        hypothesis without effects.
+        """
+        scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
+        p = len(self.theta)
+        basis, _ = np.linalg.qr(np.concatenate([
+            scaled.reshape(-1, p), np.diag(1.0 / self.hypothesis.prior_spread)]))
+        return basis[:-p].reshape(scaled.shape), basis[-p:]
+
+
 def nuisance_columns(hypothesis: Hypothesis, theta: Array, observed: Observations) -> Array:
     """Change of prediction / deviation by one prior deviation of each nuisance, (c, n, k)."""
     system, base = hypothesis.system, theta[:len(hypothesis.system.base)]
@@ -151,6 +169,9 @@ def refit(
 ) -> Fit:
     """Fit base parameters, nuisances and sizes within their bounds.
 
+    Gauss-Newton: each step solves the linear problem within the bounds, and is halved until the
+    squares shrink. The noise is estimated anew after each.
+
     Args:
         hypothesis: what is assumed.
         observed: the bench.
@@ -158,87 +179,53 @@ def refit(
         nuisance: columns of `nuisance_columns`; None computes them at the start.
         noise: variances of the channels to keep; None estimates them along the way.
     """
-    theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
+    from scipy.optimize import lsq_linear
+
+    mean, shared, (low, high) = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
+    theta = mean.copy()
     theta[shared:] = _FIRST_SIZE
     if base is not None:
         theta[:len(base)] = base
-    theta = theta.clip(*bounds)
+    theta = theta.clip(low, high)
     if nuisance is None:
-        bare = Hypothesis(hypothesis.system)
-        nuisance = nuisance_columns(bare, theta[:shared], observed)
+        nuisance = nuisance_columns(Hypothesis(hypothesis.system), theta[:shared], observed)
     # Sizes are held by their bounds alone; their prior enters when evidence is weighed.
-    spread = hypothesis.prior_spread
-    prior = np.eye(shared, len(theta)) / spread[:, None]
-    scale = np.concatenate([spread, np.ones(len(theta) - shared)])
-    columns = nuisance
+    prior = np.eye(shared, len(theta)) / hypothesis.prior_spread[:, None]
 
-    # A pass begins where the one before ended: nothing is predicted twice.
-    @lru_cache(maxsize=2)
-    def linear(at: bytes) -> tuple[Array, Array]:
-        here = residuals(at)
-        return here, _jacobian(hypothesis, observed, columns, np.frombuffer(at), here)
+    def rows(at: Array, left: Array) -> Array:
+        return np.concatenate([(left / root).ravel(), prior @ (at - mean)])
 
-    @lru_cache(maxsize=2)
-    def residuals(at: bytes) -> Array:
-        return _residuals(hypothesis, observed, columns, np.frombuffer(at))
-
-    def rows(at: Array) -> Array:
-        return np.concatenate([(residuals(at.tobytes()) / root).ravel(),
-                               prior @ (at - hypothesis.prior_mean)])
-
-    def slopes(at: Array) -> Array:
-        own = linear(at.tobytes())[1] / root[..., None]
-        return np.concatenate([-own.reshape(-1, len(at)), prior])
-
-    variance = _noise(observed, residuals(theta.tobytes()), len(theta)) if noise is None else noise
-    root = np.sqrt(variance)[:, None]
-    free = np.ones(len(theta), dtype=bool)
-    for _ in range(_PASSES):
-        theta, settled = _within(rows, slopes, theta, bounds, scale, free)
-        if noise is None:
-            variance = _noise(observed, residuals(theta.tobytes()), len(theta))
-        settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
+    left = _residuals(hypothesis, observed, nuisance, theta)
+    for _ in range(_STEPS):
+        variance = _noise(observed, left, len(theta)) if noise is None else noise
         root = np.sqrt(variance)[:, None]
-        # What is pressed against a bound is put on it and held; the search stays inside.
-        gain = -slopes(theta).T @ rows(theta)
-        theta = np.where((gain < 0.0) & (theta - bounds[0] < _AT_BOUND * scale), bounds[0], theta)
-        theta = np.where((gain > 0.0) & (bounds[1] - theta < _AT_BOUND * scale), bounds[1], theta)
-        before, free = free, ~(((theta <= bounds[0]) & (gain < 0.0))
-                               | ((theta >= bounds[1]) & (gain > 0.0)))
-        if settled and (free == before).all():
+        jacobian = _jacobian(hypothesis, observed, nuisance, theta, left)
+        slopes = np.concatenate([-(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
+        now = rows(theta, left)
+        basis, small = np.linalg.qr(slopes)
+        step = lsq_linear(small, -basis.T @ now, (low - theta, high - theta), "bvls").x
+        squares, wanted = np.sum(now**2), _TOLERANCE * np.sum(now**2)
+        if squares - np.sum((now + slopes @ step) ** 2) <= wanted:
             break
-    return Fit(hypothesis, theta, *linear(theta.tobytes()), variance)
-
-
-def _within(
-    rows: Callable[[Array], Array], slopes: Callable[[Array], Array], theta: Array,
-    bounds: tuple[Array, Array], scale: Array, free: NDArray[np.bool_],
-) -> tuple[Array, bool]:
-    """Take a few steps in the free parameters; return where they end, and whether all is still."""
-    from scipy.optimize import least_squares
-
-    def whole(part: Array) -> Array:
-        at = theta.copy()
-        at[free] = part
-        return at
-
-    if not free.any():
-        return theta, True
-    found = least_squares(
-        lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
-        (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
-        max_nfev=_STEPS)
-    return whole(found.x), found.status > 0
+        for part in 0.5 ** np.arange(_HALVINGS):
+            moved = (theta + part * step).clip(low, high)
+            there = _residuals(hypothesis, observed, nuisance, moved)
+            if np.sum(rows(moved, there) ** 2) < squares:
+                break
+        else:
+            break
+        theta, left = moved, there
+    return Fit(hypothesis, observed, theta, left, jacobian, variance)
 
 
 def linearise(
     hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array
 ) -> Fit:
     """Return a fit as it stands at given parameters, also at points it was not fitted to."""
-    columns = nuisance_columns(hypothesis, theta, observed)
-    here = _residuals(hypothesis, observed, columns, theta)
-    return Fit(hypothesis, theta, here,
-               _jacobian(hypothesis, observed, columns, theta, here), noise)
+    nuisance = nuisance_columns(hypothesis, theta, observed)
+    left = _residuals(hypothesis, observed, nuisance, theta)
+    return Fit(hypothesis, observed, theta, left,
+               _jacobian(hypothesis, observed, nuisance, theta, left), noise)
 
 
 def _residuals(

@@ -10,8 +10,8 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission
-from hmcvt_core.diagnosis.candidates import candidate
 from hmcvt_core.diagnosis.evidence import log_mean
+from hmcvt_core.diagnosis.ranking import candidate
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.effects.drag import ChargePump, Churning
 from hmcvt_core.transmission.points import OperatingPoints
@@ -165,8 +165,8 @@ def test_the_matrix_is_printed_when_asked_for():
 
 
 def _log(known, name):
-    return log_mean(np.array([candidate(known, (form,)).log for kind in Transmission(BASE).library
-                              if kind.name == name for form in forms_of(kind)]))
+    return log_mean([candidate(known, (form,)).log for kind in Transmission(BASE).library
+                     if kind.name == name for form in forms_of(kind)])
 
 
 def _ratio(samples, true, rival):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import observe
-from hmcvt_core.diagnosis.candidates import Linear
 from hmcvt_core.diagnosis.evidence import evidence, gram
 from hmcvt_core.diagnosis.observations import replicate_groups
+from hmcvt_core.diagnosis.ranking import Linear
 from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, deals, folds, shrinkage
 
 from .campaigns import campaign, measure, random_points
