@@ -10,8 +10,9 @@ deviations, sizes in typical ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,10 @@ More than any misfit, or refits to a large gap would hide the worst points where
 
 _FIRST_SIZE = 0.1  # in typical sizes
 _NUISANCE_LIMIT = 6.0
-_STEPS, _HALVINGS = 60, 12  # of a refit, and of one step that leads nowhere, at most
-_TOLERANCE = 1e-7  # of the squares
+_PASSES, _STEPS = 20, 3  # estimates of the noise, and evaluations between two of them, at most
+_TOLERANCE = 1e-6  # of the squares
+_NOISE_SETTLED = 1e-3
+_AT_BOUND = 1e-3  # in prior deviations or typical sizes
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 
 
@@ -169,9 +172,6 @@ def refit(
 ) -> Fit:
     """Fit base parameters, nuisances and sizes within their bounds.
 
-    Gauss-Newton: each step solves the linear problem within the bounds, and is halved until the
-    squares shrink. The noise is estimated anew after each.
-
     Args:
         hypothesis: what is assumed.
         observed: the bench.
@@ -179,43 +179,77 @@ def refit(
         nuisance: columns of `nuisance_columns`; None computes them at the start.
         noise: variances of the channels to keep; None estimates them along the way.
     """
-    from scipy.optimize import lsq_linear
-
-    mean, shared, (low, high) = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
-    theta = mean.copy()
+    theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
     theta[shared:] = _FIRST_SIZE
     if base is not None:
         theta[:len(base)] = base
-    theta = theta.clip(low, high)
+    theta = theta.clip(*bounds)
     if nuisance is None:
-        nuisance = nuisance_columns(Hypothesis(hypothesis.system), theta[:shared], observed)
+        bare = Hypothesis(hypothesis.system)
+        nuisance = nuisance_columns(bare, theta[:shared], observed)
     # Sizes are held by their bounds alone; their prior enters when evidence is weighed.
-    prior = np.eye(shared, len(theta)) / hypothesis.prior_spread[:, None]
+    spread = hypothesis.prior_spread
+    prior = np.eye(shared, len(theta)) / spread[:, None]
+    scale = np.concatenate([spread, np.ones(len(theta) - shared)])
+    columns = nuisance
 
-    def rows(at: Array, left: Array) -> Array:
-        return np.concatenate([(left / root).ravel(), prior @ (at - mean)])
+    # A pass begins where the one before ended: nothing is predicted twice.
+    @lru_cache(maxsize=2)
+    def linear(at: bytes) -> tuple[Array, Array]:
+        here = residuals(at)
+        return here, _jacobian(hypothesis, observed, columns, np.frombuffer(at), here)
 
-    left = _residuals(hypothesis, observed, nuisance, theta)
-    for _ in range(_STEPS):
-        variance = _noise(observed, left, len(theta)) if noise is None else noise
+    @lru_cache(maxsize=2)
+    def residuals(at: bytes) -> Array:
+        return _residuals(hypothesis, observed, columns, np.frombuffer(at))
+
+    def rows(at: Array) -> Array:
+        return np.concatenate([(residuals(at.tobytes()) / root).ravel(),
+                               prior @ (at - hypothesis.prior_mean)])
+
+    def slopes(at: Array) -> Array:
+        own = linear(at.tobytes())[1] / root[..., None]
+        return np.concatenate([-own.reshape(-1, len(at)), prior])
+
+    variance = _noise(observed, residuals(theta.tobytes()), len(theta)) if noise is None else noise
+    root = np.sqrt(variance)[:, None]
+    free = np.ones(len(theta), dtype=bool)
+    for _ in range(_PASSES):
+        theta, settled = _within(rows, slopes, theta, bounds, scale, free)
+        if noise is None:
+            variance = _noise(observed, residuals(theta.tobytes()), len(theta))
+        settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
         root = np.sqrt(variance)[:, None]
-        jacobian = _jacobian(hypothesis, observed, nuisance, theta, left)
-        slopes = np.concatenate([-(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
-        now = rows(theta, left)
-        basis, small = np.linalg.qr(slopes)
-        step = lsq_linear(small, -basis.T @ now, (low - theta, high - theta), "bvls").x
-        squares, wanted = np.sum(now**2), _TOLERANCE * np.sum(now**2)
-        if squares - np.sum((now + slopes @ step) ** 2) <= wanted:
+        # What is pressed against a bound is put on it and held; the search stays inside.
+        gain = -slopes(theta).T @ rows(theta)
+        theta = np.where((gain < 0.0) & (theta - bounds[0] < _AT_BOUND * scale), bounds[0], theta)
+        theta = np.where((gain > 0.0) & (bounds[1] - theta < _AT_BOUND * scale), bounds[1], theta)
+        before, free = free, ~(((theta <= bounds[0]) & (gain < 0.0))
+                               | ((theta >= bounds[1]) & (gain > 0.0)))
+        if settled and (free == before).all():
             break
-        for part in 0.5 ** np.arange(_HALVINGS):
-            moved = (theta + part * step).clip(low, high)
-            there = _residuals(hypothesis, observed, nuisance, moved)
-            if np.sum(rows(moved, there) ** 2) < squares:
-                break
-        else:
-            break
-        theta, left = moved, there
-    return Fit(hypothesis, observed, theta, left, jacobian, variance)
+    return Fit(hypothesis, observed, theta, *linear(theta.tobytes()), variance)
+
+
+def _within(
+    rows: Callable[[Array], Array], slopes: Callable[[Array], Array], theta: Array,
+    bounds: tuple[Array, Array], scale: Array, free: NDArray[np.bool_],
+) -> tuple[Array, bool]:
+    """Take a few steps in the free parameters; return where they end, and whether all is still."""
+    from scipy.optimize import least_squares
+
+    def whole(part: Array) -> Array:
+        at = theta.copy()
+        at[free] = part
+        return at
+
+    if not free.any():
+        return theta, True
+    found = least_squares(
+        lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
+        (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
+        max_nfev=_STEPS)
+    return whole(found.x), found.status > 0
 
 
 def linearise(
