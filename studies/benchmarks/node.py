@@ -50,9 +50,5 @@ def section(model: hmcvt.EfficiencyModel, folder: Path, quick: bool) -> Section:
     rows = [[name, *(spread(latency(percent, which)).text(".2g") for percent in (50, 99))]
             for which, name in enumerate(("node", "relay"))]
     rows.append(["node / relay", *(to_relay(percent).text() for percent in (50, 99))])
-    return Section([at_most("arrival to both answers, p50: node / relay", to_relay(50), LIMIT)], [
-        "## The node", "",
-        f"Milliseconds from an arrival to both answers, {RATE:g} Hz on each of the three inputs, "
-        f"{seconds:g} s a turn; the relay (`studies/soak/relay.py`) has the same inputs, outputs "
-        "and executor and publishes what it hears twice.", "",
-        *table(("", "p50", "p99"), rows)])
+    return Section([at_most("arrival to both answers, p50: node / relay", to_relay(50), LIMIT)], {
+        "rate": RATE, "seconds": seconds, "latencies": table(("", "p50", "p99"), rows)})
