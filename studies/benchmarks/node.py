@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +20,9 @@ LIMIT = 1.5  # times the relay
 
 def section(model: hmcvt.EfficiencyModel, folder: Path, quick: bool) -> Section:
     """Load both in turns."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
-    os.environ["ROS_LOG_DIR"] = str(folder / "log")
     from studies.soak import load, points, processes
 
+    processes.loopback_only(folder)
     seconds = 1.0 if quick else 3.0
     with (load.client() as client, processes.node("/loaded_node", folder) as node,
           processes.relay("/loaded_relay", folder) as relay):
@@ -34,7 +31,7 @@ def section(model: hmcvt.EfficiencyModel, folder: Path, quick: bool) -> Section:
                  (load.Target(client, relay, "/loaded_relay"), points.echoed(ARRIVALS, seed=0))]
         for target, _ in under:
             target.wait()
-        turns = [[target.rested(cycle, RATE, seconds) for target, cycle in under]
+        turns = [[target.load(cycle, RATE, seconds) for target, cycle in under]
                  for _ in range(2 if quick else TURNS)]
     for segment in (segment for turn in turns for segment in turn):
         # Inputs are best effort: a busy machine loses some, but no answer may be wrong.

@@ -100,9 +100,9 @@ def _time_table(loaded: Loaded) -> str:
 def _count_table(loaded: Loaded) -> str:
     rows = []
     for name, turns in (("steady", loaded.steady), ("during refits", loaded.refitting)):
-        parts = [(turn.node.segment.sent, turn.node.accepted, turn.node.answered,
-                  turn.node.segment.answers, turn.node.segment.optima, turn.node.segment.right,
-                  turn.node.segment.repeats) for turn in turns]
+        parts = [(turn.node.sent, turn.node.accepted, turn.node.answered,
+                  turn.node.answers, turn.node.optima, turn.node.right,
+                  turn.node.repeats) for turn in turns]
         rows.append([name, *(str(sum(counts)) for counts in zip(*parts, strict=True))])
     return table(("", "sent", "heard", "answered", "`efficiency`", "`optimal_displacement_ratio`",
                   "right", "repeated"), rows)
@@ -121,7 +121,7 @@ def _rate_table(both: Sequence[tuple[str, Sequence[Segment]]]) -> str:
 
 
 def _parts(turns: Sequence[Turn]) -> tuple[list[Segment], list[Segment]]:
-    return [turn.node.segment for turn in turns], [turn.relay for turn in turns]
+    return [turn.node for turn in turns], [turn.relay for turn in turns]
 
 
 def _beside(turns: Sequence[Turn]) -> list[Segment]:
@@ -133,7 +133,7 @@ def _ratio_goal(what: str, found: Spread, limit: float) -> Goal:
 
 
 def _arrival_goals(when: str, turns: Sequence[Turn]) -> list[Goal]:
-    segments = [turn.node.segment for turn in turns]
+    segments = [turn.node for turn in turns]
     sent = sum(segment.sent for segment in segments)
     heard = sum(turn.node.accepted for turn in turns)
     right = sum(segment.right for segment in segments)
