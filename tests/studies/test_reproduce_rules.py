@@ -10,7 +10,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.annealing import STANDARD, never
-from studies.reproduce import algorithms, bench, kinematics, paper, subsets, tables
+from studies.reproduce import algorithms, bench, formulas, paper, subsets, tables
 from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, WITHOUT, Run, Task
 from studies.reproduce.comparison import Summary, cheaper
 from studies.reproduce.item import claim, printed, printed_error
@@ -45,8 +45,8 @@ def test_claim_holds_or_differs():
 def test_items_of_a_wrong_gear_train_differ(monkeypatch):
     """The printed formula does not come from the gear train that it judges."""
     wrong = replace(bench.stage(), planetary_constant=2.6)
-    monkeypatch.setattr(kinematics, "stage", lambda gear_efficiency=0.98: wrong)
-    verdicts = {item.name: item.verdict for item in kinematics.items()}
+    monkeypatch.setattr(formulas, "stage", lambda gear_efficiency=0.98: wrong)
+    verdicts = {item.name: item.verdict for item in formulas.items()}
     assert verdicts["speed ratio (5) at eps = 1 (tests 4)"] == "differs"
     assert verdicts["e_H (8) at eps = -1 (tests 1, 5)"] == "differs"
 
