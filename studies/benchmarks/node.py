@@ -5,12 +5,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 import hmcvt_core as hmcvt
-from studies.page import Spread, spread, table
+from studies.page import spread, table
 
-from .timing import Section, at_most
+from .timing import Section, at_most, ratio
 
 TURNS = 8
 RATE = 300.0  # Hz on each input
@@ -20,7 +18,7 @@ LIMIT = 1.5  # times the relay
 
 def section(model: hmcvt.EfficiencyModel, folder: Path, quick: bool) -> Section:
     """Load both in turns."""
-    from studies.soak import load, points, processes
+    from studies.soak import load, points, processes, report
 
     processes.loopback_only(folder)
     seconds = 1.0 if quick else 3.0
@@ -37,15 +35,12 @@ def section(model: hmcvt.EfficiencyModel, folder: Path, quick: bool) -> Section:
         # Inputs are best effort: a busy machine loses some, but no answer may be wrong.
         assert segment.right == segment.answers > 0.5 * segment.sent
 
-    def latency(percent: float, which: int) -> list[float]:
-        return [float(np.percentile(turn[which].optimum_latency, percent)) for turn in turns]
-
-    def to_relay(percent: float) -> Spread:
-        return spread([one / other for one, other in
-                       zip(latency(percent, 0), latency(percent, 1), strict=True)])
-
-    rows = [[name, *(spread(latency(percent, which)).text(".2g") for percent in (50, 99))]
-            for which, name in enumerate(("node", "relay"))]
-    rows.append(["node / relay", *(to_relay(percent).text() for percent in (50, 99))])
-    return Section([at_most("arrival to both answers, p50: node / relay", to_relay(50), LIMIT)], {
+    columns = [{name: list(map(report.latency(percent), segments))
+                for name, segments in zip(("node", "relay"), zip(*turns, strict=True), strict=True)}
+               for percent in (50, 99)]
+    ratios = [ratio(times, "node", "relay") for times in columns]
+    rows = [*([name, *(spread(times[name]).text(".2g") for times in columns)]
+              for name in ("node", "relay")),
+            ["node / relay", *(found.text() for found in ratios)]]
+    return Section([at_most("arrival to both answers, p50: node / relay", ratios[0], LIMIT)], {
         "rate": RATE, "seconds": seconds, "latencies": table(("", "p50", "p99"), rows)})

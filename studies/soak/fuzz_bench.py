@@ -11,10 +11,11 @@ import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
+from hmcvt_ros.messages import bench_sample_to_message
+
 from .fuzz_inputs import DEPTH
 from .load import Target
 
-JOINTS = ("engine", "output", "displacement")
 USED = (("velocity", "engine"), ("effort", "engine"), ("velocity", "output"),
         ("effort", "output"), ("position", "displacement"))
 _PATIENCE = 60.0
@@ -70,10 +71,8 @@ class BenchFuzzer:
         ratio, speed, output_speed = uniform(-1, 1), uniform(50, 300), uniform(5, 300)
         load, efficiency = uniform(10, 500), uniform(0.3, 0.95)
         power = load * speed
-        message = JointState(
-            name=list(JOINTS), position=[math.nan, math.nan, ratio],
-            velocity=[speed, output_speed, math.nan],
-            effort=[power / efficiency / speed, power / output_speed, math.nan])
+        message = bench_sample_to_message(
+            ratio, speed, power / efficiency / speed, output_speed, power / output_speed)
         return message, (ratio, speed, load, efficiency, output_speed)
 
     def _compare_counts(self) -> None:

@@ -30,8 +30,7 @@ from hmcvt_ros.inputs import INPUT_RANGES
 from studies.page import busy_seconds
 
 from .ear import Ear, Statuses, unused
-from .matching import match
-from .points import TOPICS, Answer, Cycle
+from .points import TOPICS, Answer, Cycle, match
 from .processes import Process
 
 # Of this side only: a listener that is late must not lose what the node has sent.
