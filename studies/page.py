@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 _LOOK = 2.0  # s
@@ -26,15 +27,24 @@ class Goal(NamedTuple):
     met: bool
 
 
-def goal_table(goals: Sequence[Goal]) -> list[str]:
+def goal_table(goals: Sequence[Goal]) -> str:
     """Return what was aimed at and what was reached, in Markdown."""
     return table(("", "goal", "measured", ""), [
         (*goal[:3], "met" if goal.met else "**missed**") for goal in goals])
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return a table in Markdown."""
-    return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+def table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
+    """Return a table in Markdown; a bar within a cell would end it."""
+    return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |"
+                     for row in (head, ["---"] * len(head), *rows))
+
+
+def render(template: str, folder: Path, /, **context: object) -> str:
+    """Return a page of Markdown from a template in a folder."""
+    environment = Environment(
+        loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True)
+    return environment.get_template(template).render(context)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from ..physics.effects.base import Effect
 from ..physics.effects.gears import GearEfficiency
 from ..physics.effects.sensor import EngineTorqueGain
 from ..transmission.parameters import (
+    PAPER_EFFICIENCY_UNCERTAINTY,
     PARAMETER_NAMES,
     PARAMETER_RANGES,
     PRIOR_MEAN,
@@ -44,7 +45,6 @@ from ..transmission.ranges import (
     REQUIRED_COLUMNS,
     RPM,
 )
-from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
 

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from ..files.bench import BenchSamples
 from ..model.agreement import predicted_at, relative_errors
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PARAMETER_NAMES
-from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
 from .annealing import Schedule
 
 Array = NDArray[np.float64]

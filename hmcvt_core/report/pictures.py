@@ -16,9 +16,9 @@ from ..files.bench import BenchSamples
 from ..identification import Identification
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from ..transmission.stage import speed_ratio
-from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 from .losses import draw_losses
 from .style import BLUE, ORANGE, picture_format, styled, to_png, to_svg
 from .template import render

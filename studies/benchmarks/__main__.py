@@ -16,7 +16,7 @@ from pathlib import Path
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
 
 import hmcvt_core as hmcvt
-from studies.page import Run, busy_cores, goal_table, machine
+from studies.page import Run, busy_cores, goal_table, machine, render
 
 from . import fitting, node, point
 
@@ -41,17 +41,10 @@ def main() -> int:
     run = Run(" ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
               time.monotonic() - start, others)
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
-    given.out.write_text("\n".join([
-        "# Benchmarks", "", "    make bench", "",
-        f"wrote this page in {run.seconds / 60:.1f} minutes (`{run.command}`).", "",
-        f"Machine: {machine()}; {libraries}. Other programs used {run.others:.2f} cores before "
-        "the start.", "",
-        "What is compared takes turns in this one run: told are the median of the turns and, in "
-        "brackets, the lowest and the highest. A goal is met when the median meets it. BLAS has "
-        "one thread: the matrices are small.", "", *goal_table(goals), "",
-        *(line for section in sections for line in [*section.lines, ""]),
-        "The endurance trial of the node is in [soak.md](soak.md), a fleet of logs in "
-        "[fleet.md](fleet.md).", ""]), encoding="utf-8")
+    values = {name: value for section in sections for name, value in section.values.items()}
+    given.out.write_text(render(
+        "report.md.j2", Path(__file__).parent, run=run, machine=machine(), libraries=libraries,
+        goals=goal_table(goals), **values), encoding="utf-8")
     for goal in goals:
         if not goal.met:
             print(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")

@@ -43,7 +43,6 @@ def section(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
     largest = samples_of("96 simulated samples")
     times = in_turns(2 if quick else 11, {"ours": partial(hmcvt.identify, largest)})["ours"]
     goals = [at_most("identification of 96 samples", spread(times), LIMIT, " s")]
-    lines = ["## Identification and diagnosis", ""]
     rows = []
     for case in CASES:
         found = [hmcvt.identify(samples_of(case), seed=seed)
@@ -60,13 +59,8 @@ def section(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
                  [case, "`hmcvt.identify`", *_above([each.objective for each in found], lowest),
                   "", "1"],
                  *_rivals(model, case, lowest, 1 if quick else _RIVAL_SEEDS)]
-    lines += [
-        "Above the lowest objective that `hmcvt.identify` finds with any seed, in the median and "
-        "at most; candidates evaluated; time / that of `hmcvt.identify`. SciPy's searches have "
-        "the same objective, the same bounds and their own settings.", "",
-        *table(("samples", "search", "above, median", "at most", "candidates", "time / ours"),
-               rows), "", *_diagnosis(model, quick)]
-    return Section(goals, lines)
+    head = ("samples", "search", "above, median", "at most", "candidates", "time / ours")
+    return Section(goals, {"searches": table(head, rows), "diagnoses": _diagnosis(model, quick)})
 
 
 def _above(values: list[float], lowest: float) -> list[str]:
@@ -104,7 +98,7 @@ def _rivals(
     return rows
 
 
-def _diagnosis(model: hmcvt.EfficiencyModel, quick: bool) -> list[str]:
+def _diagnosis(model: hmcvt.EfficiencyModel, quick: bool) -> str:
     """`hmcvt.diagnose` by the number of samples."""
     rows = []
     for count in SIZES[:2] if quick else SIZES:
@@ -112,6 +106,4 @@ def _diagnosis(model: hmcvt.EfficiencyModel, quick: bool) -> list[str]:
         samples = hmcvt.BenchSamples(**campaign.samples)
         times = in_turns(1 if quick else 3, {"ours": partial(hmcvt.diagnose, model, samples)})
         rows.append([f"{count:,}", spread(times["ours"]).text(".2g")])
-    return ["`hmcvt.diagnose` on campaigns of the twin with a charge pump that the model does not "
-            "know, in one process (`hmcvt fleet` takes as many as there are cores):", "",
-            *table(("samples", "seconds"), rows)]
+    return table(("samples", "seconds"), rows)

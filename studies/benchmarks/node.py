@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-import numpy as np
-
 import hmcvt_core as hmcvt
-from studies.page import Spread, spread, table
+from studies.page import spread, table
 
-from .timing import Section, at_most
+from .timing import Section, at_most, ratio
 
 TURNS = 8
 RATE = 300.0  # Hz on each input
@@ -21,11 +18,9 @@ LIMIT = 1.5  # times the relay
 
 def section(model: hmcvt.EfficiencyModel, folder: Path, quick: bool) -> Section:
     """Load both in turns."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
-    os.environ["ROS_LOG_DIR"] = str(folder / "log")
-    from studies.soak import load, points, processes
+    from studies.soak import load, points, processes, report
 
+    processes.loopback_only(folder)
     seconds = 1.0 if quick else 3.0
     with (load.client() as client, processes.node("/loaded_node", folder) as node,
           processes.relay("/loaded_relay", folder) as relay):
@@ -34,25 +29,18 @@ def section(model: hmcvt.EfficiencyModel, folder: Path, quick: bool) -> Section:
                  (load.Target(client, relay, "/loaded_relay"), points.echoed(ARRIVALS, seed=0))]
         for target, _ in under:
             target.wait()
-        turns = [[target.rested(cycle, RATE, seconds) for target, cycle in under]
+        turns = [[target.load(cycle, RATE, seconds) for target, cycle in under]
                  for _ in range(2 if quick else TURNS)]
     for segment in (segment for turn in turns for segment in turn):
         # Inputs are best effort: a busy machine loses some, but no answer may be wrong.
         assert segment.right == segment.answers > 0.5 * segment.sent
 
-    def latency(percent: float, which: int) -> list[float]:
-        return [float(np.percentile(turn[which].optimum_latency, percent)) for turn in turns]
-
-    def to_relay(percent: float) -> Spread:
-        return spread([one / other for one, other in
-                       zip(latency(percent, 0), latency(percent, 1), strict=True)])
-
-    rows = [[name, *(spread(latency(percent, which)).text(".2g") for percent in (50, 99))]
-            for which, name in enumerate(("node", "relay"))]
-    rows.append(["node / relay", *(to_relay(percent).text() for percent in (50, 99))])
-    return Section([at_most("arrival to both answers, p50: node / relay", to_relay(50), LIMIT)], [
-        "## The node", "",
-        f"Milliseconds from an arrival to both answers, {RATE:g} Hz on each of the three inputs, "
-        f"{seconds:g} s a turn; the relay (`studies/soak/relay.py`) has the same inputs, outputs "
-        "and executor and publishes what it hears twice.", "",
-        *table(("", "p50", "p99"), rows)])
+    columns = [{name: list(map(report.latency(percent), segments))
+                for name, segments in zip(("node", "relay"), zip(*turns, strict=True), strict=True)}
+               for percent in (50, 99)]
+    ratios = [ratio(times, "node", "relay") for times in columns]
+    rows = [*([name, *(spread(times[name]).text(".2g") for times in columns)]
+              for name in ("node", "relay")),
+            ["node / relay", *(found.text() for found in ratios)]]
+    return Section([at_most("arrival to both answers, p50: node / relay", ratios[0], LIMIT)], {
+        "rate": RATE, "seconds": seconds, "latencies": table(("", "p50", "p99"), rows)})

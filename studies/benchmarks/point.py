@@ -51,11 +51,8 @@ def draw(model: hmcvt.EfficiencyModel, count: int, seed: int) -> Points:
 
 def section(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
     """Time and check all of it."""
-    goals, lines = [], ["## Lookup, batch and optimum", ""]
-    for part in (_lookups(model, quick), _optima(model, quick)):
-        goals += part.goals
-        lines += part.lines
-    return Section(goals, lines)
+    lookups, optima = _lookups(model, quick), _optima(model, quick)
+    return Section([*lookups.goals, *optima.goals], {**lookups.values, **optima.values})
 
 
 # --- lookups --------------------------------------------------------------------------------------
@@ -87,14 +84,10 @@ def _lookups(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
         at_least("one lookup: table / ours", ratio(one, "table", "ours"), 30.0),
         at_least(f"batch of {len(rows):,} points: table / ours", ratio(batch, "table", "ours"),
                  2.0),
-    ], [
-        "- Table: `scipy.interpolate.RegularGridInterpolator`, linear, on "
-        f"{' x '.join(map(str, NODES))} values of the same model. It is off by up to "
-        f"{np.nanmax(off):.2g} points of efficiency; ours has no such error.",
-        f"- A batch takes {1e9 * np.median(batch['ours']):.3g} ns a point, and beside its input "
-        f"{_peak(lambda: lookup(*many)) / len(rows):.3g} bytes (the table "
-        f"{_peak(lambda: interpolated(rows)) / len(rows):.3g}), the eight of the answer included.",
-    ])
+    ], {
+        "nodes": NODES, "off": np.nanmax(off), "batch_time": 1e9 * np.median(batch["ours"]),
+        "bytes": [_peak(call) / len(rows)
+                  for call in (lambda: lookup(*many), lambda: interpolated(rows))]})
 
 
 def _peak(call: Callable[[], Any]) -> int:
@@ -122,11 +115,6 @@ def _optima(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
         times = in_turns(7, {"ours": all_of_them}, len(calls))["ours"]
         goals.append(at_most(f"one optimum, {hold.replace('_', ' ')} held",
                              spread([1e3 * spent for spent in times]), 1e3 * limit, " ms"))
-    lines = [
-        "- Brute force: every stroke of a fine grid, with an output held each at the engine speed "
-        f"that gives it (bisection), then {_ZOOMS} times closer around the best. Lost is the "
-        "efficiency by which ours stays below; an optimum that is not found has lost all of it.",
-        ""]
     rows = []
     plain = draw(model, 100 if quick else 2000, seed=4)
     kinds = library()
@@ -146,8 +134,8 @@ def _optima(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
         worst = max(found, key=lambda name: found[name].max())
         rows.append([_words(hold), f"each of {len(kinds)}, at its typical size; worst: {worst}",
                      *_spread_of(np.concatenate(list(found.values())))])
-    return Section(goals, [*lines, *table(
-        ("held", "effects", "points", "lost, median", "99 %", "largest"), rows)])
+    return Section(goals, {"zooms": _ZOOMS, "optima": table(
+        ("held", "effects", "points", "lost, median", "99 %", "largest"), rows)})
 
 
 def _calls(model: hmcvt.EfficiencyModel, given: Points, hold: str) -> Iterator[Callable[[], Any]]:

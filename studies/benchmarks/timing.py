@@ -14,10 +14,10 @@ Times = Mapping[str, Sequence[float]]
 
 
 class Section(NamedTuple):
-    """Part of the page: its goals, and its lines of Markdown."""
+    """Part of the page: its goals, and what its template names."""
 
     goals: list[Goal]
-    lines: list[str]
+    values: dict[str, Any]
 
 
 def in_turns(turns: int, calls: Mapping[str, Callable[[], Any]], of: int = 1) -> Times:

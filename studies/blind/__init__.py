@@ -8,7 +8,7 @@ plant (`campaign` and what it imports) imports nothing of the product but its er
 
 train         gear data and power flow of stage HM4
 effect        what an effect may act on (hooks) and the conditions it sees
-hydrostatics, drag, gearing, oil, meters, unknown   the effects themselves
+hydrostatics, drag, oil, meters, unknown   the effects themselves
 catalogue     effect by name; scaling an effect to a wanted shift of efficiency
 twin          the plant: eqs (13)-(15) integrated to steady state, then read by its meters
 steady        the time integrator

@@ -15,7 +15,7 @@ from hmcvt_core.files.atomic import write_atomically
 from studies.workers import recorded, workers
 
 from .conditions import PARTS, REFERENCE, cases
-from .scoring import HOW, report, summary
+from .scoring import report, summary
 from .trial import score
 
 
@@ -53,9 +53,8 @@ def command(
                 end = "\r" if sys.stderr.isatty() else "\n"
                 click.echo(f"{number} of {len(todo)} campaigns{end}", err=True, nl=False)
     chosen = "" if parts == PARTS else "".join(f" --part {part}" for part in parts)
-    command_line = f"python -m studies.blind --seeds {seeds} --side-seeds {side}{chosen}"
-    text = (f"# Blind trial\n\nWritten by `{command_line}`; rates carry 95 % Wilson intervals.\n\n"
-            + HOW + report(records))
+    text = report(
+        records, f"python -m studies.blind --seeds {seeds} --side-seeds {side}{chosen}")
     if out is not None:
         write_atomically(Path(out), text)
     if as_json:

@@ -98,11 +98,6 @@ class Campaign:
     truth: dict[str, FloatArray]
     label: Label
 
-    @property
-    def plant(self) -> Plant:
-        """The plant behind the samples."""
-        return Plant(self.label.base, tuple(sized.effect for sized in self.label.effects))
-
 
 def make_campaign(
     seed: int, effects: Sequence[tuple[str, float]] = (), **options: Any

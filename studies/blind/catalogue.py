@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hmcvt_core.errors import InputError
-from studies.blind import drag, gearing, hydrostatics, meters, oil, unknown
+from studies.blind import drag, hydrostatics, meters, oil, unknown
 from studies.blind.effect import Box, Effect, FloatArray
 from studies.blind.plans import reference_points
 from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 
 _CLASSES: tuple[type[Effect], ...] = (
-    drag.ChargePump, drag.Churning, drag.ClutchDrag, gearing.GearMesh, gearing.PlanetaryMesh,
+    drag.ChargePump, drag.Churning, drag.ClutchDrag, drag.GearMesh, drag.PlanetaryMesh,
     hydrostatics.PressureLeakage, drag.PressureFriction, hydrostatics.Compressibility,
     hydrostatics.DisplacementError, oil.OilTemperature, meters.TorqueSensor,
     hydrostatics.OrificeLeakage, hydrostatics.StrokeLeakage, drag.BearingSealDrag,
@@ -80,16 +80,14 @@ class SizedEffect:
     """An effect scaled to a target, with what it does to efficiency on the reference plan.
 
     `shift` and `target` are mean absolute shifts of efficiency, over the effect's box when it has
-    one, else over the whole range; `mean_shift` is the signed mean over the whole range; `capped`
-    says that the target lies beyond the largest physical size, or that the plant would stall
-    on more than a tenth of the reference plan before reaching it. Points that stall count in no
-    mean.
+    one, else over the whole range; `capped` says that the target lies beyond the largest physical
+    size, or that the plant would stall on more than a tenth of the reference plan before reaching
+    it. Points that stall count in no mean.
     """
 
     effect: Effect
     target: float
     shift: float
-    mean_shift: float
     capped: bool
 
 
@@ -109,7 +107,7 @@ def draw_effect(name: str, rng: np.random.Generator) -> Effect:
         drawn = str(rng.choice(kind.variants))
         variant = variant or drawn
     effect = kind(variant=variant, **shape)
-    if isinstance(effect, gearing.GearMesh):
+    if isinstance(effect, drag.GearMesh):
         uneven = rng.uniform(0.4, 1.6, 6)
         effect = replace(effect, uneven=tuple(float(u) for u in uneven))
     return effect
@@ -130,10 +128,7 @@ def size_effect(
     size, capped = _solve_size(base, effect, target, points, plain)
     sized = replace(effect, size=size)
     shift = float(np.nanmean(np.abs(_shift(base, sized, points, plain))))
-    if effect.box is not None:
-        points, plain = _carried(base, reference_points(Box(), temperature_swing))
-    mean = float(np.nanmean(_shift(base, sized, points, plain)))
-    return SizedEffect(sized, target, shift, mean, capped)
+    return SizedEffect(sized, target, shift, capped)
 
 
 def _carried(base: BaseTruth, points: OperatingPoints) -> tuple[OperatingPoints, Readings]:

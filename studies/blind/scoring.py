@@ -5,24 +5,19 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from studies.blind.conditions import REFERENCE
 from studies.blind.trial import DETECTABLE
+from studies.page import render, table
 
 Record = dict[str, Any]
 _SET_SIZE = 3
 _FIRST_GOAL = 0.85
 _Z = 1.959964  # two-sided 95 %
-HOW = """\
-The campaigns come from a plant written apart from the served model (`studies/blind`), with effects
-in other functional forms than the library of the diagnosis has. Blind is the command, not this
-program: `hmcvt diagnose` runs as a process of its own and gets a CSV file with contract columns;
-plant and answer are compared afterwards.
-
-"""
 
 
 def wilson(hits: int, total: int) -> tuple[float, float]:
@@ -37,7 +32,14 @@ def wilson(hits: int, total: int) -> tuple[float, float]:
 
 def rate(records: Sequence[Record], hit: Callable[[Record], bool]) -> str:
     """Return hits / total, the rate and its interval, as text."""
-    hits, total = sum(1 for record in records if hit(record)), len(records)
+    return _rate(*_count(records, hit))
+
+
+def _count(records: Sequence[Record], hit: Callable[[Record], bool]) -> tuple[int, int]:
+    return sum(map(hit, records)), len(records)
+
+
+def _rate(hits: int, total: int) -> str:
     if total == 0:
         return "none"
     low, high = wilson(hits, total)
@@ -49,18 +51,12 @@ def rate(records: Sequence[Record], hit: Callable[[Record], bool]) -> str:
 
 def single_known(records: Sequence[Record]) -> list[Record]:
     """One known effect, still detectable after the refit."""
-    return [r for r in records if len(r["truth"]) == 1 and r["known"] and r["left"] >= DETECTABLE]
-
-
-def undetectable(records: Sequence[Record]) -> list[Record]:
-    """One effect that the refit absorbs."""
-    return [r for r in records if len(r["truth"]) == 1 and r["left"] < DETECTABLE]
+    return [r for r in _detectable(records, 1) if r["known"]]
 
 
 def unlisted(records: Sequence[Record]) -> list[Record]:
     """One effect that is in nobody's library, detectable."""
-    return [r for r in records
-            if len(r["truth"]) == 1 and not r["known"] and r["left"] >= DETECTABLE]
+    return [r for r in _detectable(records, 1) if not r["known"]]
 
 
 def nothing(records: Sequence[Record]) -> list[Record]:
@@ -68,9 +64,8 @@ def nothing(records: Sequence[Record]) -> list[Record]:
     return [r for r in records if not r["truth"]]
 
 
-def pairs(records: Sequence[Record]) -> list[Record]:
-    """Two effects, together detectable."""
-    return [r for r in records if len(r["truth"]) == 2 and r["left"] >= DETECTABLE]
+def _detectable(records: Sequence[Record], effects: int) -> list[Record]:
+    return [r for r in records if len(r["truth"]) == effects and r["left"] >= DETECTABLE]
 
 
 # --- questions --------------------------------------------------------------------------------
@@ -113,79 +108,65 @@ def misses(records: Sequence[Record]) -> list[float]:
 # --- tables -------------------------------------------------------------------------------------
 
 
-def report(records: Sequence[Record]) -> str:
-    """Return the whole score as Markdown."""
+def report(records: Sequence[Record], command: str) -> str:
+    """Return the whole score, and the command that wrote it, as Markdown."""
     reference = [r for r in records if r["condition"] == REFERENCE]
-    parts = [_summary(reference), _by_effect(reference), _confusion(reference),
-             _calibration(reference), _conditions(records)]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return render(
+        "report.md.j2", Path(__file__).parent, command=command, detectable=DETECTABLE,
+        headline=_headline(summary(reference)) if reference else "",
+        low=_below_the_goal(single_known(reference)), by_effect=_by_effect(reference),
+        confusion=_confusion(reference), calibration=_calibration(reference),
+        conditions=_conditions(records))
 
 
 def summary(records: Sequence[Record]) -> dict[str, Any]:
-    """Return the headline figures as plain data."""
-    known = single_known(records)
+    """Return the headline figures as plain data; of a rate hits and total."""
+    known, strange = single_known(records), unlisted(records)
     right = [r["met"] for r in known if first_is_right(r) and r["met"] is not None]
-    gone = [value >= 0.85 for value in right]
     off = misses(known)
+    absorbed = [r for r in records if len(r["truth"]) == 1 and r["left"] < DETECTABLE]
     return {
-        "first_right": _plain(known, first_is_right),
-        "set_holds_truth": _plain(known, set_holds_truth),
-        "false_alarms": _plain(nothing(records), alarmed),
-        "unlisted_refused": _plain(unlisted(records), refused),
-        "unlisted_place_found": _plain(unlisted(records), lambda r: bool(r["place_found"])),
-        "listed_refused": _plain(known, refused),
+        "first_right": _count(known, first_is_right),
+        "set_holds_truth": _count(known, set_holds_truth),
+        "false_alarms": _count(nothing(records), alarmed),
+        "unlisted_refused": _count(strange, refused),
+        "unlisted_place_found": _count(strange, lambda r: bool(r["place_found"])),
+        "listed_refused": _count(known, refused),
         "promise_median_miss": float(np.median(off)) if off else None,
         "gap_gone_median": float(np.median(right)) if right else None,
-        "gap_gone_85": [sum(gone), len(gone)],
-        "pairs_both_found": _plain(pairs(records), both_found),
-        "undetectable": dict(Counter(r["verdict"] for r in undetectable(records))),
+        "gap_gone_85": (sum(met >= 0.85 for met in right), len(right)),
+        "pairs_both_found": _count(_detectable(records, 2), both_found),
+        "undetectable": dict(Counter(r["verdict"] for r in absorbed)),
     }
 
 
-def _plain(records: Sequence[Record], hit: Callable[[Record], bool]) -> list[int]:
-    return [sum(1 for record in records if hit(record)), len(records)]
-
-
-def _summary(records: Sequence[Record]) -> str:
-    if not records:
-        return ""
-    known = single_known(records)
-    found = summary(records)
-    right = [r for r in known if first_is_right(r) and r["met"] is not None]
-    quiet = rate(undetectable(records), lambda r: r["verdict"] in ("no_gap", "ambiguous"))
-    rows = [
-        ("right cause first", rate(known, first_is_right), f"{100 * _FIRST_GOAL:.0f} %"),
-        (f"right cause in a set of at most {_SET_SIZE}", rate(known, set_holds_truth), "95 %"),
-        ("false alarms, no effect", rate(nothing(records), alarmed), "at most 5 %"),
-        ("unlisted effects refused", rate(unlisted(records), refused), "85 %"),
-        ("place of unlisted effects found",
-         rate(unlisted(records), lambda r: bool(r["place_found"])), ""),
-        ("listed effects refused", rate(known, refused), "at most 5 %"),
+def _headline(found: dict[str, Any]) -> str:
+    absorbed = Counter(found["undetectable"])
+    return table(("", "measured", "goal"), [
+        ("right cause first", _rate(*found["first_right"]), f"{100 * _FIRST_GOAL:.0f} %"),
+        (f"right cause in a set of at most {_SET_SIZE}", _rate(*found["set_holds_truth"]), "95 %"),
+        ("false alarms, no effect", _rate(*found["false_alarms"]), "at most 5 %"),
+        ("unlisted effects refused", _rate(*found["unlisted_refused"]), "85 %"),
+        ("place of unlisted effects found", _rate(*found["unlisted_place_found"]), ""),
+        ("listed effects refused", _rate(*found["listed_refused"]), "at most 5 %"),
         ("median |promised - met| shrinkage", _number(found["promise_median_miss"]),
          "at most 0.10"),
         ("squared gap gone, median, right cause added", _number(found["gap_gone_median"]), "0.85"),
-        ("at least 85 % of the squared gap gone", rate(right, lambda r: r["met"] >= 0.85), ""),
-        ("pairs: both among the first three", rate(pairs(records), both_found), ""),
-        ("undetectable: no_gap or ambiguous", quiet, ""),
-    ]
-    return (
-        "## Reference conditions\n\nNoise 0.4 % of efficiency, 0.1 % of output speed, 96 "
-        "random operating points. Of the campaigns with an effect those count where it is "
-        f"detectable: a refit of the base parameters leaves at least {DETECTABLE:g} of it, in "
-        "squared standard deviations over all samples. The others stand in the last row.\n\n"
-        + _table(("", "measured", "goal"), rows)
-        + _below_the_goal(known)
-    )
+        ("at least 85 % of the squared gap gone", _rate(*found["gap_gone_85"]), ""),
+        ("pairs: both among the first three", _rate(*found["pairs_both_found"]), ""),
+        ("undetectable: no_gap or ambiguous",
+         _rate(absorbed["no_gap"] + absorbed["ambiguous"], absorbed.total()), ""),
+    ])
 
 
-def _below_the_goal(records: Sequence[Record]) -> str:
+def _below_the_goal(records: Sequence[Record]) -> list[str]:
     """Name the effects that the rate over all of them hides."""
     low = []
     for name in sorted({r["truth"][0] for r in records}):
-        first, count = _plain([r for r in records if r["truth"] == [name]], first_is_right)
+        first, count = _count([r for r in records if r["truth"] == [name]], first_is_right)
         if first < _FIRST_GOAL * count:
             low.append(f"{name} ({first} of {count})")
-    return f"\n\nBelow that goal for the right cause first: {', '.join(low)}." if low else ""
+    return low
 
 
 def _number(value: float | None) -> str:
@@ -200,7 +181,7 @@ def _by_effect(records: Sequence[Record]) -> str:
         off = misses(seen)
         rows.append((name, len(own), len(seen), rate(seen, first_is_right),
                      rate(seen, set_holds_truth), rate(seen, refused), _median(off)))
-    return "## By effect\n\n" + _table(
+    return table(
         ("true effect", "campaigns", "detectable", "first", "in the set", "refused",
          "median miss of the promise"), rows)
 
@@ -222,8 +203,7 @@ def _confusion(records: Sequence[Record]) -> str:
     answers = sorted({answer for row in counts.values() for answer in row})
     rows = [(truth, *(counts[truth][answer] or "" for answer in answers))
             for truth in sorted(counts)]
-    return ("## Confusion\n\nRows: what was switched on (detectable cases). Columns: the answer.\n"
-            "\n" + _table(("", *answers), rows))
+    return table(("", *answers), rows)
 
 
 def _calibration(records: Sequence[Record]) -> str:
@@ -234,8 +214,7 @@ def _calibration(records: Sequence[Record]) -> str:
         said = [r["causes"][0]["probability"] for r in inside]
         rows.append((f"{low:.2f} to {min(high, 1.0):.2f}",
                      f"{np.mean(said):.2f}" if said else "", rate(inside, first_is_right)))
-    return "## Are the probabilities right?\n\n" + _table(
-        ("probability of the first cause", "mean said", "right"), rows)
+    return table(("probability of the first cause", "mean said", "right"), rows)
 
 
 def _conditions(records: Sequence[Record]) -> str:
@@ -246,16 +225,6 @@ def _conditions(records: Sequence[Record]) -> str:
         known, off = single_known(own), misses(single_known(own))
         rows.append((name, rate(known, first_is_right), rate(known, set_holds_truth),
                      rate(nothing(own), alarmed), rate(unlisted(own), refused), _median(off)))
-    return "## Other conditions and stress\n\n" + _table(
+    return table(
         ("condition", "first", "in a set of three", "false alarms", "unlisted refused",
          "median miss of the promise"), rows)
-
-
-def _table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
-    lines = [_row(head), "|" + " --- |" * len(head), *map(_row, rows)]
-    return "\n".join(lines)
-
-
-def _row(cells: Sequence[object]) -> str:
-    # A bar within a cell would end it.
-    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"

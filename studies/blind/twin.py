@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from studies.blind.effect import Conditions, Effect, FloatArray, MeterReadings
-from studies.blind.oil import NOMINAL_TEMPERATURE
 from studies.blind.steady import settle
 from studies.blind.train import GearTrain
 
@@ -60,20 +59,6 @@ class OperatingPoints:
                                self.load_torque[index], self.oil_temperature[index])
 
 
-def operating_points(
-    displacement_ratio: FloatArray,
-    engine_speed: FloatArray,
-    load_torque: FloatArray,
-    oil_temperature: FloatArray | None = None,
-) -> OperatingPoints:
-    """Operating points from arrays of one shape (n,), at nominal oil temperature by default."""
-    speed = np.asarray(engine_speed, dtype=np.float64)
-    warm = np.full_like(speed, NOMINAL_TEMPERATURE) if oil_temperature is None else oil_temperature
-    return OperatingPoints(
-        np.asarray(displacement_ratio, dtype=np.float64), speed,
-        np.asarray(load_torque, dtype=np.float64), np.asarray(warm, dtype=np.float64))
-
-
 @dataclass(frozen=True)
 class Readings:
     """A steady plant; shape (n,) each.
@@ -88,8 +73,6 @@ class Readings:
     efficiency: FloatArray
     load_torque: FloatArray
     output_speed: FloatArray
-    pressure: FloatArray
-    motor_speed: FloatArray
     input_power: FloatArray
     output_power: FloatArray
     losses: dict[str, FloatArray]
@@ -143,8 +126,7 @@ class Plant:
         load = shown.output_torque * balance.output_speed / points.engine_speed
         return Readings(
             settled, np.where(settled, load / shown.engine_torque, np.nan), load,
-            balance.output_speed, state[0], state[1], balance.input_power, output_power,
-            balance.losses, state)
+            balance.output_speed, balance.input_power, output_power, balance.losses, state)
 
     def guess(self, points: OperatingPoints) -> FloatArray:
         """State without leakage, (4, n): pressure, motor and pump speed, torque of the governor."""

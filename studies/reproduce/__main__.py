@@ -12,8 +12,7 @@ from hmcvt_core.cli import run_command
 from hmcvt_core.cli.common import Progress, json_option, print_json
 
 from .procedure import reproduce
-from .report import write
-from .text import plain
+from .report import plain, write
 
 _SEEDS = 30
 _JOBS = 2

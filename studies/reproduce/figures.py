@@ -27,6 +27,8 @@ from .tables import FORMULATIONS
 _LEVELS = (0, 20, 40, 50, 60, 65, 70, 75, 80, 83, 90, 100)  # %, of figures 3 to 5
 # Told apart by line and mark as well, so that a grey print says the same.
 _OURS, _PAPER, _OTHER = BLUE, ORANGE, "#3c3c3c"
+_BOX = {"color": "0.85", "edgecolor": "black"}
+_EACH = {"ls": "none", "marker": "o", "mfc": "none", "mec": BLUE, "ms": 5}
 _LINES = {"paper": {"color": _PAPER, "ls": "--", "marker": "s"},
           "published": {"color": _OTHER, "ls": ":", "marker": "^"},
           "power_balance": {"color": _OURS, "ls": "-", "marker": "o"}}
@@ -147,10 +149,7 @@ _FIRST = 10  # evaluations at which the curves begin to be drawn
 
 def _figure6(found: Reproduction) -> list[Drawing]:
     seeds = f"{found.seeds} seeds"
-    first = [name for name in (IMPROVED_SA, COOLER, STANDARD_SA, GA, PSO)
-             if name in found.summaries]
-    boxes = [*first, SERVED]
-    ablation = [IMPROVED_SA, *WITHOUT.values(), STANDARD_SA]
+    first = [IMPROVED_SA, COOLER, STANDARD_SA, GA, PSO]
     target = f"Dashed: {100 * (NEAR - 1):.0f} % above the lowest."
     return [
         _drawn("figure6-evolution", "Figure 6: evolution over evaluations",
@@ -159,10 +158,12 @@ def _figure6(found: Reproduction) -> list[Drawing]:
                lambda axes: _evolution(axes, found, first)),
         _drawn("figure6-errors", "Figure 6: error reached",
                f"1 - RSQ above the lowest known (at least 1e-6); box: quartiles, bar: median, "
-               f"circles: all {seeds}. {target}", lambda axes: _boxes(axes, found, boxes)),
+               f"circles: all {seeds}. {target}",
+               lambda axes: _boxes(axes, found, [*first, SERVED])),
         _drawn("ablation", "The four improvements, each left out",
                f"As the figure before; the same {seeds}. {target}",
-               lambda axes: _boxes(axes, found, ablation)),
+               lambda axes: _boxes(
+                   axes, found, [IMPROVED_SA, *WITHOUT.values(), STANDARD_SA])),
     ]
 
 
@@ -204,10 +205,9 @@ def _boxes(axes: Any, found: Reproduction, names: Sequence[str]) -> None:
     values = [_above(found, [run.value for run in found.summaries[name].runs]) for name in names]
     for place, row in enumerate(values, 1):
         low, middle, high = np.percentile(row, (25, 50, 75))
-        axes.barh(place, high - low, left=low, height=0.6, color="0.85", edgecolor="black")
+        axes.barh(place, high - low, left=low, height=0.6, **_BOX)
         axes.plot((middle, middle), (place - 0.3, place + 0.3), color="black", lw=3.0)
-        spread = np.linspace(-0.2, 0.2, len(row))
-        axes.plot(row, place + spread, "o", mfc="none", mec=_OURS, ms=5)
+        axes.plot(row, place + np.linspace(-0.2, 0.2, len(row)), **_EACH)
     axes.axvline((NEAR - 1.0) * found.lowest, color="0.3", ls=(0, (6, 4)), lw=1.2)
     axes.set(xscale="log", xlabel="1 - RSQ above the lowest [-]",
              yticks=range(1, len(names) + 1),
@@ -220,12 +220,9 @@ def _plain_powers(*scales: Any) -> None:
     """Write 1e-6, not a small raised exponent; every second power has room."""
     for scale in scales:
         scale.set_major_locator(LogLocator(numticks=5))
-        scale.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
+        scale.set_major_formatter(FuncFormatter(
+            lambda value, _: f"{value:g}".replace("e-0", "e-")))
         scale.set_minor_locator(NullLocator())
-
-
-def _power(value: float) -> str:
-    return f"{value:g}".replace("e-0", "e-")
 
 
 def _two_lines(name: str, summary: Summary) -> str:
@@ -252,10 +249,9 @@ def _subsets(axes: Any, found: Reproduction, formulation: str) -> None:
     for size in sizes:
         values = subsets.prediction_errors(list(found.subset_fits), formulation, size)
         low, middle, high = np.percentile(np.minimum(values, 2.0 * top), (25, 50, 75))
-        axes.bar(size, high - low, bottom=low, width=0.55, color="0.85", edgecolor="black")
+        axes.bar(size, high - low, bottom=low, width=0.55, **_BOX)
         axes.plot((size - 0.275, size + 0.275), (middle, middle), color="black", lw=3.0)
-        axes.plot(size + np.linspace(-0.2, 0.2, len(values)), values, "o", mfc="none", mec=_OURS,
-                  ms=5)
+        axes.plot(size + np.linspace(-0.2, 0.2, len(values)), values, **_EACH)
         beyond = int((values > top).sum())
         axes.annotate(f"{beyond} of {len(values)}\nabove" if beyond else f"of {len(values)}",
                       (size, 1.01), xycoords=("data", "axes fraction"), ha="center", fontsize=14)

@@ -120,12 +120,6 @@ def profiles(squares: list[float]) -> list[Profile]:
     return found
 
 
-def correlation(tests: str) -> Array:
-    """Linearised correlation of the parameters, shape (3, 3)."""
-    found = identify(_problem(tests).samples, stage=stage(), formulation=FORMULATION)
-    return found.correlation
-
-
 def items(found: list[Profile]) -> list[Item]:
     """Interval of each parameter, and the ties between them."""
     return [*(_item(profile) for profile in found), *(_tie(tests) for tests in SETS)]
@@ -145,7 +139,9 @@ def _item(profile: Profile) -> Item:
 
 
 def _tie(tests: str) -> Item:
-    matrix = correlation(tests)
+    """Linearised correlation of the parameters."""
+    matrix = identify(
+        _problem(tests).samples, stage=stage(), formulation=FORMULATION).correlation
     pairs = [(0, 1), (0, 2), (1, 2)]
     words = ", ".join(f"{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]} {matrix[i, j]:+.2f}"
                       for i, j in pairs)

@@ -1,12 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One published thing beside ours, and the rules by which it is judged.
-
-* A printed number is `reproduced` when ours, written with the printed digits, is the same.
-* A number that is not is `better` when it is an error and ours is smaller, or an estimate and ours
-  lies closer to the measured value; otherwise it `differs`.
-* A claim in words is turned into a condition: `reproduced` when it holds, else it `differs`.
-* `not reproducible` is kept for what the paper leaves out; the reason is told.
-"""
+"""One published thing beside ours, judged by the first of the rules in `rules.txt`."""
 
 from __future__ import annotations
 

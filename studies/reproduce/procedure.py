@@ -14,14 +14,13 @@ from . import (
     algorithms,
     comparison,
     conclusions,
+    formulas,
     gear_choice,
     intervals,
-    kinematics,
     paper,
     subsets,
     surfaces,
     tables,
-    uncertainty_items,
 )
 from .comparison import Summary
 from .gear_choice import Enumeration
@@ -100,7 +99,7 @@ def reproduce(
     profiles = intervals.profiles(squares)
     drawn = surfaces.surfaces(fits)
     summaries = comparison.summaries(runs, lowest)
-    items = [*uncertainty_items.items(), *kinematics.items(), *tables.items(fits),
+    items = [*formulas.uncertainties(), *formulas.items(), *tables.items(fits),
              *conclusions.items(fits), *subsets.items(subset_fits),
              *gear_choice.items(fits, tried), *surfaces.items(drawn),
              *comparison.items(summaries), *intervals.items(profiles)]

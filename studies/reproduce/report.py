@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report: one self-contained HTML page, and Markdown with the figures as files beside it."""
+"""The report: a table for the terminal, a self-contained page, Markdown with figures beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.report.template import render
+from hmcvt_core.report import template
+from studies.page import render, table
 
-from . import comparison, intervals, subsets, surfaces, tables
+from . import comparison, gear_choice, intervals, paper, subsets, surfaces, tables
+from .algorithms import SERVED
 from .figures import Drawing, drawings
-from .item import BETTER, DIFFERS, NOT_REPRODUCIBLE, REPRODUCED
+from .item import BETTER, DIFFERS, NOT_REPRODUCIBLE, REPRODUCED, Item
 from .procedure import Reproduction
-from .text import RULES, counts, details, groups, markdown
+from .tables import FORMULATIONS
 
 HTML, MARKDOWN = "report.html", "report.md"
+_FOLDER = Path(__file__).parent
 _TITLE = "The paper's numbers and figures beside ours"
 _MARKS = {REPRODUCED: "good", BETTER: "good", DIFFERS: "doubt", NOT_REPRODUCIBLE: "none"}
 _GROUPS = {"table3": tables.TABLE_3, "table4": tables.TABLE_4, "figure6": comparison.FIGURE_6,
@@ -42,20 +46,97 @@ def write(found: Reproduction, folder: Path, command: str) -> list[Path]:
     for drawing in drawn:
         write_atomically(folder / f"{drawing.name}.svg", f"{drawing.svg}\n")
         (folder / f"{drawing.name}.png").write_bytes(drawing.png)
-    images = [(_group(each), each.title, each.caption, f"{each.name}.png") for each in drawn]
-    write_atomically(folder / MARKDOWN, markdown(found, command, images))
-    write_atomically(folder / HTML, html(found, command, drawn))
+    context = {
+        "title": _TITLE, "counts": counts(found), "command": command,
+        "rules": (_FOLDER / "rules.txt").read_text(encoding="utf-8").strip().split("\n\n"),
+        "sections": [(name, list(items), details(found, name),
+                      [each for each in drawn if _group(each) == name])
+                     for name, items in groupby(found.items, key=lambda item: item.group)]}
+    write_atomically(folder / MARKDOWN, render(
+        "report.md.j2", _FOLDER, table=table, items_table=_items_table, **context))
+    write_atomically(folder / HTML, template.render(
+        "report.html.j2", _FOLDER, marks=_MARKS, **context))
     return [folder / HTML, folder / MARKDOWN]
-
-
-def html(found: Reproduction, command: str, drawn: Sequence[Drawing]) -> str:
-    """Return the page; it loads nothing and needs no script."""
-    sections = [(name, items, details(found, name),
-                 [each for each in drawn if _group(each) == name])
-                for name, items in groups(found)]
-    return render("report.html.j2", Path(__file__).parent, title=_TITLE, counts=counts(found),
-                  command=command, sections=sections, rules=RULES, marks=_MARKS)
 
 
 def _group(drawing: Drawing) -> str:
     return _GROUPS[drawing.name.split("-", 1)[0]]
+
+
+def _items_table(items: Sequence[Item]) -> str:
+    return table(("item", "published", "ours", "verdict"), [
+        (item.name, item.published_text, item.ours_text,
+         f"**{item.verdict}**{': ' if item.why else ''}{item.why}") for item in items])
+
+
+def counts(found: Reproduction) -> str:
+    """How many items have each verdict."""
+    parts = ", ".join(f"{count} {verdict}" for verdict, count in found.counts.items())
+    return f"{len(found.items)} items: {parts}"
+
+
+def plain(found: Reproduction) -> str:
+    """Return the table for a terminal."""
+    head = ("item", "published", "ours", "verdict")
+    rows = [(item.name, item.published_text, item.ours_text, item.verdict_text)
+            for item in found.items]
+    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(2)]
+    ours = min(44, max(len(row[2]) for row in rows))
+
+    def line(row: Sequence[str]) -> str:
+        return f"{row[0]:<{widths[0]}}  {row[1]:>{widths[1]}}  {row[2]:>{ours}}  {row[3]}"
+
+    lines = [line(head)]
+    for name, group in groupby(zip(found.items, rows, strict=True), key=lambda pair: pair[0].group):
+        lines += ["", name, *(line(row) for _, row in group)]
+    return "\n".join([*lines, "", counts(found)])
+
+
+Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
+"""Heads of the columns, and rows."""
+
+
+def details(found: Reproduction, group: str) -> list[Table]:
+    """Tables that stand below the items of a group."""
+    if group == tables.TABLE_3:
+        return [_table3(found)]
+    if group == gear_choice.GROUP:
+        return [_enumerations(found)]
+    if group == comparison.FIGURE_6:
+        return [_algorithms(found)]
+    return []
+
+
+def _table3(found: Reproduction) -> Table:
+    head = ("gear efficiency", *(f"{column}, {name} [%]" for name in ("printed", *FORMULATIONS)
+                                 for column in ("all", "fitted", "predicted")))
+    rows = []
+    for gear, printed in paper.TABLE_3.items():
+        values = [*printed, *(value for name in FORMULATIONS
+                              for value in found.fits[name, gear].errors)]
+        rows.append((f"{gear:g}", *(f"{value:.2f}" for value in values)))
+    return head, rows
+
+
+def _enumerations(found: Reproduction) -> Table:
+    head = ("formulation", "objective", "bounds", "best, all data", "best, prediction",
+            *(f"{gear:g} [%]" for gear in paper.GEAR_EFFICIENCIES))
+    return head, [(each.formulation, each.objective, each.box, f"{each.best('all_data'):g}",
+                   f"{each.best('prediction'):g}",
+                   *(f"{each.errors[gear].all_data:.2f}" for gear in paper.GEAR_EFFICIENCIES))
+                  for each in found.enumerations]
+
+
+def _algorithms(found: Reproduction) -> Table:
+    head = ("algorithm", "1 - RSQ, median", "quartiles", "ends near the lowest",
+            "evaluations of a run", "per run that ends near", "the same, stopped there",
+            "time [s]")
+    rows: list[tuple[str, ...]] = []
+    for name, summary in found.summaries.items():
+        low, middle, high = summary.quartiles("value")
+        spent, seconds = (summary.quartiles(what)[1] for what in ("evaluations", "seconds"))
+        rows.append((name, f"{middle:.5f}", f"{low:.5f} to {high:.5f}", summary.reached_text,
+                     f"{spent:.0f}", summary.cost(summary.whole),
+                     summary.cost(summary.until_met) if name != SERVED else "-",
+                     f"{seconds:.2f}"))
+    return head, rows

@@ -31,14 +31,11 @@ class Fit:
     """One identification of the enumeration.
 
     Attributes:
-        formulation, gear_efficiency: what it was made with.
         identification: as `hmcvt identify` gives it.
         predicted: efficiency at tests 1 to 8, shape (8,).
         errors: as a row of Table 3 [%].
     """
 
-    formulation: str
-    gear_efficiency: float
     identification: Identification
     predicted: Array
     errors: paper.Errors
@@ -50,7 +47,7 @@ def fit(task: tuple[str, float]) -> Fit:
     samples = table2()
     found = identify(samples.select(FITTED), stage=stage(gear), formulation=formulation)
     predicted = predicted_at(found.model, samples)
-    return Fit(formulation, gear, found, predicted, errors(predicted))
+    return Fit(found, predicted, errors(predicted))
 
 
 def errors(predicted: Array) -> paper.Errors:
@@ -146,17 +143,12 @@ def _from_printed(gear: float) -> Item:
 
 
 def _rms_off(formulation: str, gear: float, size: float, target: Array) -> float:
-    predicted = 100.0 * _with_displacement(formulation, gear, size)
-    return float(np.sqrt(np.mean((predicted - target) ** 2))) \
-        if np.isfinite(predicted).all() else np.inf
-
-
-def _with_displacement(formulation: str, gear: float, size: float) -> Array:
     train: Stage = stage(gear)
     units = replace(train.pump_motor, pump_displacement=size * _CM3_PER_REV,
                     motor_displacement=size * _CM3_PER_REV)
     model = EfficiencyModel(replace(train, pump_motor=units), PAPER_PARAMETERS[gear], formulation)
-    return predicted_at(model, table2())
+    off = 100.0 * predicted_at(model, table2()) - target
+    return float(np.sqrt(np.mean(off**2))) if np.isfinite(off).all() else np.inf
 
 
 def _parameters(fits: dict[tuple[str, float], Fit]) -> list[Item]:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import subprocess
 import sys
@@ -34,7 +33,7 @@ def main() -> int:
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="hmcvt-soak-") as name:
         folder = Path(name)
-        _loopback_only(folder)
+        processes.loopback_only(folder)
         others = busy_cores()
         loaded = trial.under_load(plan, folder, _say)
         fuzzed = trial.nonsense(plan, folder, _say)
@@ -47,12 +46,6 @@ def main() -> int:
         _say(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")
     _say(f"Written to {given.out} after {run.seconds:.0f} s.")
     return 1 if missed else 0
-
-
-def _loopback_only(folder: Path) -> None:
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
-    os.environ["ROS_LOG_DIR"] = str(folder / "log")
 
 
 def _kill_trials(count: int) -> report.Kills:

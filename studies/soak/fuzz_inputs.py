@@ -14,17 +14,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
 from hmcvt_core import EfficiencyModel
-from hmcvt_ros import qos
 
-from .ear import Ear, Statuses, unused
+from .load import Target
 from .points import ORDINARY
-from .processes import Process
 
 # As the interface promises it, not as the code has it.
 LIMITS = {"displacement_ratio": (-1.0, 1.0), "engine_speed": (10.0, 320.0),
@@ -88,7 +83,7 @@ class Oracle:
 
 
 class InputFuzzer:
-    """Sends nonsense to a node started with `overrides` and holds it to an oracle.
+    """Sends nonsense to a node started with `overrides`, connected, and holds it to an oracle.
 
     Waits `patience` [s] for what is due; only a failure takes as long.
 
@@ -98,33 +93,18 @@ class InputFuzzer:
         differences: where the node did something else; empty when it kept its promises.
     """
 
-    def __init__(self, client: Node, process: Process, namespace: str, model: EfficiencyModel,
-                 seed: int, patience: float = 20.0) -> None:
+    def __init__(self, target: Target, model: EfficiencyModel, seed: int,
+                 patience: float = 20.0) -> None:
         self.sent = 0
-        self._patience = patience
         self.oracle = Oracle(model)
         self.differences: list[str] = []
-        self._process = process
+        self._target, self._patience = target, patience
         self._random = np.random.default_rng(seed)
-        self._statuses = Statuses(namespace)
-        self._efficiency: list[float] = []
-        self._optimum: list[float] = []
-        self._publishers = {topic: client.create_publisher(
-            Float64, f"{namespace}/{topic}", QoSProfile(depth=DEPTH)) for topic in TOPICS}
-        outputs = {"efficiency": self._efficiency, "optimal_displacement_ratio": self._optimum}
-        self._outputs = {client.create_subscription(
-            Float64, f"{namespace}/{topic}", unused, QoSProfile(depth=DEPTH)): values
-            for topic, values in outputs.items()}
-        diagnostics = client.create_subscription(
-            DiagnosticArray, "/diagnostics", unused, qos.DIAGNOSTICS)
-        self.ear = Ear(client, {
-            diagnostics: self._statuses.take,
-            **{subscription: lambda message, _, values=values: values.append(message.data)
-               for subscription, values in self._outputs.items()}})
+        self._publishers = dict(zip(TOPICS, target.inputs, strict=True))
 
     def run(self, count: int) -> None:
         """Send about `count` messages; stop at the first difference."""
-        self._connect()
+        self._target.counts()  # waits until the node tells any
         self._while_one_is_bad(TOPICS[0], count // 20, begun=False)
         self._set(TOPICS[0])
         blind_at = [count * share // 20 for share in (15, 12, 9, 6, 3)]
@@ -190,17 +170,11 @@ class InputFuzzer:
 
     # --- what comes back ----------------------------------------------------------------------
 
-    def _connect(self) -> None:
-        if not self.ear.listen_until(lambda: (
-                all(publisher.get_subscription_count() for publisher in self._publishers.values())
-                and all(output.get_publisher_count() for output in self._outputs)
-                and self._statuses.stamp > 0), 20.0):
-            raise TimeoutError(f"the node did not come up:\n{self._process.log}")
-
     def _compare_outputs(self) -> None:
         """Wait for as many answers as there must be, and compare each of them."""
-        pairs = ((self._efficiency, self.oracle.efficiency), (self._optimum, self.oracle.optimum))
-        self.ear.listen_until(
+        pairs = ((self._target.efficiency.values, self.oracle.efficiency),
+                 (self._target.optimum.values, self.oracle.optimum))
+        self._target.ear.listen_until(
             lambda: all(len(heard) >= len(due) for heard, due in pairs), self._patience)
         for heard, due in pairs:
             if heard != due:
@@ -209,18 +183,19 @@ class InputFuzzer:
                 self.differences.append(
                     f"answer {first} of {len(due)} is {heard[first:first + 1]}, not "
                     f"{due[first:first + 1]}; {len(heard)} came")
-        self.differences += [f"efficiency {value} was published" for value in self._efficiency
+        self.differences += [f"efficiency {value} was published" for value in pairs[0][0]
                              if not 0.0 < value < 1.0]
-        for values in (*pairs[0], *pairs[1]):
-            values.clear()
+        self._target.forget()
+        self.oracle.efficiency.clear()
+        self.oracle.optimum.clear()
 
     def _compare_counts(self) -> None:
         """Wait until the counts in diagnostics are those of the oracle, and compare the rest."""
         due = {**self.oracle.counts, "points answered": self.oracle.answers}
 
         def counted() -> dict[str, int]:
-            return {key: int(self._statuses.values["inputs"][key]) for key in due}
+            return {key: int(self._target.statuses.values["inputs"][key]) for key in due}
 
-        if not self.ear.listen_until(lambda: counted() == due, self._patience):
+        if not self._target.ear.listen_until(lambda: counted() == due, self._patience):
             self.differences.append(f"diagnostics count {counted()}, not {due}")
         self._compare_outputs()

@@ -9,31 +9,26 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import re
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 import yaml
 from rclpy.context import Context
-from rclpy.signals import SignalHandlerOptions
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.bench_player import BenchPlayer
-from hmcvt_ros.messages import bench_sample_to_message
+from hmcvt_ros.messages import bench_sample_from_message, bench_sample_to_message
 from hmcvt_ros.model_store import ModelStore
 
+from . import processes
 from .kill_lines import BASE, leftovers, model
-from .processes import ROOT
+from .load import client
+from .processes import Process
 
 _PERIOD = 0.01  # seconds between two samples
 _BURST = 50  # samples that come at once
@@ -63,40 +58,24 @@ class Outcome:
 
 
 class _Node:
-    """A node process and a client of it, in a namespace that none had before."""
+    """A node process and a client of it."""
 
-    def __init__(self, context: Context, state: Path) -> None:
-        namespace = f"/killed{next(_numbers)}"
-        self.state, self.log = state, state.with_name(f"{state.name}{namespace.strip('/')}.log")
+    def __init__(self, context: Context, process: Process, namespace: str, state: Path) -> None:
+        self.state, self.process = state, process
         self.problems: list[str] = []
         self.player = BenchPlayer(context, namespace)
-        with self.log.open("w") as output:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "hmcvt_ros.efficiency_node", "--ros-args",
-                 "-r", f"__ns:={namespace}", "-p", f"model_file:={BASE}",
-                 "-p", f"state_folder:={state}"], stdout=output, stderr=output, cwd=ROOT)
         self.check(self.player.wait_for_node(), "the node did not come up")
 
     def check(self, good: bool, complaint: str) -> None:
         if not good:
-            self.problems.append(f"{self.log}: {complaint}")
+            self.problems.append(f"{self.process.log_file}: {complaint}")
 
     def kill(self) -> None:
         """End the node at once, and see that nothing of it goes on."""
-        children = Path(f"/proc/{self._process.pid}/task/{self._process.pid}/children")
-        workers = children.read_text().split()
-        self._process.send_signal(signal.SIGKILL)
-        self._process.wait()
+        workers = self.process.kill()
         self.player.spin_for(0.1)  # what it had said before
         self.check(self.player.wait_until(lambda: not any(map(_alive, workers)), 5.0),
                    "the worker lives on")
-
-    def close(self) -> None:
-        self.player.close()
-        if self._process.poll() is None:
-            self._process.kill()
-            self._process.wait()
-        self.check(not _COMPLAINT.search(self.log.read_text()), "complains")
 
     @property
     def logged(self) -> int:
@@ -118,10 +97,10 @@ def _alive(pid: str) -> bool:
         return False
 
 
-# --- trials ---------------------------------------------------------------------------------------
+# --- trials: operations acknowledged, whether one was under way -----------------------------------
 
 
-def logging(node: _Node, rng: Rng) -> Outcome:
+def logging(node: _Node, rng: Rng) -> tuple[int, bool]:
     """Kill it while samples come in."""
     log = node.state / "bench_samples.csv"
     node.player.wait_until(lambda: node.logged >= 0, 5.0)
@@ -150,10 +129,10 @@ def logging(node: _Node, rng: Rng) -> Outcome:
     node.check(all(row == _row(n) for row, n in zip(rows, found, strict=True)), "values changed")
     midway = not found or found[-1] < sent
     node.check(len(found) - len(before) <= sent - number, "more samples than were sent")
-    return _outcome(node, count - len(before), midway)
+    return count - len(before), midway
 
 
-def refit(node: _Node, rng: Rng) -> Outcome:
+def refit(node: _Node, rng: Rng) -> tuple[int, bool]:
     """Kill it during ~/reidentify: at any moment of it, or when the new file comes."""
     if not (node.state / "bench_samples.csv").exists():
         table = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
@@ -168,15 +147,17 @@ def refit(node: _Node, rng: Rng) -> Outcome:
     if rng.random() < 0.4:
         node.player.wait_until(reply.done, rng.uniform(0.0, 1.2))
     else:
-        _watch(lambda: reply.done() or set(models.glob("*")) - known, node.player)
+        end = time.monotonic() + 30.0
+        while not reply.done() and not set(models.glob("*")) - known and time.monotonic() < end:
+            node.player.spin_for(0.001)  # a finer grain than that of the client
         node.player.wait_until(reply.done, rng.uniform(0.0, 0.15))
     node.kill()
     done = reply.done() and reply.result().success
     _check_models(node, before, done)
-    return _outcome(node, int(done), not reply.done())
+    return int(done), not reply.done()
 
 
-def revert(node: _Node, rng: Rng) -> Outcome:
+def revert(node: _Node, rng: Rng) -> tuple[int, bool]:
     """Kill it while models go out of service one after the other."""
     before = _stack(node.state)
     count, last = 0, node.file
@@ -194,48 +175,41 @@ def revert(node: _Node, rng: Rng) -> Outcome:
         last = Path(json.loads(reply.result().message)["file"])
     stack, told = _stack(node.state), before.index(last.name) + 1
     node.check(stack in (before[:told], before[:told - 1]), f"{stack[-1:]}, acknowledged {last}")
-    return _outcome(node, count, not reply.done())
+    return count, not reply.done()
 
 
-KINDS: dict[str, Callable[[_Node, Rng], Outcome]] = {
+KINDS: dict[str, Callable[[_Node, Rng], tuple[int, bool]]] = {
     "node that logs": logging, "node that refits": refit, "node that reverts": revert}
 
 
 def trials(kind: str, count: int, folder: Path, rng: Rng) -> Iterator[Outcome]:
     """Run trials of a kind; one more outcome is that of a start after the last."""
     state = folder / kind.replace(" ", "-")
-    with _context() as context:
+    with client() as here:
         for _ in range(count):
             if KINDS[kind] is revert:
                 _fill(state)
-            yield _trial(context, state, lambda node: KINDS[kind](node, rng))
-        yield _trial(context, state, lambda node: Outcome(0, False, 0, ()))
+            yield _trial(here.context, state, lambda node: KINDS[kind](node, rng))
+        yield _trial(here.context, state, lambda node: (0, False))
 
 
-def _trial(context: Context, state: Path, kill: Callable[[_Node], Outcome]) -> Outcome:
+def _trial(context: Context, state: Path, kill: Callable[[_Node], tuple[int, bool]]) -> Outcome:
     expected = _in_service(state)
-    node = _Node(context, state)
-    try:
-        node.check(node.file == expected, f"serves {node.file}, not {expected}")
-        node.check(leftovers(state) == 0, "temporary files stay")
-        outcome = kill(node)
-    finally:
-        node.close()
-    return Outcome(outcome.acknowledged, outcome.midway, outcome.leftovers, tuple(node.problems))
+    namespace = f"/killed{next(_numbers)}"  # that none had before
+    with processes.node(namespace, state.parent, state_folder=state, model_file=BASE) as process:
+        node = _Node(context, process, namespace, state)
+        try:
+            node.check(node.file == expected, f"serves {node.file}, not {expected}")
+            node.check(leftovers(state) == 0, "temporary files stay")
+            acknowledged, midway = kill(node)
+            left = leftovers(state)
+        finally:
+            node.player.close()
+    node.check(not _COMPLAINT.search(process.log), "complains")
+    return Outcome(acknowledged, midway, left, tuple(node.problems))
 
 
 # --- helpers --------------------------------------------------------------------------------------
-
-
-@contextmanager
-def _context() -> Iterator[Context]:
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    context = Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        yield context
-    finally:
-        context.try_shutdown()
 
 
 def _message(number: int, ratio: float = 0.1, speed: float = 0.0, torque: float = _TORQUE,
@@ -249,8 +223,6 @@ def _message(number: int, ratio: float = 0.1, speed: float = 0.0, torque: float 
 
 def _row(number: int) -> bytes:
     """Return the line of the log that a sample must become."""
-    from hmcvt_ros.messages import bench_sample_from_message
-
     found = bench_sample_from_message(_message(number), 0.0)
     columns = (found.stamp, found.displacement_ratio, found.engine_speed, found.load_torque,
                found.efficiency, found.output_speed)
@@ -262,13 +234,6 @@ def _rows(log: Path) -> list[bytes]:
         return []
     *lines, _torn = log.read_bytes().split(b"\n")
     return lines[1:]
-
-
-def _watch(condition: Callable[[], Any], player: BenchPlayer, timeout: float = 30.0) -> None:
-    """Wait with a finer grain than that of the client."""
-    end = time.monotonic() + timeout
-    while not condition() and time.monotonic() < end:
-        player.spin_for(0.001)
 
 
 def _fill(state: Path) -> None:
@@ -294,9 +259,5 @@ def _check_models(node: _Node, before: Path, done: bool) -> None:
     for path in (node.state / "models").glob("*.yaml"):
         hmcvt.load_model(path)
     found = _in_service(node.state)
-    node.check(found != before if done else True, "an acknowledged refit is not in service")
+    node.check(not done or found != before, "an acknowledged refit is not in service")
     hmcvt.read_bench(node.state / "bench_samples.csv")
-
-
-def _outcome(node: _Node, acknowledged: int, midway: bool) -> Outcome:
-    return Outcome(acknowledged, midway, leftovers(node.state), ())

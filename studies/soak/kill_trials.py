@@ -7,7 +7,6 @@ Exits with 1 when anything acknowledged was lost, or a file cannot be read.
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import sys
 import tempfile
@@ -16,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import kill_lines
+from . import kill_lines, processes
 
 
 def main() -> int:
@@ -30,7 +29,7 @@ def main() -> int:
     given = parser.parse_args()
     start = time.monotonic()
     folder = Path(tempfile.mkdtemp(prefix="hmcvt-kill-"))
-    os.environ["ROS_LOG_DIR"] = str(folder / "ros-log")
+    processes.loopback_only(folder)
     # What forks comes first: the threads of DDS would not bear it.
     problems = _lines(folder) if given.lines else []
     if given.trials:

@@ -12,7 +12,7 @@ import gc
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,8 +30,7 @@ from hmcvt_ros.inputs import INPUT_RANGES
 from studies.page import busy_seconds
 
 from .ear import Ear, Statuses, unused
-from .matching import match
-from .points import TOPICS, Answer, Cycle
+from .points import TOPICS, Answer, Cycle, match
 from .processes import Process
 
 # Of this side only: a listener that is late must not lose what the node has sent.
@@ -57,6 +56,7 @@ class Segment:
         generator_cpu, other_cpu: the same of this process and of all others on the machine.
         memory: bytes held by the process under test, ten times a second.
         clock_slip: how much the system clock was moved meanwhile [s]; the stamps follow it.
+        accepted, answered: arrivals that the node has heard and answered, by its own count.
     """
 
     rate: float
@@ -73,20 +73,8 @@ class Segment:
     other_cpu: float
     memory: tuple[int, ...]
     clock_slip: float
-
-
-@dataclass(frozen=True)
-class Counted:
-    """A stretch of load on the node, with what the node says about it.
-
-    Attributes:
-        segment: as seen from outside.
-        accepted, answered: arrivals that the node has heard and answered, by its own count.
-    """
-
-    segment: Segment
-    accepted: int
-    answered: int
+    accepted: int = 0
+    answered: int = 0
 
 
 @contextmanager
@@ -103,7 +91,7 @@ def client() -> Iterator[Node]:
 
 
 @dataclass
-class _Answers:
+class Answers:
     """Values and times of reception of one output."""
 
     values: list[float] = field(default_factory=list)
@@ -121,15 +109,18 @@ class Target:
         process: it.
         ear: hears its outputs, and its diagnostics.
         statuses: its last diagnostics, when it has any.
+        inputs: publishers on the three inputs, in the order of `INPUT_RANGES`.
+        efficiency, optimum: what came on its outputs since `forget`.
     """
 
-    def __init__(self, client: Node, process: Process, namespace: str) -> None:
+    def __init__(self, client: Node, process: Process, namespace: str,
+                 profile: QoSProfile = qos.INPUT) -> None:
         self.process = process
         self.statuses = Statuses(namespace)
-        self._inputs = [client.create_publisher(Float64, f"{namespace}/{limits.name}", qos.INPUT)
-                        for limits in INPUT_RANGES]
-        self._efficiency, self._optimum = _Answers(), _Answers()
-        outputs = {"efficiency": self._efficiency, "optimal_displacement_ratio": self._optimum}
+        self.efficiency, self.optimum = Answers(), Answers()
+        self.inputs = [client.create_publisher(Float64, f"{namespace}/{limits.name}", profile)
+                       for limits in INPUT_RANGES]
+        outputs = {"efficiency": self.efficiency, "optimal_displacement_ratio": self.optimum}
         self._outputs = {
             client.create_subscription(Float64, f"{namespace}/{topic}", unused, _DEEP): answers
             for topic, answers in outputs.items()}
@@ -146,7 +137,7 @@ class Target:
             TimeoutError: it is not.
         """
         def connected() -> bool:
-            return (all(publisher.get_subscription_count() for publisher in self._inputs)
+            return (all(publisher.get_subscription_count() for publisher in self.inputs)
                     and all(output.get_publisher_count() for output in self._outputs))
 
         if not self.ear.listen_until(lambda: connected() or not self.process.running, 20.0) \
@@ -166,25 +157,19 @@ class Target:
         return (self.statuses.sum("inputs", " accepted"),
                 self.statuses.sum("inputs", "points answered"))
 
-    def rested(self, cycle: Cycle, rate: float, seconds: float,
-               meanwhile: Callable[[], None] = lambda: None) -> Segment:
-        """Be silent, then load."""
-        self.ear.listen_for(_REST)
-        return self.load(cycle, rate, seconds, meanwhile)
-
     def counted(self, cycle: Cycle, rate: float, seconds: float,
-                meanwhile: Callable[[], None] = lambda: None) -> Counted:
-        """Load after a rest, and ask the node what it counted."""
-        self.ear.listen_for(_REST)
+                meanwhile: Callable[[], None] = lambda: None) -> Segment:
+        """Load, and ask the node what it counted."""
         accepted, answers = self.counts()
         segment = self.load(cycle, rate, seconds, meanwhile)
         accepted_after, answers_after = self.counts()
         # The load begins with a set of three, of which the last is answered.
-        return Counted(segment, accepted_after - accepted - TOPICS, answers_after - answers - 1)
+        return replace(segment, accepted=accepted_after - accepted - TOPICS,
+                       answered=answers_after - answers - 1)
 
     def load(self, cycle: Cycle, rate: float, seconds: float,
              meanwhile: Callable[[], None] = lambda: None) -> Segment:
-        """Send arrivals, one topic after the other at even distances.
+        """Be silent, then send arrivals, one topic after the other at even distances.
 
         Args:
             cycle: what to send and what to expect.
@@ -195,6 +180,7 @@ class Target:
         Raises:
             TimeoutError: not even a single point is answered.
         """
+        self.ear.listen_for(_REST)
         self._prime(cycle)
         before, start, wall = self._usage(), time.monotonic(), _clock_offset()
         memory: list[int] = []
@@ -223,20 +209,21 @@ class Target:
 
     def _prime(self, cycle: Cycle) -> None:
         """Send the last three arrivals of the cycle, so that the first one completes a set."""
-        self._forget()
+        self.forget()
         for i in range(-TOPICS, 0):
-            self._inputs[i].publish(Float64(data=cycle.values[i]))
+            self.inputs[i].publish(Float64(data=cycle.values[i]))
             self.ear.listen_for(0.02)
         last = cycle.answers[-1]
         if not self.ear.listen_until(lambda: (
-                self._efficiency.values[-1:], self._optimum.values[-1:])
+                self.efficiency.values[-1:], self.optimum.values[-1:])
                 == ([last[0]], [last[1]]), 5.0):
             raise TimeoutError(f"the first point was not answered with {last}, but with "
-                               f"{self._efficiency.values}:\n{self.process.log}")
-        self._forget()
+                               f"{self.efficiency.values}:\n{self.process.log}")
+        self.forget()
 
-    def _forget(self) -> None:
-        for answers in (self._efficiency, self._optimum):
+    def forget(self) -> None:
+        """Leave out what has come so far."""
+        for answers in (self.efficiency, self.optimum):
             answers.values.clear()
             answers.received.clear()
 
@@ -254,7 +241,7 @@ class Target:
                 continue
             i = len(sent) % len(cycle.values)
             sent.append(time.time_ns())
-            self._inputs[i % TOPICS].publish(Float64(data=cycle.values[i]))
+            self.inputs[i % TOPICS].publish(Float64(data=cycle.values[i]))
             # A load that was held up goes on later; it does not make up for it with a burst.
             due = max(due + 1.0 / rate, now)
             if i % TOPICS == 0:
@@ -263,15 +250,15 @@ class Target:
 
     def _matched(self, cycle: Cycle, sent: list[int]) -> dict[str, Any]:
         """Say which answers are right, and how long they took."""
-        answers = self._efficiency.values
-        found = match(cycle, len(sent), list(map(Answer, answers, self._optimum.values)))
+        answers = self.efficiency.values
+        found = match(cycle, len(sent), list(map(Answer, answers, self.optimum.values)))
         numbers = [number for number, _ in found.pairs]
         began = np.array([sent[arrival] for _, arrival in found.pairs], dtype=np.int64)
         return {
-            "answers": len(answers), "optima": len(self._optimum.values), "right": len(found.pairs),
+            "answers": len(answers), "optima": len(self.optimum.values), "right": len(found.pairs),
             "repeats": found.repeats,
-            "efficiency_latency": (np.array(self._efficiency.received)[numbers] - began) * 1e-6,
-            "optimum_latency": (np.array(self._optimum.received)[numbers] - began) * 1e-6,
+            "efficiency_latency": (np.array(self.efficiency.received)[numbers] - began) * 1e-6,
+            "optimum_latency": (np.array(self.optimum.received)[numbers] - began) * 1e-6,
         }
 
 

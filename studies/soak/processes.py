@@ -21,15 +21,16 @@ class Process:
     """A process that runs, and its use of processor and memory.
 
     Attributes:
-        log: what it has written so far.
+        log_file: where it writes.
     """
 
-    def __init__(self, process: subprocess.Popen[bytes], log: Path) -> None:
-        self._process, self._log = process, log
+    def __init__(self, process: subprocess.Popen[bytes], log_file: Path) -> None:
+        self._process, self.log_file = process, log_file
 
     @property
     def log(self) -> str:
-        return self._log.read_text(errors="replace")
+        """What it has written so far."""
+        return self.log_file.read_text(errors="replace")
 
     @property
     def running(self) -> bool:
@@ -45,6 +46,14 @@ class Process:
         pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
         return int(pages) * _PAGE
 
+    def kill(self) -> list[str]:
+        """End it at once; return the ids of the processes that it had begun."""
+        pid = self._process.pid
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        self._process.kill()
+        self._process.wait()
+        return children
+
     def stop(self) -> int:
         """Ask it to end, as Ctrl-C does; return its exit code."""
         if self.running:
@@ -54,6 +63,13 @@ class Process:
         except subprocess.TimeoutExpired:
             self._process.kill()
             return self._process.wait()
+
+
+def loopback_only(folder: Path) -> None:
+    """Keep ROS, in this process and those it starts, from other machines; logs go to a folder."""
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
+    os.environ["ROS_LOG_DIR"] = str(folder / "log")
 
 
 @contextmanager

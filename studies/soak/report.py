@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 
-from studies.page import Goal, Run, Spread, goal_table, machine, spread, table
+from studies.page import Goal, Run, Spread, goal_table, machine, render, spread, table
 
 from .load import Segment
 from .points import TOPICS
@@ -55,144 +56,76 @@ def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Kills, plan: Plan) -> list[Goal
 
 def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> str:
     """Return the document."""
-    return "\n".join([
-        "# Endurance trial", "",
-        f"Written by `make soak` (`{run.command}`) in {run.seconds / 60:.1f} minutes.", "",
-        f"Machine: {machine()}; rclpy {version('ros-rclpy')} with Fast DDS on the "
-        f"loopback interface. Other programs used {run.others:.2f} cores before the start.", "",
-        *goal_table(goals(loaded, fuzzed, kills, plan)), "",
-        *_ratio_table(loaded), "",
-        *_time_table(loaded), "",
-        *_count_table(loaded), "",
-        *_rate_table(loaded), "",
-        *_memory(loaded), "",
-        *_fuzz(fuzzed), "",
-        "## Kills", "", kills.text.strip(), "",
-        *_method(plan, loaded), ""])
+    both = (("node", loaded.rising), ("relay", loaded.rising_relay))
+    stretches = [segment for turns in (loaded.steady, loaded.refitting)
+                 for segments in _parts(turns) for segment in segments]
+    return render(
+        "report.md.j2", Path(__file__).parent, run=run, plan=plan, loaded=loaded, fuzzed=fuzzed,
+        kills=kills, machine=machine(), rclpy=version("ros-rclpy"),
+        goals=goal_table(goals(loaded, fuzzed, kills, plan)), ratios=_ratio_table(loaded),
+        times=_time_table(loaded), counts=_count_table(loaded), rates=_rate_table(both),
+        ceilings=table(("", "every arrival answered up to", "99 % answered up to"), [
+            [name, *(f"{_ceiling(segments, share):.0f} Hz" for share in (1.0, 0.99))]
+            for name, segments in both]),
+        limits=[(name, segments[-1], _kept_up(segments[-1])) for name, segments in both],
+        memory=[f"{size / MEGABYTE:.1f}" for size in loaded.memory],
+        slip=max(abs(segment.clock_slip) for segment in stretches))
 
 
-# --- parts ----------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
 
 
-def _ratio_table(loaded: Loaded) -> list[str]:
+def _ratio_table(loaded: Loaded) -> str:
     rows = [("steady", *_parts(loaded.steady)), ("during refits", *_parts(loaded.refitting)),
-            ("during refits, the relay beside them", *_beside(loaded.refitting))]
-    return ["## Ratios to a bare relay", "",
-            "Time from an arrival to the last of its two answers, node / relay: median of the "
-            "stretches, and lowest to highest turn.", "",
-            *table(("", "p50", "p99", "longest"), [
-                [name, *(ratio(latency(percent), node, relay).text() for percent in (50, 99, 100))]
-                for name, node, relay in rows])]
+            ("during refits, the relay beside them", _parts(loaded.refitting)[0],
+             _beside(loaded.refitting))]
+    return table(("", "p50", "p99", "longest"), [
+        [name, *(ratio(latency(percent), node, relay).text() for percent in (50, 99, 100))]
+        for name, node, relay in rows])
 
 
-def _time_table(loaded: Loaded) -> list[str]:
+def _time_table(loaded: Loaded) -> str:
     (node, relay), (busy, quiet) = _parts(loaded.steady), _parts(loaded.refitting)
     rows = [("node, steady", node), ("relay, steady", relay), ("node, during refits", busy),
             ("relay, quiet turns between", quiet),
-            ("relay, beside refits", _beside(loaded.refitting)[1])]
+            ("relay, beside refits", _beside(loaded.refitting))]
     figures = (_first_latency(50), _first_latency(99), latency(50), latency(99), latency(100),
                lambda segment: segment.cpu)
-    return ["## Times", "",
-            "Milliseconds, median of the stretches and lowest to highest; processor time as a "
-            "share of one core.", "",
-            *table(("", "first answer p50", "p99", "both answers p50", "p99", "longest",
-                    "processor"), [
-                [name, *(spread([figure(segment) for segment in segments]).text()
-                         for figure in figures)] for name, segments in rows])]
+    head = ("", "first answer p50", "p99", "both answers p50", "p99", "longest", "processor")
+    return table(head, [
+        [name, *(spread([figure(segment) for segment in segments]).text() for figure in figures)]
+        for name, segments in rows])
 
 
-def _count_table(loaded: Loaded) -> list[str]:
+def _count_table(loaded: Loaded) -> str:
     rows = []
     for name, turns in (("steady", loaded.steady), ("during refits", loaded.refitting)):
-        parts = [(turn.node.segment.sent, turn.node.accepted, turn.node.answered,
-                  turn.node.segment.answers, turn.node.segment.optima, turn.node.segment.right,
-                  turn.node.segment.repeats) for turn in turns]
+        parts = [(turn.node.sent, turn.node.accepted, turn.node.answered,
+                  turn.node.answers, turn.node.optima, turn.node.right,
+                  turn.node.repeats) for turn in turns]
         rows.append([name, *(str(sum(counts)) for counts in zip(*parts, strict=True))])
-    return ["## Counts", "",
-            "What was sent and what came back are counted by the load generator, arrivals heard "
-            "and points answered by the node. An answer is right when both outputs are, bit by "
-            "bit, what the model gives; repeated answers come with a new model.", "",
-            *table(("", "sent", "heard", "answered", "`efficiency`",
-                    "`optimal_displacement_ratio`", "right", "repeated"), rows)]
+    return table(("", "sent", "heard", "answered", "`efficiency`", "`optimal_displacement_ratio`",
+                  "right", "repeated"), rows)
 
 
-def _rate_table(loaded: Loaded) -> list[str]:
-    both = (("node", loaded.rising), ("relay", loaded.rising_relay))
-    return ["## Rising rate", "",
-            "Inputs are best effort with depth 5: what is not taken in time is lost.", "",
-            *table(("", "Hz on each input", "reached", "sent", "answered", "processor",
-                    "generator", "others"), [
-                [name, f"{part.rate:.0f}", f"{part.sent / part.seconds / TOPICS:.0f}",
-                 str(part.sent), _share(part.answers, part.sent), f"{part.cpu:.2f}",
-                 f"{part.generator_cpu:.2f}", f"{part.other_cpu:.2f}"]
-                for name, segments in both for part in segments]), "",
-            *table(("", "every arrival answered up to", "99 % answered up to"), [
-                [name, *(f"{_ceiling(segments, share):.0f} Hz" for share in (1.0, 0.99))]
-                for name, segments in both]), "",
-            *(_limit(segments, name) for name, segments in both)]
-
-
-def _limit(segments: Sequence[Segment], name: str) -> str:
-    """Say what the last stretch of a rising rate was limited by."""
-    last = segments[-1]
-    said = (f"In its last stretch the {name} used {last.cpu:.2f} of a core and the load generator "
-            f"{last.generator_cpu:.2f}")
-    if not _kept_up(last):
-        return f"{said}; the generator fell behind, so that it and not the {name} may be the limit."
-    return f"{said}, which kept up: it is not the limit."
-
-
-def _memory(loaded: Loaded) -> list[str]:
-    start, *rest = (size / MEGABYTE for size in loaded.memory)
-    named = zip(("the steady load", "the rising rate", "the refits"), rest, strict=True)
-    return ["## Memory", "", f"The node held {start:.1f} MB (RSS) at the start, "
-            + ", ".join(f"{size:.1f} MB after {name}" for name, size in named) + "."]
-
-
-def _fuzz(fuzzed: Fuzzed) -> list[str]:
-    lines = ["## Nonsense", "",
-             f"{fuzzed.sent} messages in {fuzzed.seconds:.0f} s: NaN, infinities, denormal "
-             "numbers, negative zero, arbitrary bits, the limits and their neighbours; bench "
-             "samples with wrong, doubled and missing joints, arrays that are empty or unequal, "
-             "bad numbers and stamps; good ones in between.",
-             f"{fuzzed.answers} answers on `efficiency` were due and each was compared with the "
-             f"model, as were the counts in `/diagnostics`; {fuzzed.logged} bench samples were due "
-             "in the log."]
-    return lines + [f"- {difference}" for difference in fuzzed.differences]
-
-
-def _method(plan: Plan, loaded: Loaded) -> list[str]:
-    slip = max(abs(segment.clock_slip) for turns in (loaded.steady, loaded.refitting)
-               for segment in (*_parts(turns)[0], *_parts(turns)[1]))
-    return [
-        "## How it is measured", "",
-        "- Node, relay and load generator are processes of their own. The relay "
-        "(`studies/soak/relay.py`) has inputs, outputs, qualities of service and executor of the "
-        "node and publishes every value twice.",
-        f"- Node and relay take turns of {plan.seconds:g} s, {plan.turns} each, and "
-        f"{plan.refit_turns} each during refits, so that noise of the machine meets both.",
-        "- Arrivals go to one topic after the other at even distances. Each makes a point with an "
-        "efficiency of its own, by which its answer is recognised; every answer is compared bit by "
-        "bit with the model on both outputs.",
-        "- A time runs from before `publish` here to the stamp with which the middleware here "
-        f"receives the answer. The system clock slipped by at most {slip * 1e6:.0f} us in a turn.",
-        "- Arrivals heard and answered are the counts of the node in `/diagnostics`; sent and "
-        "answers are counted here.",
-        f"- During refits `~/reidentify` runs all the time, on {plan.samples} samples "
-        f"({loaded.refits[1]:.1f} s alone, {loaded.refits[0]} in all), in a process beside the "
-        "node; a new model answers the inputs as they stand once more.",
-    ]
+def _rate_table(both: Sequence[tuple[str, Sequence[Segment]]]) -> str:
+    return table(("", "Hz on each input", "reached", "sent", "answered", "processor", "generator",
+                  "others"), [
+        [name, f"{part.rate:.0f}", f"{part.sent / part.seconds / TOPICS:.0f}", part.sent,
+         _share(part.answers, part.sent), f"{part.cpu:.2f}", f"{part.generator_cpu:.2f}",
+         f"{part.other_cpu:.2f}"]
+        for name, segments in both for part in segments])
 
 
 # --- helpers --------------------------------------------------------------------------------------
 
 
 def _parts(turns: Sequence[Turn]) -> tuple[list[Segment], list[Segment]]:
-    return [turn.node.segment for turn in turns], [turn.relay for turn in turns]
+    return [turn.node for turn in turns], [turn.relay for turn in turns]
 
 
-def _beside(turns: Sequence[Turn]) -> tuple[list[Segment], list[Segment]]:
-    return _parts(turns)[0], [turn.relay_beside for turn in turns if turn.relay_beside]
+def _beside(turns: Sequence[Turn]) -> list[Segment]:
+    return [turn.relay_beside for turn in turns if turn.relay_beside]
 
 
 def _ratio_goal(what: str, found: Spread, limit: float) -> Goal:
@@ -200,7 +133,7 @@ def _ratio_goal(what: str, found: Spread, limit: float) -> Goal:
 
 
 def _arrival_goals(when: str, turns: Sequence[Turn]) -> list[Goal]:
-    segments = [turn.node.segment for turn in turns]
+    segments = [turn.node for turn in turns]
     sent = sum(segment.sent for segment in segments)
     heard = sum(turn.node.accepted for turn in turns)
     right = sum(segment.right for segment in segments)

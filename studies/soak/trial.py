@@ -11,12 +11,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
 import hmcvt_core as hmcvt
 
 from . import points, processes
 from .fuzz_bench import BenchFuzzer
-from .fuzz_inputs import InputFuzzer, overrides
-from .load import Counted, Segment, Target, client
+from .fuzz_inputs import DEPTH, InputFuzzer, overrides
+from .load import Segment, Target, client
 from .points import Cycle
 from .refits import Refits
 
@@ -60,7 +63,7 @@ class Turn:
         relay_beside: the same while the node refits; None where it does not.
     """
 
-    node: Counted
+    node: Segment
     relay: Segment
     relay_beside: Segment | None = None
 
@@ -120,7 +123,7 @@ def under_load(plan: Plan, folder: Path, say: Say = print) -> Loaded:
         memory = [node.memory()]
         say(f"Steady load, {plan.rate:g} Hz on each input ...")
         steady = [Turn(served.counted(answered, plan.rate, plan.seconds),
-                       bare.rested(echoed, plan.rate, plan.seconds)) for _ in range(plan.turns)]
+                       bare.load(echoed, plan.rate, plan.seconds)) for _ in range(plan.turns)]
         memory.append(node.memory())
         say("Rising load ...")
         rising, rising_relay = (_rising(target, cycle, plan.rates, plan.rising_seconds)
@@ -139,7 +142,7 @@ def _rising(target: Target, cycle: Cycle, rates: Sequence[float], seconds: float
     """Raise the rate until a tenth of the arrivals is not answered."""
     found: list[Segment] = []
     for rate in rates:
-        found.append(target.rested(cycle, rate, seconds))
+        found.append(target.load(cycle, rate, seconds))
         if found[-1].answers < 0.9 * found[-1].sent:
             break
     return found
@@ -158,9 +161,9 @@ def _during_refits(
     found = []
     for _ in range(plan.refit_turns):
         node = served.counted(cycle, plan.rate, plan.seconds, refits.poll)
-        beside = bare.rested(echoed, plan.rate, plan.seconds, refits.poll)
+        beside = bare.load(echoed, plan.rate, plan.seconds, refits.poll)
         refits.finish()
-        found.append(Turn(node, bare.rested(echoed, plan.rate, plan.seconds), beside))
+        found.append(Turn(node, bare.load(echoed, plan.rate, plan.seconds), beside))
     return found
 
 
@@ -170,9 +173,13 @@ def nonsense(plan: Plan, folder: Path, say: Say = print) -> Fuzzed:
     start = time.monotonic()
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     with client() as here, processes.node("/fuzz", folder, **overrides("/fuzz")) as node:
-        inputs = InputFuzzer(here, node, "/fuzz", model, plan.seed)
+        target = Target(here, node, "/fuzz", QoSProfile(depth=DEPTH))
+        target.wait()
+        inputs = InputFuzzer(target, model, plan.seed)
         inputs.run(plan.fuzz * 9 // 10)
-        bench = BenchFuzzer(here, node, "/fuzz", folder / "fuzz/bench_samples.csv", plan.seed)
+        bench = BenchFuzzer(target, here.create_publisher(
+            JointState, "/fuzz/bench_sample", QoSProfile(depth=DEPTH)),
+            folder / "fuzz/bench_samples.csv", plan.seed)
         bench.run(plan.fuzz - inputs.sent)
         alive = node.running
         return Fuzzed(

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import pytest
+from rclpy.qos import QoSProfile
 
 import hmcvt_core as hmcvt
 from studies.soak import load, processes, trial
-from studies.soak.fuzz_inputs import InputFuzzer, overrides
+from studies.soak.fuzz_inputs import DEPTH, InputFuzzer, overrides
 
 
 @pytest.mark.slow
@@ -22,6 +23,8 @@ def test_nonsense_does_not_make_the_node_break_a_promise(folder):
 def test_fuzzer_notices_a_wrong_model(folder):
     other = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
     with (load.client() as here, processes.node("/wrong", folder, **overrides("/wrong")) as node):
-        fuzzer = InputFuzzer(here, node, "/wrong", other, seed=0, patience=2.0)
+        target = load.Target(here, node, "/wrong", QoSProfile(depth=DEPTH))
+        target.wait()
+        fuzzer = InputFuzzer(target, other, seed=0, patience=2.0)
         fuzzer.run(100)
     assert fuzzer.differences[0].startswith("answer 0 of 1 is [0.")

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from studies.soak.matching import match
-from studies.soak.points import Answer, Cycle, Inputs
+from studies.soak.points import Answer, Cycle, Inputs, match
 
 
 def answer(topic: int, inputs: Inputs) -> Answer:

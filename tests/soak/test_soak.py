@@ -20,8 +20,8 @@ def loaded(folder):
 @pytest.mark.parametrize("when", ["steady", "refitting"])
 def test_every_arrival_is_answered_rightly(loaded, when):
     for turn in getattr(loaded, when):
-        segment = turn.node.segment
-        assert segment.right == turn.node.accepted
+        segment = turn.node
+        assert segment.right == segment.accepted
         if when == "steady":
             assert segment.answers == turn.node.answered == turn.node.accepted
         else:  # a new model answers once more, also shortly after the load
@@ -30,7 +30,7 @@ def test_every_arrival_is_answered_rightly(loaded, when):
 
 
 def test_node_is_hardly_slower_than_a_bare_relay(loaded):
-    segments = ([turn.node.segment for turn in loaded.steady],
+    segments = ([turn.node for turn in loaded.steady],
                 [turn.relay for turn in loaded.steady])
     for percent in (50, 99):
         # What makes the node slow makes it slow in every turn.

@@ -21,7 +21,7 @@ def test_effects_below_the_goal_are_named():
         campaign("bearing_drag", "charge_pump"), campaign("churning", None, left=3.0),
         campaign(None, None),
     ]
-    text = report(records)
+    text = report(records, "python -m")
     assert "| right cause first | 19/23 = 83 %" in text
     assert ("Below that goal for the right cause first: bearing_drag (0 of 1), torque_sensor "
             "(1 of 2).") in text
@@ -29,4 +29,5 @@ def test_effects_below_the_goal_are_named():
 
 
 def test_nothing_is_named_where_every_effect_meets_the_goal():
-    assert "Below that goal" not in report([campaign("charge_pump", "charge_pump")])
+    assert "Below that goal" not in report(
+        [campaign("charge_pump", "charge_pump")], "python -m")

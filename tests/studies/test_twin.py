@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq
 
 import studies.blind as blind
 from hmcvt_core.errors import InputError
@@ -18,7 +18,7 @@ from studies.blind.effect import Box
 from studies.blind.oil import relative_viscosity
 from studies.blind.plans import LOAD_TORQUE, PLANS, plan_points, reference_points
 from studies.blind.train import DISPLACEMENT_PER_RADIAN
-from studies.blind.twin import BaseTruth, Plant, operating_points
+from studies.blind.twin import BaseTruth, OperatingPoints, Plant
 
 BASE = BaseTruth(leakage=2e-11, motor_damping=0.12, pump_damping=0.08)
 SWING = 25.0
@@ -89,7 +89,7 @@ def test_output_speed_without_leakage_is_eq_5():
     ideal = Plant(replace(BASE, leakage=1e-16))
     stroke = np.array([-1.0, 0.0, 1.0])
     speed = np.full(3, 100.0)
-    read = ideal.read(operating_points(stroke, speed, np.full(3, 200.0)))
+    read = ideal.read(OperatingPoints(stroke, speed, np.full(3, 200.0), np.full(3, 60.0)))
     assert read.output_speed / speed == pytest.approx([0.83286, 1.19658, 1.56029], rel=1e-4)
 
 
@@ -105,49 +105,21 @@ def test_energy_is_balanced_and_every_loss_dissipates(name):
         assert np.min(power[run]) > -1e-6, place
 
 
-@pytest.mark.parametrize("name", EVERY_EFFECT)
-def test_steady_state_is_a_root_found_another_way(name):
-    plant = Plant(BASE, (replace(drawn(name), size=0.8),))
-    points = reference_points(Box(), SWING).select(np.arange(3, 96, 13))
-    read = plant.read(points)
-    scale = np.array([1e6, 50.0, 200.0, 50.0])
-    for k in np.flatnonzero(read.settled):
-        one = points.select(np.array([k]))
-
-        def rest(y, one=one):
-            return plant.rates((y * scale)[:, None], one)[:, 0] / scale
-
-        start = plant.guess(one)[:, 0] / scale
-        found = root(rest, start, method="hybr", tol=1e-12)
-        assert found.x == pytest.approx(read.state[:, k] / scale, rel=1e-6, abs=1e-6)
-
-
-def load_in_time(plant, point):
-    """Bring the load up in 4 s and hold it 6 s, by a stiff integrator; the last state."""
+def test_loading_in_real_time_reaches_the_same_stall():
+    """Bring the load up in 4 s and hold it 2 s, by a stiff integrator."""
+    effects = (replace(drawn("pressure_friction"), size=2.0), drawn("stroke_leakage"))
+    plant = Plant(replace(BASE, leakage=4e-11), effects)
+    point = OperatingPoints(*(np.array([value]) for value in (-0.98, 138.0, 560.0, 60.0)))
+    read = plant.read(point)
+    assert not read.settled[0] and np.isnan(read.efficiency[0])
 
     def rates(time, y):
         share = min(1.0, 0.2 + 0.2 * time)
         return plant.rates(y[:, None], replace(point, load_torque=share * point.load_torque))[:, 0]
 
     start = plant.guess(replace(point, load_torque=0.2 * point.load_torque))[:, 0]
-    return solve_ivp(rates, (0.0, 10.0), start, method="BDF", rtol=1e-8, atol=1e-5).y[:, -1]
-
-
-@pytest.mark.parametrize(("stroke", "speed", "torque", "settles"), [
-    (0.6875, 80.37, 590.0, True), (-0.98, 138.0, 560.0, False)])
-def test_loading_in_real_time_reaches_the_same_rest_or_the_same_stall(
-        stroke, speed, torque, settles):
-    effects = (replace(drawn("pressure_friction"), size=2.0), drawn("stroke_leakage"))
-    plant = Plant(replace(BASE, leakage=4e-11), effects)
-    point = operating_points(np.array([stroke]), np.array([speed]), np.array([torque]))
-    read = plant.read(point)
-    end = load_in_time(plant, point)
-    assert read.settled[0] == settles
-    assert np.isnan(read.efficiency[0]) != settles
-    if settles:
-        assert end[:2] == pytest.approx(read.state[:2, 0], rel=1e-4)
-    else:
-        assert end[0] > 45e6
+    found = solve_ivp(rates, (0.0, 6.0), start, method="BDF", rtol=1e-6, atol=1e-4)
+    assert found.y[0, -1] > 45e6
 
 
 @pytest.mark.parametrize("name", EVERY_EFFECT)
@@ -157,13 +129,14 @@ def test_mean_shift_reaches_its_target(name):
     sized = size_effect(BASE, drawn(name), target, swing)
     points = reference_points(sized.effect.box or Box(), swing)
     moved = Plant(BASE, (sized.effect,)).read(points).efficiency
-    shift = np.nanmean(np.abs(moved - Plant(BASE).read(points).efficiency))
+    moved = moved - Plant(BASE).read(points).efficiency
+    shift = np.nanmean(np.abs(moved))
     assert not sized.capped
     assert shift == pytest.approx(target, rel=0.006)
     assert sized.shift == pytest.approx(shift, rel=1e-6)
     sensor_or_actuator = name.startswith(("displacement_error", "torque_sensor"))
     if not sensor_or_actuator and name != "oil_temperature":
-        assert sized.mean_shift < 0.0
+        assert np.nanmean(moved) < 0.0
 
 
 def test_a_target_beyond_the_physical_limit_is_capped():
@@ -187,7 +160,7 @@ def test_unknown_effects_keep_to_their_box(name):
 
 def test_viscosity_moves_leakage_and_damping_only_as_the_effect_oil_temperature():
     warm = np.array([35.0, 85.0])
-    points = operating_points(np.full(2, 0.9), np.full(2, 150.0), np.full(2, 300.0), warm)
+    points = OperatingPoints(np.full(2, 0.9), np.full(2, 150.0), np.full(2, 300.0), warm)
     plain = Plant(BASE).read(points)
     assert plain.efficiency[0] == plain.efficiency[1]
     hot = Plant(BASE, (drawn("oil_temperature"),)).read(points)
@@ -225,7 +198,7 @@ def test_flow_effects_slow_the_output_and_torque_effects_hardly_do():
 
 
 @pytest.mark.parametrize("plan", PLANS)
-@pytest.mark.parametrize("samples", [8, 24, 96])
+@pytest.mark.parametrize("samples", [8, 25])
 def test_plans_give_the_points_asked_for_within_the_range(plan, samples):
     points = plan_points(plan, samples, np.random.default_rng(2))
     assert len(points) == samples

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Transmission ratio (5), split ratio (8) and the planetary row at eps = 0 (12).
+"""What follows from formulas alone: uncertainty (1)-(3), ratio (5), split (8), row at rest (12).
 
-The paper prints formulas here, not values: the published side is the formula, line by line from
-Table 1; ours is the gear train of `params/transmission.yaml`.
+For the ratios the paper prints formulas, not values: the published side is the formula, line by
+line from Table 1; ours is the gear train of `params/transmission.yaml`.
 """
 
 from __future__ import annotations
 
 import csv
+import math
 
 import numpy as np
 
@@ -19,7 +20,29 @@ from . import paper
 from .bench import stage, table2
 from .item import Item, claim, printed
 
+UNCERTAINTY = "Measurement uncertainty, eqs (1)-(3)"
 GROUP = "Transmission ratio (5), split ratio (8), row at rest (12)"
+
+
+def uncertainties() -> list[Item]:
+    """The five printed uncertainties."""
+    expected = paper.Uncertainties()
+    torque, speed = paper.TORQUE_READINGS, paper.SPEED_READINGS
+    random = [100.0 * deviation / mean for mean, deviation in (torque, speed)]  # (1)
+    uniform = 100.0 / math.sqrt(3.0)  # (2): the largest error, uniformly distributed
+    system = [uniform * error / full for error, full in (paper.TORQUE_SENSOR, paper.SPEED_SENSOR)]
+    at_reading = uniform * paper.TORQUE_SENSOR[0] / torque[0]
+    speed_at_reading = uniform * paper.SPEED_SENSOR[0] * math.pi / 30.0 / speed[0]
+    total = math.hypot(*random, *system)  # (3)
+    return [
+        printed(UNCERTAINTY, "random, torque [%]", expected.torque_random, random[0], ".2f"),
+        printed(UNCERTAINTY, "random, speed [%]", expected.speed_random, random[1], ".2f"),
+        printed(UNCERTAINTY, "systematic, torque [%]", expected.torque_system, system[0], ".2f",
+                remark=f"of the full range; of the reading itself (2) gives {at_reading:.2f} %"),
+        printed(UNCERTAINTY, "systematic, speed [%]", expected.speed_system, system[1], ".3f",
+                remark=f"of the full range; of the reading itself {speed_at_reading:.3f} %"),
+        printed(UNCERTAINTY, "total [%]", expected.total, total, ".2f"),
+    ]
 
 
 def items() -> list[Item]:
