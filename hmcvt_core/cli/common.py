@@ -224,16 +224,28 @@ def number(value: float, form: str, unit: str = "") -> str:
 
 
 class Progress:
-    """A line on stderr for work that takes over two seconds, on a terminal only."""
+    """A line on stderr for work that takes over two seconds.
 
-    def __init__(self, what: str) -> None:
-        self.what, self.start, self.shown = what, time.monotonic(), False
+    On a terminal only, unless `every` so many seconds a line is told elsewhere too.
+    """
+
+    def __init__(self, what: str, every: float = math.inf) -> None:
+        self.what, self.every, self.shown = what, every, False
+        self.start = self.told = time.monotonic()
+
+    def seconds(self) -> float:
+        """Return how long the work has taken."""
+        return time.monotonic() - self.start
 
     def __call__(self, text: str) -> None:
         """Show how far the work is."""
-        if sys.stderr.isatty() and time.monotonic() - self.start > _QUIET:
-            click.echo(f"\r\033[K{self.what}: {text}", err=True, nl=False)
-            self.shown = True
+        if sys.stderr.isatty():
+            if self.seconds() > _QUIET:
+                click.echo(f"\r\033[K{self.what}: {text}", err=True, nl=False)
+                self.shown = True
+        elif time.monotonic() - self.told > self.every:
+            self.told = time.monotonic()
+            click.echo(f"{self.what}: {text}", err=True)
 
     def close(self) -> None:
         """Clear the line."""

@@ -3,7 +3,6 @@
 
 study       one log: samples and settings in, outcome out
 executors   many logs side by side, on this machine or on a Dask cluster
-results     which logs there are, the files of a finished one; one run at a time in a folder
-run         from logs to results
+run         from a folder of logs to their results; one run at a time in a folder
 summary     the table over the fleet, with robust z scores
 """
