@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -39,36 +38,26 @@ class OutputFile(click.ParamType):  # type: ignore[type-arg]
         path = Path(value)
         if path.is_dir():
             self.fail(f"{value}: is a folder", param, ctx)
-        if path.exists() and not path.is_file():
-            return str(value)  # such as /dev/null
-        if not path.parent.is_dir():
-            self.fail(f"{value}: {path.parent} is not a folder", param, ctx)
-        if not os.access(path.parent, os.W_OK):
-            self.fail(f"{value}: folder {path.parent} cannot be written", param, ctx)
+        if path.is_file() or not path.exists():  # not such as /dev/null
+            if not path.parent.is_dir():
+                self.fail(f"{value}: {path.parent} is not a folder", param, ctx)
+            if not os.access(path.parent, os.W_OK):
+                self.fail(f"{value}: folder {path.parent} cannot be written", param, ctx)
         return str(value)
 
 
-class PictureFile(OutputFile):
-    """A picture to write; its ending names the format."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str:
-        """Return the path."""
+def _check_picture(_: click.Context, __: click.Parameter, path: str | None) -> str | None:
+    if path is not None:
         from ..report.style import picture_format
 
-        picture_format(str(value))
-        return super().convert(value, param, ctx)
+        picture_format(path)
+    return path
 
 
 def quantity(text: str | float, units: Mapping[str, float], name: str, example: str) -> float:
-    """Read a number in the SI unit, or in one of the units written behind it.
+    """Read a number in the SI unit, or in one of the `units` (by size) written behind it.
 
-    Args:
-        text: number with or without unit.
-        units: size of each unit in the SI unit; one that ends like another stands before it.
-        name: what it is called.
-        example: how to write it.
+    A unit that ends like another stands before it; a complaint says `name` and `example`.
     """
     given = str(text).strip().lower()
     unit = next(filter(given.endswith, units), "")
@@ -92,7 +81,7 @@ def _fractions(text: str) -> list[float]:
 
 
 picture_option = click.option(
-    "--picture", type=PictureFile(), default=None, metavar="FILE",
+    "--picture", type=OutputFile(), callback=_check_picture, metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
 params_option = click.option(
     "--params", "params", metavar="P.yaml", default=None,
@@ -139,28 +128,22 @@ class Point(NamedTuple):
     oil_temperature: float | None = None
 
 
-def point_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options of one operating point, which the command gets as a tuple `given`."""
-    @functools.wraps(function)
-    def command(**options: Any) -> None:
-        function(given=tuple(options.pop(name) for name in Point._fields), **options)
-
+def point_options(function: Function) -> Function:
+    """Add the options of one operating point: fields of `Point`, None where left out."""
     return add_options(
-        command,
+        function,
         click.option("--displacement-ratio", type=float, help="Pump stroke, -1 to 1."),
         click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
         click.option("--load-torque", type=float, help="Output power / engine speed in N m."),
         click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
 
 
-def required(given: Sequence[float | None]) -> Point:
+def required(given: Mapping[str, Any]) -> Point:
     """Return the point given, or raise a usage error that names the options left out."""
-    ratio, engine_speed, load_torque, oil_temperature = given
-    if ratio is None or engine_speed is None or load_torque is None:
-        missing = [f"--{name.replace('_', '-')}" for name, value in
-                   zip(Point._fields[:3], given, strict=False) if value is None]
+    missing = [f"--{name.replace('_', '-')}" for name in Point._fields[:3] if given[name] is None]
+    if missing:
         raise click.UsageError(f"{', '.join(missing)} is needed")
-    return Point(ratio, engine_speed, load_torque, oil_temperature)
+    return Point(**given)
 
 
 def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:

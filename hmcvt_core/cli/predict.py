@@ -23,14 +23,12 @@ Examples:
 @common.point_options
 @common.params_option
 @common.json_option
-def command(
-    bench: str | None, given: tuple[float | None, ...], params: str | None, as_json: bool
-) -> None:
+def command(bench: str | None, params: str | None, as_json: bool, **given: float | None) -> None:
     """Predict the efficiency at one point, or at every sample of a file."""
     if bench is None:
         # At a point there is no bench whose meters could read wrong.
         _predict_point(common.required(given), common.model_from(params).without_meters(), as_json)
-    elif any(value is not None for value in given):
+    elif any(value is not None for value in given.values()):
         raise click.UsageError("give a file or the options of one point, not both")
     else:
         _predict_file(common.model_from(params), bench, as_json)

@@ -16,20 +16,17 @@ _DOMAIN = {True: "inside", False: "outside", None: "unknown"}
 
 
 def sample_records(
-    model: EfficiencyModel, samples: BenchSamples, numbers: Sequence[int] | None = None
+    model: EfficiencyModel, samples: BenchSamples, numbers: Sequence[int] = ()
 ) -> list[dict[str, Any]]:
     """Return one record per sample; `error` is (predicted - measured) / measured.
 
-    Args:
-        model: that predicts.
-        samples: n of them.
-        numbers: of the samples in their file, n of them; 1, 2, ... when left out.
+    `numbers` are those of the samples in their file; 1, 2, ... when left out.
     """
     found = model.predict(samples.displacement_ratio, samples.engine_speed, samples.load_torque,
                           samples.oil_temperature)
     error = (found.efficiency - samples.efficiency) / samples.efficiency
     return [{
-        "sample": i + 1 if numbers is None else numbers[i],
+        "sample": numbers[i] if numbers else i + 1,
         "displacement_ratio": float(samples.displacement_ratio[i]),
         "engine_speed": float(samples.engine_speed[i]),
         "load_torque": float(samples.load_torque[i]),

@@ -114,6 +114,4 @@ def _study(samples: BenchSamples, settings: Settings) -> Study:
     if settings.diagnosed:
         diagnosis = diagnose(found.model, samples, noise=settings.noise,
                              seed=settings.seed).to_dict()
-    gears = sorted({pair.efficiency for pair in found.model.stage.gear_pairs})
-    identification = {**found.to_dict(), "gear_efficiency": gears}
-    return Study(samples.sha256, found.model, identification, diagnosis)
+    return Study(samples.sha256, found.model, found.to_dict(), diagnosis)

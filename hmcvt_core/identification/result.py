@@ -97,6 +97,7 @@ class Identification:
             "seed": self.seed,
             "residuals": self.residuals.tolist(),
             "warnings": list(self.warnings),
+            "gear_efficiency": sorted({pair.efficiency for pair in self.model.stage.gear_pairs}),
         }
 
     def report(self, numbers: Sequence[int] | None = None) -> str:
