@@ -288,8 +288,7 @@ def read_plan(
     Raises:
         InputError: as `read_bench`, or the model has no answer at a point.
     """
-    found = read_columns(path, _POINT)
-    known = found.known
+    known, _, found = read_columns(path, _POINT)
     ratio, speed, torque = (known[name] for name in _POINT)
     temperature = known.get("oil_temperature")
     expected = model.efficiency(ratio, speed, torque, temperature)

@@ -8,13 +8,14 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import click
 
+from ..files.bench import BenchSamples
 from ..files.resources import data_path
 from ..files.strict_json import plain
 from ..model.model import FORMULATIONS, EfficiencyModel
@@ -84,7 +85,7 @@ picture_option = click.option(
     "--picture", type=OutputFile(), callback=_check_picture, metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
 params_option = click.option(
-    "--params", "params", metavar="P.yaml", default=None,
+    "--params", "params", metavar="P.yaml",
     help="Parameter file of the model; the shipped params/hm4.yaml when left out.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value and nothing else on stdout.")
@@ -92,7 +93,7 @@ seed_option = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True,
     help="Of the random numbers.")
 noise_option = click.option(
-    "--noise", type=float, default=None, metavar="STD",
+    "--noise", type=float, metavar="STD",
     help="Standard deviation of the efficiency, a fraction (0.004 for 0.4 points).  [default: "
          "column efficiency_std, else repeated points, else 1.12 % of the efficiency]")
 
@@ -113,10 +114,9 @@ def model_options(function: Function) -> Function:
         click.option("--gear-efficiency", "gears", type=_fractions, multiple=True,
                      metavar="0.98[,0.97...]", callback=lambda *given: list(chain(*given[-1])),
                      help="Of every gear pair; several are compared and the best is kept."),
-        click.option("--transmission", default=None, metavar="T.yaml",
+        click.option("--transmission", metavar="T.yaml",
                      help="Gear train; the paper's when left out."),
-        click.option("--stage", default=None, metavar="NAME",
-                     help="Stage of the transmission file."))
+        click.option("--stage", metavar="NAME", help="Stage of the transmission file."))
 
 
 class Point(NamedTuple):
@@ -201,9 +201,45 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
                      for line in lines)
 
 
-def number(value: float, form: str, unit: str = "") -> str:
-    """Return a number as text, `-` for NaN."""
+def _number(value: float, form: str, unit: str = "") -> str:
     return "-" if math.isnan(value) else f"{value:{form}}{unit}"
+
+
+def sample_records(
+    model: EfficiencyModel, samples: BenchSamples, numbers: Sequence[int] = ()
+) -> list[dict[str, Any]]:
+    """Return one record per sample; `error` is (predicted - measured) / measured.
+
+    `numbers` are those of the samples in their file; 1, 2, ... when left out.
+    """
+    found = model.predict(samples.displacement_ratio, samples.engine_speed, samples.load_torque,
+                          samples.oil_temperature)
+    error = (found.efficiency - samples.efficiency) / samples.efficiency
+    return [{
+        "sample": numbers[i] if numbers else i + 1,
+        "displacement_ratio": float(samples.displacement_ratio[i]),
+        "engine_speed": float(samples.engine_speed[i]),
+        "load_torque": float(samples.load_torque[i]),
+        "measured": float(samples.efficiency[i]),
+        "predicted": float(found.efficiency[i]),
+        "standard_error": float(found.standard_error[i]),
+        # None, not false, for a model that does not say what data it comes from.
+        "inside_domain": None if model.domain is None else bool(found.inside_domain[i]),
+        "error": float(error[i]),
+    } for i in range(len(samples))]
+
+
+def sample_table(records: Sequence[dict[str, Any]]) -> str:
+    """Return the records as a table; `-` where the model has no answer."""
+    domain = {True: "inside", False: "outside", None: "unknown"}
+    head = ("sample", "ratio [-]", "engine [rad/s]", "load [N m]", "measured", "predicted",
+            "std error", "error", "domain")
+    return table(head, [(
+        str(entry["sample"]), f"{entry['displacement_ratio']:.3f}",
+        f"{entry['engine_speed']:.2f}", f"{entry['load_torque']:.2f}",
+        f"{entry['measured']:.4f}", _number(entry["predicted"], ".4f"),
+        _number(entry["standard_error"], ".4f"), _number(100 * entry["error"], "+.2f", " %"),
+        domain[entry["inside_domain"]]) for entry in records])
 
 
 class Progress:

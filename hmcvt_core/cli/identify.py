@@ -16,7 +16,6 @@ from ..identification import Identification, identify
 from ..identification.annealing import AnnealingState
 from ..model.parameter_file import load_stage
 from . import common
-from .samples import sample_records, sample_table
 
 _MOST_SAMPLES = 1_000_000
 
@@ -46,13 +45,12 @@ Examples:
   hmcvt identify data/simulated.csv --hold-back 0.3
   hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""")
 @click.argument("bench", metavar="BENCH.csv")
-@click.option("--fit", type=_sample_numbers, default=None, metavar="1,2,4-6",
+@click.option("--fit", type=_sample_numbers, metavar="1,2,4-6",
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
-@click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True), default=None,
+@click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True),
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
 @common.model_options
-@click.option("--out", type=common.OutputFile(), default=None, metavar="P.yaml",
-              help="Write the parameter file.")
+@click.option("--out", type=common.OutputFile(), metavar="P.yaml", help="Write the parameter file.")
 @common.picture_option
 @common.seed_option
 @common.json_option
@@ -86,7 +84,7 @@ def command(
                  for value in gears or (None,)]
 
     def predicted(item: Identification) -> list[dict[str, Any]]:
-        return [] if held is None else sample_records(item.model, held, rest)
+        return [] if held is None else common.sample_records(item.model, held, rest)
 
     best = min(found, key=lambda item: item.objective)
     if out is not None:
@@ -105,7 +103,7 @@ def command(
     click.echo(best.report(fit))
     if held is not None:
         click.echo("held back:")
-        click.echo(sample_table(predicted(best)))
+        click.echo(common.sample_table(predicted(best)))
     if out is not None:
         click.echo(f"written to {out}")
 
@@ -120,10 +118,9 @@ def _drawn(count: int, part: float | None, seed: int) -> list[int]:
 
 
 def _comparison(found: list[Identification]) -> str:
-    rows = []
-    for item in found:
-        held = "" if item.prediction_error is None else f"{100 * item.prediction_error:.2f} %"
-        rows.append((f"{item.model.stage.gear_pairs[0].efficiency:g}", f"{item.objective:.6g}",
-                     f"{100 * item.fit_error:.2f} %", held))
     head = ("gear efficiency", found[0].objective_name, "fit error", "prediction error")
-    return common.table(head, rows)
+    return common.table(head, [
+        (f"{item.model.stage.gear_pairs[0].efficiency:g}", f"{item.objective:.6g}",
+         f"{100 * item.fit_error:.2f} %",
+         "" if item.prediction_error is None else f"{100 * item.prediction_error:.2f} %")
+        for item in found])

@@ -41,7 +41,7 @@ Examples:
 @click.option("--out", type=common.OutputFile(), required=True, metavar="BENCH.csv",
               help="Write the bench samples.")
 @_column_options
-@click.option("--header-row", type=click.IntRange(1, 10_000), default=None, metavar="LINE",
+@click.option("--header-row", type=click.IntRange(1, 10_000), metavar="LINE",
               help="Line of the header, from 1; lines above it are left out.")
 @common.json_option
 def command(

@@ -11,7 +11,6 @@ from ..files.bench import read_bench
 from ..model.agreement import RelativeError, predicted_at
 from ..model.model import EfficiencyModel
 from . import common
-from .samples import sample_records, sample_table
 
 
 @click.command("predict", epilog="""\b
@@ -55,11 +54,11 @@ def _predict_point(point: common.Point, model: EfficiencyModel, as_json: bool) -
 
 def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
     samples = read_bench(bench)
-    records = sample_records(model, samples)
+    records = common.sample_records(model, samples)
     if as_json:
         common.print_json(records)
         return
-    click.echo(sample_table(records))
+    click.echo(common.sample_table(records))
     error = RelativeError.of(predicted_at(model, samples), samples.efficiency)
     if error.without_answer < len(records):
         click.echo(f"mean |error|  {100 * error.mean:.2f} %")

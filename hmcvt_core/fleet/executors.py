@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import HmcvtError, InputError
 from ..version import __version__
+from . import ONE_BLAS_THREAD
 from .study import Outcome, Settings, Task, internal_failure, study
-from .threads import ONE_BLAS_THREAD
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.report.template import render
+from hmcvt_core.report.style import render
 
 from . import comparison, intervals, subsets, surfaces, tables
 from .figures import Drawing, drawings
