@@ -274,8 +274,7 @@ def read_plan(
     Raises:
         InputError: as `read_bench`, or the model has no answer at a point.
     """
-    found = read_columns(path, _POINT)
-    known = found.known
+    known, _, found = read_columns(path, _POINT)
     ratio, speed, torque = (known[name] for name in _POINT)
     points = OperatingPoints(ratio, speed, torque, known.get("oil_temperature"))
     efficiency, read_speed = model.answer_at(points)

@@ -108,11 +108,9 @@ def folds(displacement_ratio: Array, seed: int) -> Iterator[NDArray[np.intp]]:
     count = len(displacement_ratio)
     number = min(count, FOLDS)
     rng = np.random.default_rng(seed)
-    order = np.argsort(displacement_ratio, kind="stable")
     fold = np.empty(count, dtype=int)
-    for start in range(0, count, number):
-        block = order[start:start + number]
-        fold[block] = rng.permutation(number)[:len(block)]
+    fold[np.argsort(displacement_ratio, kind="stable")] = np.concatenate(
+        [rng.permutation(number) for _ in range(0, count, number)])[:count]
     for label in range(number):
         yield np.flatnonzero(fold == label)
 
