@@ -29,7 +29,7 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage
 from ..version import __version__
 from . import annealing
-from .annealing import AnnealingState, Schedule
+from .annealing import AnnealingState, Schedule, with_steps
 from .precision import findings, precision, unchecked
 from .problem import OBJECTIVES, Problem
 from .result import Identification
@@ -38,9 +38,13 @@ from .two_part import HydraulicRoots, hydraulic_roots, starting_points
 Array = NDArray[np.float64]
 Progress = Callable[[AnnealingState], None]
 
-SIDE_BY_SIDE = Schedule(chains=40, moves=6)
-"""The improved annealing of section 4.1, as chains side by side: ends within 1 % of the lowest
-objective by itself (docs/theory.md)."""
+SCHEDULES = {
+    # Ends within 1 % of the lowest objective by itself (docs/theory.md).
+    "power_balance": Schedule(chains=40, moves=6),
+    # Regions without any answer: long chains, whose moves stay wide until (20) ends the run.
+    "published": Schedule(chains=16, moves=20, shrink=with_steps),
+}
+"""The improved annealing of section 4.1, as chains side by side, by formulation."""
 
 _MOST_ANNEALED = 500  # samples that the annealing looks at: it costs 13,600 predictions of each
 _FINISHED = 4  # chain ends that a local search finishes: a second valley may be as deep
@@ -71,7 +75,7 @@ def identify(
         gear_efficiency: of every pair [-]; None keeps those of the stage.
         effects: effects with fixed parameters that act besides.
         validation: samples held back, to predict.
-        schedule: of the annealing; None for `SIDE_BY_SIDE`.
+        schedule: of the annealing; None for that of `SCHEDULES`.
         seed: of the random numbers.
         progress: called after each temperature step; may raise to cancel.
 
@@ -85,7 +89,7 @@ def identify(
         stage = stage.with_gear_efficiency(gear_efficiency)
     model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], formulation, tuple(effects))
     problem = Problem(model, samples)
-    schedule = SIDE_BY_SIDE if schedule is None else schedule
+    schedule = SCHEDULES[formulation] if schedule is None else schedule
     roots: list[HydraulicRoots] = []
     start = None
     if formulation == "published":
