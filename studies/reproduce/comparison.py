@@ -203,7 +203,7 @@ def _global(found: dict[str, Summary]) -> list[Item]:
     return [claim(FIGURE_6, f"seeds that end {near} of the lowest 1 - RSQ, {name}",
                   "all (no prematurity)",
                   found[name].reached_text, found[name].reached == len(found[name].runs),
-                  why=why, remark=f"{SCHEDULES["published"].chains} chains, finished by a simplex"
+                  why=why, remark=f"{SCHEDULES['published'].chains} chains, finished by a simplex"
                   if name == SERVED else "")
             for name, why in lines]
 

@@ -90,7 +90,7 @@ def test_published_misses_the_local_minimum(table2):
     for seed in range(4):
         fit = hmcvt.identify(table2.select(FIT), formulation="published", seed=seed)
         assert fit.objective == pytest.approx(0.018479745, rel=1e-7)
-        assert fit.annealing_objective < 1.02 * fit.objective
+        assert fit.annealing_objective < 1.05 * fit.objective
         assert fit.model.efficiency(0.73, 78.54, 267.38) == pytest.approx(0.808, abs=0.02)
 
 
