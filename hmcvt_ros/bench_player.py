@@ -19,6 +19,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
+import hmcvt_core as hmcvt
+from hmcvt_core.transmission.stage import speed_ratio
+
 from . import messages, qos
 from .inputs import INPUT_RANGES, OperatingPoint
 
@@ -39,6 +42,19 @@ class Reply(NamedTuple):
 
     success: bool
     data: dict[str, Any]
+
+
+def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
+    """Return a bench message with the shaft powers of sample i.
+
+    Table 2 has no output speed. A bench sample needs one; without slip it is eq. (5).
+    """
+    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
+    ratio, speed, load, efficiency = (float(column[i]) for column in (
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque, samples.efficiency))
+    output_speed = speed * float(speed_ratio(stage, ratio))
+    return messages.bench_sample_to_message(
+        ratio, speed, load / efficiency, output_speed, load * speed / output_speed)
 
 
 class BenchPlayer(Node):
