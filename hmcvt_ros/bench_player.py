@@ -52,7 +52,7 @@ def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
     stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
     ratio, speed, load, efficiency = (float(column[i]) for column in (
         samples.displacement_ratio, samples.engine_speed, samples.load_torque, samples.efficiency))
-    output_speed = speed * float(speed_ratio(stage, ratio))
+    output_speed = speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
     return messages.bench_sample_to_message(
         ratio, speed, load / efficiency, output_speed, load * speed / output_speed)
 

@@ -12,7 +12,6 @@ that began in the transient before.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -25,8 +24,7 @@ Array = NDArray[np.float64]
 _LEAST_READINGS = 3  # in a block; fewer have no scatter to speak of
 
 
-@dataclass(frozen=True)
-class Channel:
+class Channel(NamedTuple):
     """One quantity that has to be settled.
 
     Attributes:
@@ -42,13 +40,6 @@ class Channel:
     drift: float
     scatter: float
     relative: bool = True
-
-
-class Window(NamedTuple):
-    """Readings `start` to `stop` - 1 are steady."""
-
-    start: int
-    stop: int
 
 
 class Blocks(NamedTuple):
@@ -90,7 +81,7 @@ def block_statistics(time: Array, channels: Sequence[Channel], block: float) -> 
 
 def find_windows(
     time: Array, channels: Sequence[Channel], steadiness: Steadiness
-) -> list[Window]:
+) -> list[slice]:
     """Find the steady windows of a series without gaps, in order of time.
 
     Args:
@@ -100,7 +91,7 @@ def find_windows(
     """
     blocks = block_statistics(time, channels, steadiness.block)
     reach = _reach(blocks, channels)
-    return [Window(int(blocks.edges[first]), int(blocks.edges[last]))
+    return [slice(int(blocks.edges[first]), int(blocks.edges[last]))
             for first, last in _longest_first(reach, steadiness.least_blocks)]
 
 

@@ -55,7 +55,7 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
         first = nearest if nearest in found else next(iter(found), None)
         if len(found) > 1 and first != nearest:
             notes.append(f"{' and '.join(found)}: none used; choose one by --namespace")
-        elif first is not None and not _is(bag.topics[first], kind):
+        elif first is not None and not bag.topics[first].endswith(f"/{kind}"):
             notes.append(f"{first} is {bag.topics[first]}, not {kind}: not used")
         else:
             return first
@@ -74,8 +74,11 @@ def _bench_topic(bag: Bag, settings: ImportSettings) -> str:
     if not found:
         where = "" if settings.namespace is None or settings.topic.startswith("/") else (
             f" in namespace {settings.namespace}")
-        problem = f"holds no topic {settings.topic}{where}{_inputs_only(bag)}"
-    elif not _is(bag.topics[found[0]], "JointState"):
+        held = ", ".join(name for name in _INPUT_TOPICS if _matching(bag, name, None))
+        hint = (f" ({held} alone cannot give a measured efficiency: that takes speed and torque of "
+                "both shafts)") if held else ""
+        problem = f"holds no topic {settings.topic}{where}{hint}"
+    elif not bag.topics[found[0]].endswith("/JointState"):
         problem = f"{found[0]} is {bag.topics[found[0]]}, not JointState"
     elif not bag.counts[found[0]]:
         problem = f"{found[0]} holds no messages"
@@ -91,15 +94,3 @@ def _matching(bag: Bag, name: str, namespace: str | None) -> list[str]:
         return sorted(topic for topic in bag.topics if f"/{topic}".endswith(f"/{name}"))
     full = "/".join(part for part in ("", namespace.strip("/"), name) if part)
     return [topic for topic in bag.topics if topic.lstrip("/") == full]
-
-
-def _inputs_only(bag: Bag) -> str:
-    held = [name for name in _INPUT_TOPICS if _matching(bag, name, None)]
-    if not held:
-        return ""
-    return (f" ({', '.join(held)} alone cannot give a measured efficiency: that takes speed and "
-            "torque of both shafts)")
-
-
-def _is(kind: str, name: str) -> bool:
-    return kind.rpartition("/")[2] == name

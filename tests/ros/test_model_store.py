@@ -11,6 +11,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.drag import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 from hmcvt_ros.model_store import ModelStore
+from hmcvt_ros.state_folder import keep_newest, next_name
 
 
 @pytest.fixture
@@ -107,3 +108,18 @@ def test_error_of_a_meter_is_not_served(base, tmp_path):
     assert served.effects == (ChargePump(5.0),)
     assert hmcvt.load_model(file).efficiency(0.5, 150.0, 200.0) == pytest.approx(
         served.efficiency(0.5, 150.0, 200.0) / 0.9)
+
+
+def test_numbers_rise_and_are_not_used_again(tmp_path):
+    folder = tmp_path / "reports"
+    for number in range(1, 13):
+        path = next_name(folder)
+        assert path == folder / f"{number:04d}"
+        path.with_suffix(".html").write_text("")
+        path.with_suffix(".json").write_text("")
+        keep_newest(folder, 3)
+    (folder / "notes.txt").write_text("mine")
+    keep_newest(folder, 2)
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "0011.html", "0011.json", "0012.html", "0012.json", "notes.txt"]
+    assert next_name(folder).name == "0013"
