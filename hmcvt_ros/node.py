@@ -99,8 +99,7 @@ class EfficiencyNode(Node):
 
     def _create_publishers(self) -> None:
         def create(kind: Any, topic: str, profile: Any, **options: Any) -> Any:
-            return self.create_publisher(kind, topic, qos.own(profile),
-                                         qos_overriding_options=qos.overridable(), **options)
+            return self.create_publisher(kind, topic, **qos.overridable(profile), **options)
 
         self._outputs = Outputs(create)
         # rclpy goes through every event of every topic before each message. The default ones warn
@@ -113,8 +112,8 @@ class EfficiencyNode(Node):
 
     def _create_subscriptions(self) -> None:
         def create(kind: Any, topic: str, callback: Callable[..., None], profile: Any) -> None:
-            self.create_subscription(kind, topic, self._guarded(callback), qos.own(profile),
-                                     qos_overriding_options=qos.overridable())
+            self.create_subscription(
+                kind, topic, callback=self._guarded(callback), **qos.overridable(profile))
 
         for limits in INPUT_RANGES:
             create(Float64, limits.name, self._input_callback(limits.name), qos.INPUT)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -13,32 +14,31 @@ LEAST_BLOCKS = 3
 """Fewer block means than this show no drift."""
 
 
+def _limit(default: float, text: str) -> Any:
+    return field(default=default, metadata={"text": text})
+
+
 @dataclass(frozen=True)
 class Steadiness:
     """When a bench counts as steady.
 
     A window is cut into blocks. Drift is the spread of the block means, largest less smallest;
     scatter is the standard deviation within a block. Both are fractions of the mean, those of the
-    displacement ratio plain numbers.
-
-    Attributes:
-        min_duration: of a window [s].
-        block: [s]; short against a window, long against the noise.
-        speed_drift, speed_scatter: of engine and output speed [-].
-        torque_drift, torque_scatter: of engine torque and load torque [-].
-        displacement_drift: of the displacement ratio [-]; its scatter may be as large.
+    displacement ratio plain numbers. Each field tells in its metadata what it limits; a block is
+    short against a window and long against the noise.
 
     Raises:
         InputError: a value is not positive, or a window holds fewer than 3 blocks.
     """
 
-    min_duration: float = 5.0
-    block: float = 1.0
-    speed_drift: float = 0.005
-    speed_scatter: float = 0.01
-    torque_drift: float = 0.02
-    torque_scatter: float = 0.05
-    displacement_drift: float = 0.01
+    min_duration: float = _limit(5.0, "Shortest steady window in s.")
+    block: float = _limit(1.0, "Blocks of this many s are averaged to judge drift.")
+    speed_drift: float = _limit(0.005, "Of engine and output speed over a window, a fraction.")
+    speed_scatter: float = _limit(0.01, "Of engine and output speed in a block, a fraction.")
+    torque_drift: float = _limit(0.02, "Of engine and load torque over a window, a fraction.")
+    torque_scatter: float = _limit(0.05, "Of engine and load torque in a block, a fraction.")
+    displacement_drift: float = _limit(
+        0.01, "Of the displacement ratio over a window; also its scatter.")
 
     def __post_init__(self) -> None:
         for item in fields(self):
