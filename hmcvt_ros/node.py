@@ -57,8 +57,10 @@ class EfficiencyNode(Node):
         self.add_on_set_parameters_callback(
             lambda changes: parameters.check_changes(self, changes))
         self.add_post_set_parameters_callback(self._guarded(self._take_settings))
-        self._state = self._state_folder()
-        folder = self._state.path
+        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
+        folder = Path(self._settings.state_folder
+                      or home / self.get_fully_qualified_name().strip("/"))
+        self._state = StateFolder(folder)
         self._store = ModelStore(
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
         self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
@@ -90,12 +92,6 @@ class EfficiencyNode(Node):
         self._state.close()
 
     # --- set-up -------------------------------------------------------------------------------
-
-    def _state_folder(self) -> StateFolder:
-        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-        named = self._settings.state_folder
-        return StateFolder(
-            Path(named) if named else home / self.get_fully_qualified_name().strip("/"))
 
     def _create_publishers(self) -> None:
         def create(kind: Any, topic: str, profile: Any, **options: Any) -> Any:

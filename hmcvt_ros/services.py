@@ -74,11 +74,7 @@ class Services:
         """
         for running, answer in [item for item in self._waiting if item[0].done()]:
             self._waiting.remove((running, answer))
-            error = running.exception()
-            if error is None:
-                answer.set_result(running.result())
-            else:
-                answer.set_exception(error)
+            answer.set_result(None)
         self._activity.running = self._running()
 
     def close(self) -> None:
@@ -186,7 +182,8 @@ class Services:
     async def _finished(self, running: Running[Any]) -> Any:
         answer = Future(executor=self._node.executor)
         self._waiting.append((running, answer))
-        return await answer
+        await answer
+        return running.result()
 
     def _samples(self) -> Path:
         name = self._settings().samples_file

@@ -135,10 +135,14 @@ def record(
         series[name] = Series(table[:, 0], table[:, 1], table[:, 2:])
     bench = series[topics.bench]
     if topics.displacement_ratio is not None:
-        bench = _with_stroke(bench, series[topics.displacement_ratio], age_limit)
-        missing = len(series[topics.bench].time) - len(bench.time)
-        if missing:
-            refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = missing
+        # Where the shafts' message has none; messages without one in time are left out.
+        stroke = bench.values[:, -1]
+        elsewhere = align(series[topics.displacement_ratio], bench, age_limit)
+        stroke[:] = np.where(np.isnan(stroke), elsewhere, stroke)
+        known = ~np.isnan(stroke)
+        bench = Series(bench.stamp[known], bench.receipt[known], bench.values[known])
+        if not known.all():
+            refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = int((~known).sum())
     if not len(bench.time):
         reasons = ", ".join(
             f"{count} {reason}" for reason, count in refused[topics.bench].most_common())
@@ -193,18 +197,6 @@ def _checked(value: Any, limits: Range) -> float:
     if not limits.low <= value <= limits.high:
         raise UnreadableError("out of range")
     return float(value)
-
-
-def _with_stroke(bench: Series, stroke: Series, age_limit: float) -> Series:
-    """Put the displacement ratio of its own topic where the shafts' message has none.
-
-    Messages without one in time are left out.
-    """
-    values = bench.values.copy()
-    missing = np.isnan(values[:, -1])
-    values[missing, -1] = align(stroke, bench, age_limit)[missing]
-    known = ~np.isnan(values[:, -1])
-    return Series(bench.stamp[known], bench.receipt[known], values[known])
 
 
 def align(slow: Series, fast: Series, age_limit: float) -> Array:
