@@ -18,9 +18,8 @@ from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 from .reader import Bag
 from .recording import Readings, Stretches, record, split_at_gaps
 from .samples import Sample, averaged_sample, complaint, steady_channels, window_sample
-from .settings import ImportSettings, Steadiness
-from .steady import block_statistics, find_windows
-from .topics import find_topics
+from .steady import Steadiness, block_statistics, find_windows
+from .topics import ImportSettings, find_topics
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,11 @@ class Bag:
         for reader in self._readers:
             chosen = [entry for entry in reader.connections if entry.topic in topics]
             for entry in chosen:
-                self._check_layout(entry)
+                known = entry.msgtype in self._types.fielddefs
+                if not known or (
+                        entry.digest and entry.digest != self._types.hash_rihs01(entry.msgtype)):
+                    raise InputError(f"{self.path}: {entry.topic} has type {entry.msgtype} with a "
+                                     "layout that ROS 2 Jazzy does not know")
             if chosen:
                 with self._in_words():
                     for entry, receipt, data in reader.messages(connections=chosen):
@@ -111,12 +115,6 @@ class Bag:
             return self._types.deserialize_cdr(data, kind)
         except Exception:  # whatever the decoder stumbles on: the bytes are no such message
             return None
-
-    def _check_layout(self, entry: Any) -> None:
-        known = entry.msgtype in self._types.fielddefs
-        if not known or (entry.digest and entry.digest != self._types.hash_rihs01(entry.msgtype)):
-            raise InputError(f"{self.path}: {entry.topic} has type {entry.msgtype} with a layout "
-                             "that ROS 2 Jazzy does not know")
 
 
 def _parts(path: Path) -> list[Path]:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD
 
 from .recording import Readings
-from .settings import Steadiness
-from .steady import Channel
+from .steady import Channel, Steadiness
 
 Array = NDArray[np.float64]
 _ZERO_ERROR = 0.01

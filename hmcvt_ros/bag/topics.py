@@ -1,18 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of a bag to read."""
+"""Where to look in a bag: settings, and the topics to read."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hmcvt_core import InputError
 
 from .reader import Bag
-from .settings import ImportSettings
+from .steady import Steadiness, require_positive
 
 DISPLACEMENT_TOPIC = "displacement_ratio"
 TEMPERATURE_TOPIC = "oil_temperature"
 _INPUT_TOPICS = ("engine_speed", "load_torque", DISPLACEMENT_TOPIC)
+
+
+@dataclass(frozen=True)
+class ImportSettings:
+    """Where to look in a bag, and how.
+
+    Attributes:
+        topic: the topic with the shafts; the end of its name will do, unless it starts with `/`.
+        namespace: of all topics; None takes the only one there is.
+        steadiness: when a window counts as steady.
+        age_limit: how far in time a reading of a slow channel may lie from a message [s].
+        gap: a longer pause between messages, or a step back of the clock, ends a window [s].
+        averaged: every message is a steady average already; no windows are sought.
+        use_oil_temperature: whether to look for the oil temperature.
+
+    Raises:
+        InputError: a time is not positive.
+    """
+
+    topic: str = "bench_sample"
+    namespace: str | None = None
+    steadiness: Steadiness = field(default_factory=Steadiness)
+    age_limit: float = 5.0
+    gap: float = 1.0
+    averaged: bool = False
+    use_oil_temperature: bool = True
+
+    def __post_init__(self) -> None:
+        require_positive("age_limit", self.age_limit)
+        require_positive("gap", self.gap)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from hmcvt_ros.bag.samples import (
     steady_channels,
     window_sample,
 )
-from hmcvt_ros.bag.settings import Steadiness
-from hmcvt_ros.bag.steady import Channel, find_windows
+from hmcvt_ros.bag.steady import Channel, Steadiness, find_windows
 from hmcvt_ros.shafts import Shafts
 
 from .simulated import RATE, correlated, run_bench
