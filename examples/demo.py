@@ -9,6 +9,7 @@ tractor's control stack would reach it over its network.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -127,6 +128,9 @@ def main(folder: Path) -> int:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C
             rclpy.try_shutdown()
             node.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                node.wait(5.0)
+            node.kill()  # nothing happens when it has ended
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ class ModelStore:
             except HmcvtError as error:
                 self.complaint = str(error)
                 stack.pop()
-        return [], base
+        return stack, base
 
 
 def servable(path: Path) -> EfficiencyModel:
