@@ -30,7 +30,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
-	@$(BIN)/python -m hmcvt_ros.demo
+	@$(BIN)/python examples/demo.py
 
 # What runs real nodes counts milliseconds and runs alone; the rest on all cores.
 ALONE := tests/ros tests/soak

@@ -19,12 +19,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
+import hmcvt_core as hmcvt
+from hmcvt_core.transmission.stage import speed_ratio
+
 from . import messages, qos
 from .inputs import INPUT_RANGES, OperatingPoint
 
 ROUND = 0.05
 """Time between two rounds of the three inputs [s]."""
-SERVICES = ("reidentify", "diagnose", "revert", "clear_samples")
 
 
 class Answer(NamedTuple):
@@ -39,6 +41,19 @@ class Reply(NamedTuple):
 
     success: bool
     data: dict[str, Any]
+
+
+def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
+    """Return a bench message with the shaft powers of sample i.
+
+    Table 2 has no output speed. A bench sample needs one; without slip it is eq. (5).
+    """
+    stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
+    ratio, speed, load, efficiency = (float(column[i]) for column in (
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque, samples.efficiency))
+    output_speed = speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
+    return messages.bench_sample_to_message(
+        ratio, speed, load / efficiency, output_speed, load * speed / output_speed)
 
 
 class BenchPlayer(Node):
@@ -64,17 +79,17 @@ class BenchPlayer(Node):
         self._inputs = [self.create_publisher(Float64, limits.name, qos.INPUT)
                         for limits in INPUT_RANGES]
         self._samples = self.create_publisher(JointState, "bench_sample", qos.BENCH_SAMPLE)
-        self.create_subscription(
-            Float64, "efficiency", lambda m: self.efficiencies.append(m.data), qos.OUTPUT)
-        self.create_subscription(
-            Float64, "optimal_displacement_ratio", lambda m: self.optima.append(m.data), qos.OUTPUT)
+        for name, values in zip(Answer._fields, (self.efficiencies, self.optima), strict=True):
+            self.create_subscription(
+                Float64, name, lambda m, values=values: values.append(m.data), qos.OUTPUT)
         self.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS)
         # These last: what arrives on them tells that the node knows the subscriptions before.
         self.create_subscription(String, "hmcvt/model", self._on_model, qos.LATCHED)
         self.create_subscription(
             Float64MultiArray, "hmcvt/efficiency_map", self._on_map, qos.LATCHED)
-        self._triggers = {name: self.create_client(Trigger, f"hmcvt/{name}") for name in SERVICES}
+        self._triggers = {name: self.create_client(Trigger, f"hmcvt/{name}") for name in (
+            "reidentify", "diagnose", "revert", "clear_samples")}
 
     def close(self) -> None:
         """End the client."""
@@ -107,11 +122,9 @@ class BenchPlayer(Node):
             running: tells whether the node's process still runs; no need to wait when it does not.
         """
         def connected() -> bool:
-            return (all(publisher.get_subscription_count() for publisher in self._inputs)
-                    and self._samples.get_subscription_count() > 0
+            return (all(end.get_subscription_count() for end in (*self._inputs, self._samples))
                     and all(client.service_is_ready() for client in self._triggers.values())
-                    and self.count_publishers("efficiency") > 0
-                    and self.count_publishers("optimal_displacement_ratio") > 0
+                    and all(map(self.count_publishers, Answer._fields))
                     and self.model_text is not None and self.map is not None)
 
         self.wait_until(lambda: connected() or not running(), timeout)
@@ -143,8 +156,8 @@ class BenchPlayer(Node):
             self.spin_for(ROUND)
             rounds -= 1
         self._settle()
-        return Answer(self.efficiencies[-1] if self.efficiencies else None,
-                      self.optima[-1] if self.optima else None)
+        return Answer(*(values[-1] if values else None
+                        for values in (self.efficiencies, self.optima)))
 
     def _settle(self) -> None:
         """Take messages until the outputs pause; a busy machine lags behind."""

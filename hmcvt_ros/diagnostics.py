@@ -18,7 +18,6 @@ _LEVELS = {
     State.STALE: DiagnosticStatus.STALE,
     State.INVALID: DiagnosticStatus.ERROR,
 }
-_WORST_LAST = (State.FRESH, State.MISSING, State.STALE, State.INVALID)
 NOT_WRITTEN = "not written"
 BENCH_REASONS = ("invalid", "log full", NOT_WRITTEN)
 """Why a bench sample may be refused."""
@@ -62,18 +61,18 @@ def inputs_status(
     name: str, inputs: Inputs, now: int, timeouts: Mapping[str, float], answered: int
 ) -> DiagnosticStatus:
     """Return the status of the inputs: the worst state of the three, each with age and counts."""
-    states = {key: item.state(now, timeouts[key]) for key, item in inputs.by_name.items()}
-    worst = max(states.values(), key=_WORST_LAST.index)
     values: dict[str, Any] = {}
+    states, problems = [], []
     for key, item in inputs.by_name.items():
-        age = item.age(now)
-        values[f"{key} state"] = states[key].value
-        values[f"{key} age [s]"] = "-" if age is None else f"{age:.3f}"
-        values[f"{key} age limit [s]"] = f"{timeouts[key]:g}"
-        values |= item.tally.values(key)
-    values["points answered"] = answered
-    values["clock jumps"] = inputs.clock_jumps
-    message = "; ".join(inputs.problems(now, timeouts)) or "three fresh inputs"
+        age, limit = item.age(now), timeouts[key]
+        states.append(item.state(now, limit))
+        problems.append(item.problem(now, limit))
+        values |= {f"{key} state": states[-1].value,
+                   f"{key} age [s]": "-" if age is None else f"{age:.3f}",
+                   f"{key} age limit [s]": f"{limit:g}", **item.tally.values(key)}
+    values |= {"points answered": answered, "clock jumps": inputs.clock_jumps}
+    worst = max(states, key=list(State).index)
+    message = "; ".join(filter(None, problems)) or "three fresh inputs"
     return _status(f"{name}: inputs", name, _LEVELS[worst], message, values)
 
 
@@ -96,16 +95,13 @@ def model_status(
         refusal: why the model has no answer there; empty when it has.
     """
     domain = now.model.domain
-    outside = [] if point is None or domain is None else domain.departures(
-        point.displacement_ratio, point.engine_speed, point.load_torque)
+    outside = [] if point is None or domain is None else domain.departures(*point)
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
     complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint]
     message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
-    if activity.bench.reason == NOT_WRITTEN:
-        level = DiagnosticStatus.ERROR  # data is being lost
-    else:
-        level = DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK
-    model, bench = now.model, activity.bench
+    level = (DiagnosticStatus.ERROR if activity.bench.reason == NOT_WRITTEN  # data is being lost
+             else DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK)
+    model = now.model
     values = {
         "file": now.path,
         "fingerprint": model.fingerprint,
@@ -116,7 +112,7 @@ def model_status(
         "in service since": now.since,
         "extrapolation": "; ".join(outside) or "no",
         "bench samples logged": logged,
-        **bench.values("bench samples"),
+        **activity.bench.values("bench samples"),
         "last refit": activity.last_refit,
         "last diagnosis": activity.last_diagnosis,
         **activity.gap,

@@ -11,10 +11,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .node import EfficiencyNode
+from typing import Any
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -75,7 +72,7 @@ class _StopSignals:
         signal.signal(number, signal.SIG_DFL)
 
 
-def _spin(node: EfficiencyNode, stop: _StopSignals) -> None:
+def _spin(node: Any, stop: _StopSignals) -> None:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 

@@ -125,12 +125,10 @@ class Input:
 
     def problem(self, now: int, timeout: float) -> str:
         """Say what is wrong, empty when nothing is."""
-        state = self.state(now, timeout)
-        if state is State.MISSING:
-            return f"{self.limits.name}: nothing received"
-        if state is State.STALE:
-            return f"{self.limits.name}: nothing received for {self.age(now):.1f} s"
-        return "" if state is State.FRESH else self.tally.complaint
+        return {State.FRESH: "", State.INVALID: self.tally.complaint,
+                State.MISSING: f"{self.limits.name}: nothing received",
+                State.STALE: f"{self.limits.name}: nothing received for {self.age(now) or 0:.1f} s",
+                }[self.state(now, timeout)]
 
 
 class Inputs:
@@ -158,11 +156,6 @@ class Inputs:
                 return None
             values.append(item.value)
         return OperatingPoint(*values)
-
-    def problems(self, now: int, timeouts: Mapping[str, float]) -> list[str]:
-        """Say what is wrong with each input that is not fresh and valid."""
-        found = (item.problem(now, timeouts[name]) for name, item in self.by_name.items())
-        return [problem for problem in found if problem]
 
     def clock_jumped(self) -> None:
         """Forget what came by the clock before: its ages mean nothing now."""

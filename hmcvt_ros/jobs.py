@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.files.strict_json import plain
 from hmcvt_core.identification.cross_validation import (
     FEWEST,
     QUICK,
@@ -21,9 +23,8 @@ from hmcvt_core.identification.cross_validation import (
 )
 from hmcvt_core.model.agreement import RelativeError, predicted_at
 
-from .json_text import json_text
 from .model_store import servable
-from .numbered_files import keep_newest, next_name
+from .state_folder import keep_newest, next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
@@ -126,7 +127,7 @@ def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> Done:
     answer = found.to_dict()
     try:
         path = next_name(reports).with_suffix(".html")
-        write_atomically(path.with_suffix(".json"), json_text(answer) + "\n")
+        write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
         write_html(found, path)
         keep_newest(reports, REPORTS_KEPT)
     except (OSError, hmcvt.InputError) as error:  # such as a full disk, or no matplotlib

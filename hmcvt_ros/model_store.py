@@ -11,25 +11,18 @@ the one after in service.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import NamedTuple
 
 from hmcvt_core import EfficiencyModel, HmcvtError, InputError, load_model
 from hmcvt_core.files.atomic import write_atomically
 
-from .numbered_files import next_name
+from .state_folder import next_name
 
 
-@dataclass(frozen=True)
-class InService:
-    """A model in service.
-
-    Attributes:
-        model: without errors of meters that its file may hold.
-        path: its parameter file.
-        since: when it was put into service, UTC.
-    """
+class InService(NamedTuple):
+    """A model without errors of meters, its parameter file, and since when it serves (UTC)."""
 
     model: EfficiencyModel
     path: Path
@@ -55,13 +48,12 @@ class ModelStore:
         """
         self.base = base.resolve()
         self.complaint = ""
-        self._folder = folder
         self._models = folder / "models"
         self._state = folder / "in_service.json"
         base_model = servable(base)
         self._base_fingerprint = base_model.fingerprint
-        self._stack: list[str] = []
-        self._serve(self._resumed() or base_model)
+        self._stack, model = self._resumed(base_model)
+        self.in_service = InService(model, self._path(self._stack), utc_now())
 
     @property
     def model(self) -> EfficiencyModel:
@@ -98,9 +90,7 @@ class ModelStore:
         if instead_of not in (None, self.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call again")
-        model = model or servable(path)
-        self._commit([*self._stack, path.name], model)
-        return model
+        return self._commit([*self._stack, path.name], model or servable(path))
 
     def revert(self) -> EfficiencyModel:
         """Put the model before into service.
@@ -112,45 +102,41 @@ class ModelStore:
         if not self._stack:
             raise HmcvtError("the model in service is the one of model_file; there is none before")
         stack = self._stack[:-1]
-        model = servable(self._models / stack[-1] if stack else self.base)
-        self._commit(stack, model)
-        return model
+        return self._commit(stack, servable(self._path(stack)))
 
-    def _commit(self, stack: list[str], model: EfficiencyModel) -> None:
+    def _path(self, stack: list[str]) -> Path:
+        return self._models / stack[-1] if stack else self.base
+
+    def _commit(self, stack: list[str], model: EfficiencyModel) -> EfficiencyModel:
         state = {"base": str(self.base), "base_fingerprint": self._base_fingerprint,
                  "in_service": stack}
         write_atomically(self._state, json.dumps(state, indent=1) + "\n")
         self._stack = stack
-        self._serve(model)
+        self.in_service = InService(model, self._path(stack), utc_now())
+        return model
 
-    def _serve(self, model: EfficiencyModel) -> None:
-        path = self._models / self._stack[-1] if self._stack else self.base
-        self.in_service = InService(model, path, utc_now())
-
-    def _resumed(self) -> EfficiencyModel | None:
+    def _resumed(self, base: EfficiencyModel) -> tuple[list[str], EfficiencyModel]:
+        """Refits and model in service of an earlier run, as far as they can be taken up."""
         try:
             state = json.loads(self._state.read_text(encoding="utf-8"))
             stack = [str(name) for name in state["in_service"]]
             fingerprint = state["base_fingerprint"]
         except FileNotFoundError:
-            return None
+            return [], base
         except (OSError, ValueError, KeyError, TypeError) as error:
             self.complaint = f"{self._state}: cannot be read ({error!r})"
-            return None
-        if fingerprint != self._base_fingerprint:
+            return [], base
+        if fingerprint != base.fingerprint:
             # Whoever starts the node from another model wants that one, not an old refit.
             self.complaint = f"{self._state}: is of another model_file ({state.get('base')})"
-            return None
+            return [], base
         while stack:
             try:
-                model = servable(self._models / stack[-1])
+                return stack, servable(self._path(stack))
             except HmcvtError as error:
                 self.complaint = str(error)
                 stack.pop()
-            else:
-                self._stack = stack
-                return model
-        return None
+        return stack, base
 
 
 def servable(path: Path) -> EfficiencyModel:

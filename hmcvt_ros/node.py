@@ -57,8 +57,10 @@ class EfficiencyNode(Node):
         self.add_on_set_parameters_callback(
             lambda changes: parameters.check_changes(self, changes))
         self.add_post_set_parameters_callback(self._guarded(self._take_settings))
-        self._state = self._state_folder()
-        folder = self._state.path
+        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
+        folder = Path(self._settings.state_folder
+                      or home / self.get_fully_qualified_name().strip("/"))
+        self._state = StateFolder(folder)
         self._store = ModelStore(
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
         self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
@@ -91,16 +93,9 @@ class EfficiencyNode(Node):
 
     # --- set-up -------------------------------------------------------------------------------
 
-    def _state_folder(self) -> StateFolder:
-        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-        named = self._settings.state_folder
-        return StateFolder(
-            Path(named) if named else home / self.get_fully_qualified_name().strip("/"))
-
     def _create_publishers(self) -> None:
         def create(kind: Any, topic: str, profile: Any, **options: Any) -> Any:
-            return self.create_publisher(kind, topic, qos.own(profile),
-                                         qos_overriding_options=qos.overridable(), **options)
+            return self.create_publisher(kind, topic, **qos.overridable(profile), **options)
 
         self._outputs = Outputs(create)
         # rclpy goes through every event of every topic before each message. The default ones warn
@@ -113,8 +108,8 @@ class EfficiencyNode(Node):
 
     def _create_subscriptions(self) -> None:
         def create(kind: Any, topic: str, callback: Callable[..., None], profile: Any) -> None:
-            self.create_subscription(kind, topic, self._guarded(callback), qos.own(profile),
-                                     qos_overriding_options=qos.overridable())
+            self.create_subscription(
+                kind, topic, callback=self._guarded(callback), **qos.overridable(profile))
 
         for limits in INPUT_RANGES:
             create(Float64, limits.name, self._input_callback(limits.name), qos.INPUT)

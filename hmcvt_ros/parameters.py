@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import textwrap
-from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -195,7 +194,10 @@ class Settings:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
         """Take the fields from a mapping of parameter values, ignoring the rest."""
-        return cls(**{_field(item.name): values[item.name] for item in PARAMETERS})
+        taken: dict[str, Any] = {
+            _field(item.name): tuple(values[item.name]) if isinstance(item.default, list)
+            else values[item.name] for item in PARAMETERS}
+        return cls(**taken)
 
     @cached_property
     def input_timeouts(self) -> dict[str, float]:
@@ -231,50 +233,33 @@ def declare(node: Node) -> Settings:
         InputError: a value given at start is of the wrong type or out of range.
     """
     for declaration in PARAMETERS:
-        _take_nan_for_a_word(node, declaration)
+        name, default = declaration.name, declaration.default
+        given = node._parameter_overrides.get(name, Parameter(name)).value
+        if NAN in declaration.choices and isinstance(given, float) and math.isnan(given):
+            # ROS reads nan on the command line and in a file as a number, with or without a dot.
+            node._parameter_overrides[name] = Parameter(name, value=NAN)
         try:
-            node.declare_parameter(declaration.name, declaration.default, declaration.descriptor())
+            node.declare_parameter(name, default, declaration.descriptor())
         except InvalidParameterTypeException:
-            raise InputError(_type_complaint(node, declaration)) from None
+            cure = f"; write {float(given)!r}, a whole number is another type in ROS" if isinstance(
+                default, float) and isinstance(given, int) else ""
+            raise InputError(
+                f"parameter {name} = {given!r}: needs one like {default!r}{cure}") from None
         except InvalidParameterValueException as error:
-            given = node._parameter_overrides[declaration.name].value
-            raise InputError(f"parameter {declaration.name} = {given!r}: "
-                             f"allowed {declaration.allowed}") from error
+            raise InputError(
+                f"parameter {name} = {given!r}: allowed {declaration.allowed}") from error
     return Settings.of(current_values(node))
 
 
-def _take_nan_for_a_word(node: Node, declaration: Declaration) -> None:
-    # ROS reads nan on the command line and in a file as a number, with or without a dot.
-    given = node._parameter_overrides.get(declaration.name)
-    if NAN in declaration.choices and given is not None and isinstance(given.value, float) \
-            and math.isnan(given.value):
-        node._parameter_overrides[declaration.name] = Parameter(declaration.name, value=NAN)
-
-
-def _type_complaint(node: Node, declaration: Declaration) -> str:
-    given = node._parameter_overrides[declaration.name].value
-    message = f"parameter {declaration.name} = {given!r}: needs one like {declaration.default!r}"
-    if isinstance(declaration.default, float) and isinstance(given, int):
-        message += f"; write {float(given)!r}, a whole number is another type in ROS"
-    return message
-
-
 def current_values(node: Node) -> dict[str, Any]:
-    """Return the values of `PARAMETERS` as the node holds them; arrays as tuples."""
-    values = {}
-    for declaration in PARAMETERS:
-        value = node.get_parameter(declaration.name).value
-        values[declaration.name] = tuple(value) if isinstance(declaration.default, list) else value
-    return values
+    """Return the values of `PARAMETERS` as the node holds them."""
+    return {item.name: node.get_parameter(item.name).value for item in PARAMETERS}
 
 
 def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
     """Tell whether changed values fit together with the rest; for the on-set callback."""
-    proposed = current_values(node) | {
-        change.name: tuple(change.value) if isinstance(change.value, array) else change.value
-        for change in changes}
     try:
-        Settings.of(proposed)
+        Settings.of(current_values(node) | {change.name: change.value for change in changes})
     except (InputError, TypeError) as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import copy
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -25,11 +26,8 @@ LATCHED = QoSProfile(
 DIAGNOSTICS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def own(profile: QoSProfile) -> QoSProfile:
-    """Return a copy for one topic: rclpy writes the overrides of a topic into what it is given."""
-    return copy.copy(profile)
-
-
-def overridable() -> QoSOverridingOptions:
+def overridable(profile: QoSProfile) -> dict[str, Any]:
     """Let `qos_overrides.<topic>.<publisher|subscription>.<policy>` change a profile at start."""
-    return QoSOverridingOptions.with_default_policies()
+    # A copy for each topic: rclpy writes the overrides into what it is given.
+    return {"qos_profile": copy.copy(profile),
+            "qos_overriding_options": QoSOverridingOptions.with_default_policies()}

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future as Running
@@ -17,11 +18,11 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from hmcvt_core import EfficiencyMap, HmcvtError, InputError
+from hmcvt_core.files.strict_json import plain
 
 from . import jobs
 from .bench_log import BenchLog
 from .diagnostics import Activity, gap_values
-from .json_text import json_text
 from .model_store import ModelStore, utc_now
 from .parameters import Settings
 from .worker import Worker
@@ -73,11 +74,7 @@ class Services:
         """
         for running, answer in [item for item in self._waiting if item[0].done()]:
             self._waiting.remove((running, answer))
-            error = running.exception()
-            if error is None:
-                answer.set_result(running.result())
-            else:
-                answer.set_exception(error)
+            answer.set_result(None)
         self._activity.running = self._running()
 
     def close(self) -> None:
@@ -145,25 +142,23 @@ class Services:
             request: Trigger.Request, response: Trigger.Response
         ) -> Trigger.Response:
             try:
-                result = await work()
+                answer = await work()
+                logger.info(f"{name}: {self._told(answer)}")
+                response.success = True
             except Exception as error:  # of any kind: it must not end the node
                 expected = isinstance(error, (HmcvtError, OSError))
                 text = str(error) if expected else f"{type(error).__name__}: {error}"
+                answer = {"error": text, **getattr(error, "found", {})}
                 logger.warning(f"{name}: {text}")
-                found = error.found if isinstance(error, _NotAdoptedError) else {}
-                response.success, response.message = False, json_text({"error": text, **found})
-            else:
-                logger.info(f"{name}: {self._told(result)}")
-                response.success, response.message = True, json_text(result)
+            response.message = json.dumps(plain(answer), allow_nan=False)
             return response
 
         return serve
 
     def _running(self) -> str:
         """What the worker does and for how long; empty when nothing."""
-        if not self._job:
-            return ""
-        return f"{self._job} has been running for {time.monotonic() - self._started:.1f} s"
+        seconds = time.monotonic() - self._started
+        return f"{self._job} has been running for {seconds:.1f} s" if self._job else ""
 
     async def _in_worker(self, job: Callable[..., jobs.Done], **options: Any) -> jobs.Done:
         """Run a job of the worker and wait for its answer without blocking the executor."""
@@ -187,7 +182,8 @@ class Services:
     async def _finished(self, running: Running[Any]) -> Any:
         answer = Future(executor=self._node.executor)
         self._waiting.append((running, answer))
-        return await answer
+        await answer
+        return running.result()
 
     def _samples(self) -> Path:
         name = self._settings().samples_file
@@ -213,5 +209,4 @@ class Services:
         return "done"
 
     def _in_service(self) -> Data:
-        now = self._store.in_service
-        return {"model": now.model.fingerprint, "file": str(now.path)}
+        return {"model": self._store.model.fingerprint, "file": str(self._store.path)}

@@ -15,8 +15,8 @@ JOINTS = ("engine", "output", "displacement")
 class UnreadableError(HmcvtError):
     """A message does not say what it should; `reason` is a word or two to count it by."""
 
-    def __init__(self, reason: str, text: str) -> None:
-        super().__init__(text)
+    def __init__(self, reason: str, text: str = "") -> None:
+        super().__init__(text or reason)
         self.reason = reason
 
 

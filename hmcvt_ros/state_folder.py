@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder in which a node keeps what must outlive it, for that node alone."""
+"""The folder in which a node keeps, for itself alone, what must outlive it; numbered files."""
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 from pathlib import Path
@@ -69,3 +70,28 @@ class StateFolder:
                               "see to it that no other node uses it")
             return False
         return True
+
+
+def next_name(folder: Path) -> Path:
+    """Return a path in `folder`, such as 0001, without a suffix; its number is above all there.
+
+    Raises:
+        OSError: the folder cannot be made or read.
+    """
+    make_folder(folder)
+    return folder / f"{max(_numbered(folder).values(), default=0) + 1:04d}"
+
+
+def keep_newest(folder: Path, count: int) -> None:
+    """Remove numbered files but those with the `count` highest numbers; others are left alone."""
+    found = _numbered(folder)
+    kept = sorted(set(found.values()))[-count:]
+    for path, number in found.items():
+        if number not in kept:
+            with contextlib.suppress(OSError):  # a file more does no harm
+                path.unlink()
+
+
+def _numbered(folder: Path) -> dict[Path, int]:
+    return {path: int(path.stem) for path in folder.iterdir()
+            if path.stem.isdecimal() and path.is_file()}

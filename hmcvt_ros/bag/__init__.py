@@ -3,6 +3,7 @@
 
 from .importing import Imported, ImportReport, import_bag
 from .reader import BAG_FILES
-from .settings import ImportSettings, Steadiness
+from .steady import Steadiness
+from .topics import ImportSettings
 
 __all__ = ["BAG_FILES", "ImportReport", "ImportSettings", "Imported", "Steadiness", "import_bag"]

@@ -15,20 +15,11 @@ from numpy.typing import NDArray
 from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
-from ..shafts import Shafts
 from .reader import Bag
-from .recording import Recording, Stretches, align, record, split_at_gaps
-from .samples import (
-    Readings,
-    Sample,
-    averaged_sample,
-    complaint,
-    steady_channels,
-    window_sample,
-)
-from .settings import ImportSettings, Steadiness
-from .steady import block_statistics, find_windows
-from .topics import find_topics
+from .recording import Readings, Stretches, record, split_at_gaps
+from .samples import Sample, averaged_sample, complaint, steady_channels, window_sample
+from .steady import Steadiness, block_statistics, find_windows
+from .topics import ImportSettings, find_topics
 
 
 @dataclass(frozen=True)
@@ -133,47 +124,34 @@ def import_bag(
     settings = settings or ImportSettings()
     with Bag(path) as bag:
         topics = find_topics(bag, settings)
-        recording = record(bag, topics, settings.age_limit, progress)
-    readings = _readings(recording, settings)
-    stretches = _stretches(readings, settings)
+        readings, clock, read, refused = record(bag, topics, settings.age_limit, progress)
+    # An average stands alone, no matter when the next one comes.
+    stretches = split_at_gaps(readings.time, -1.0 if settings.averaged else settings.gap)
     if stretches.out_of_order:
-        recording.refused[topics.bench]["out of order"] += stretches.out_of_order
+        refused[topics.bench]["out of order"] += stretches.out_of_order
     found = _find(readings, stretches, settings)
     if not found:
         raise InputError(f"{path}: {_nothing_steady(readings, stretches, settings)}")
     wrong = [complaint(sample) for _, sample in found]
     good = [item for item, reason in zip(found, wrong, strict=True) if reason is None]
-    refused = Counter(reason for reason in wrong if reason is not None)
+    windows_refused = Counter(reason for reason in wrong if reason is not None)
     if not good:
-        reasons = ", ".join(f"{number} {reason}" for reason, number in refused.items())
+        reasons = ", ".join(f"{number} {reason}" for reason, number in windows_refused.items())
         raise InputError(f"{path}: none of the {len(found)} steady windows can be used: {reasons}")
     return Imported(_samples([sample for _, sample in good], str(path)), ImportReport(
         bag=str(path),
-        clock="header stamp" if recording.bench.stamped else "time of receipt",
-        read=dict(recording.read),
-        refused={name: dict(count) for name, count in recording.refused.items()},
+        clock=clock,
+        read=dict(read),
+        refused={name: dict(count) for name, count in refused.items()},
         averaged=settings.averaged,
-        seconds_logged=stretches.seconds(readings.time),
+        seconds_logged=float(stretches.spans.sum()),
         seconds_steady=sum(window.duration for window, _ in found),
         gaps=0 if settings.averaged else len(stretches.parts) - 1,
         windows_found=len(found),
-        windows_refused=dict(refused),
+        windows_refused=dict(windows_refused),
         windows=tuple(window for window, _ in good),
         notes=topics.notes,
     ))
-
-
-def _readings(recording: Recording, settings: ImportSettings) -> Readings:
-    temperature, bench = None, recording.bench
-    if recording.oil_temperature is not None:
-        temperature = align(recording.oil_temperature, bench, settings.age_limit)
-    return Readings(bench.time, Shafts(*bench.values.T), temperature)
-
-
-def _stretches(readings: Readings, settings: ImportSettings) -> Stretches:
-    if settings.averaged:  # each message stands alone, no matter when the next one comes
-        return Stretches([np.array([i]) for i in range(len(readings.time))], 0)
-    return split_at_gaps(readings.time, settings.gap)
 
 
 def _find(
@@ -209,14 +187,14 @@ def _refused(reasons: Mapping[str, int]) -> str:
 def _nothing_steady(readings: Readings, stretches: Stretches, settings: ImportSettings) -> str:
     """Return the sentence for a log in which no steady window was found."""
     least = settings.steadiness.min_duration
-    head = f"no steady window of {least:g} s in {stretches.seconds(readings.time):.1f} s"
-    spans = [float(readings.time[part[-1]] - readings.time[part[0]]) for part in stretches.parts]
-    if max(spans) < least:
+    spans = stretches.spans
+    head = f"no steady window of {least:g} s in {spans.sum():.1f} s"
+    if spans.max() < least:
         steps = np.abs(np.diff(readings.time))
         apart = (f"messages come {np.median(steps):.3g} s apart" if len(steps)
                  else "one message only")
         return (f"{head}: the longest stretch without a gap of {settings.gap:g} s lasts "
-                f"{max(spans):.1f} s, {apart} (--gap; or --averaged when each message is a steady "
+                f"{spans.max():.1f} s, {apart} (--gap; or --averaged when each message is a steady "
                 "average)")
     longest = readings.select(stretches.parts[int(np.argmax(spans))])
     return f"{head}; {_unsettled(longest, settings.steadiness)}"

@@ -8,11 +8,12 @@ otherwise close the whole bag (`AnyReader` of rosbags does).
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from hmcvt_core import InputError
 
@@ -20,20 +21,6 @@ BAG_FILES = (".mcap", ".db3")
 """How the names of the files end that hold messages."""
 _SHOWN = 12
 _NANOSECONDS = 1e-9
-
-
-class Record(NamedTuple):
-    """One message.
-
-    Attributes:
-        topic: full name.
-        receipt: when the recorder received it [s].
-        message: with the fields of its type; None when the bytes are no such message.
-    """
-
-    topic: str
-    receipt: float
-    message: Any
 
 
 class Bag:
@@ -67,10 +54,14 @@ class Bag:
         self.counts: dict[str, int] = {}
         try:
             for part in _parts(Path(path)):
-                self._open(Reader, part)
+                with self._in_words():
+                    self._readers.append(self._stack.enter_context(Reader(part)))
         except BaseException:
             self._stack.close()
             raise
+        for entry in itertools.chain.from_iterable(item.connections for item in self._readers):
+            self.topics[entry.topic] = entry.msgtype
+            self.counts[entry.topic] = self.counts.get(entry.topic, 0) + entry.msgcount
 
     def __enter__(self) -> Bag:
         return self
@@ -78,8 +69,12 @@ class Bag:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def records(self, topics: Collection[str]) -> Iterator[Record]:
+    def records(self, topics: Collection[str]) -> Iterator[tuple[str, float, Any]]:
         """Yield the messages of some topics in the order of the bag.
+
+        Yields:
+            Full name of the topic; when the recorder received the message [s]; the message with
+            the fields of its type, None when the bytes are no such message.
 
         Raises:
             InputError: the bag is damaged, or a type has another layout than in ROS 2 Jazzy.
@@ -87,26 +82,22 @@ class Bag:
         for reader in self._readers:
             chosen = [entry for entry in reader.connections if entry.topic in topics]
             for entry in chosen:
-                self._check_layout(entry)
+                known = entry.msgtype in self._types.fielddefs
+                if not known or (
+                        entry.digest and entry.digest != self._types.hash_rihs01(entry.msgtype)):
+                    raise InputError(f"{self.path}: {entry.topic} has type {entry.msgtype} with a "
+                                     "layout that ROS 2 Jazzy does not know")
             if chosen:
                 with self._in_words():
                     for entry, receipt, data in reader.messages(connections=chosen):
                         message = self._decode(data, entry.msgtype)
-                        yield Record(entry.topic, receipt * _NANOSECONDS, message)
+                        yield entry.topic, receipt * _NANOSECONDS, message
 
     def describe_topics(self) -> str:
         """Return the topics with their types, for messages."""
         names = [f"{name} ({kind})" for name, kind in sorted(self.topics.items())]
         more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
         return ", ".join(names[:_SHOWN]) + more if names else "none"
-
-    def _open(self, reader_class: Any, part: Path) -> None:
-        with self._in_words():
-            reader = self._stack.enter_context(reader_class(part))
-        self._readers.append(reader)
-        for entry in reader.connections:
-            self.topics[entry.topic] = entry.msgtype
-            self.counts[entry.topic] = self.counts.get(entry.topic, 0) + entry.msgcount
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -124,12 +115,6 @@ class Bag:
             return self._types.deserialize_cdr(data, kind)
         except Exception:  # whatever the decoder stumbles on: the bytes are no such message
             return None
-
-    def _check_layout(self, entry: Any) -> None:
-        known = entry.msgtype in self._types.fielddefs
-        if not known or (entry.digest and entry.digest != self._types.hash_rihs01(entry.msgtype)):
-            raise InputError(f"{self.path}: {entry.topic} has type {entry.msgtype} with a layout "
-                             "that ROS 2 Jazzy does not know")
 
 
 def _parts(path: Path) -> list[Path]:

@@ -64,18 +64,38 @@ class Series(NamedTuple):
         return self.stamp if self.stamped else self.receipt
 
 
+class Readings(NamedTuple):
+    """Momentary readings of a bench.
+
+    Attributes:
+        time: [s], shape (n,).
+        shafts: arrays of shape (n,).
+        oil_temperature: [deg C], shape (n,), NaN where none is known; None when no topic has it.
+    """
+
+    time: Array
+    shafts: Shafts
+    oil_temperature: Array | None
+
+    def select(self, index: slice | Index) -> Readings:
+        """Return some of the readings."""
+        temperature = None if self.oil_temperature is None else self.oil_temperature[index]
+        return Readings(self.time[index], Shafts(*(column[index] for column in self.shafts)),
+                        temperature)
+
+
 class Recording(NamedTuple):
     """What a bag holds.
 
     Attributes:
-        bench: channels of `Shafts`.
-        oil_temperature: one channel [deg C], or None.
+        readings: in the order they were received.
+        clock: `header stamp` or `time of receipt`.
         read: messages by full name of the topic.
         refused: messages by topic and reason.
     """
 
-    bench: Series
-    oil_temperature: Series | None
+    readings: Readings
+    clock: str
     read: Counter[str]
     refused: dict[str, Counter[str]]
 
@@ -88,7 +108,7 @@ def record(
     Args:
         bag: open.
         topics: to read.
-        age_limit: of the displacement ratio, where it comes on a topic of its own [s].
+        age_limit: how far in time a reading of a slow topic may lie from one of the shafts [s].
         progress: told how far the reading is.
 
     Raises:
@@ -115,10 +135,14 @@ def record(
         series[name] = Series(table[:, 0], table[:, 1], table[:, 2:])
     bench = series[topics.bench]
     if topics.displacement_ratio is not None:
-        bench = _with_stroke(bench, series[topics.displacement_ratio], age_limit)
-        missing = len(series[topics.bench].time) - len(bench.time)
-        if missing:
-            refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = missing
+        # Where the shafts' message has none; messages without one in time are left out.
+        stroke = bench.values[:, -1]
+        elsewhere = align(series[topics.displacement_ratio], bench, age_limit)
+        stroke[:] = np.where(np.isnan(stroke), elsewhere, stroke)
+        known = ~np.isnan(stroke)
+        bench = Series(bench.stamp[known], bench.receipt[known], bench.values[known])
+        if not known.all():
+            refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = int((~known).sum())
     if not len(bench.time):
         reasons = ", ".join(
             f"{count} {reason}" for reason, count in refused[topics.bench].most_common())
@@ -126,8 +150,10 @@ def record(
             f"{bag.path}: none of the {read[topics.bench]} messages on {topics.bench} can be used: "
             f"{reasons} (needs velocity and effort of joints engine and output, and position of "
             f"joint displacement or a topic {DISPLACEMENT_TOPIC})")
-    warmth = None if topics.oil_temperature is None else series[topics.oil_temperature]
-    return Recording(bench, warmth, read, refused)
+    temperature = None if topics.oil_temperature is None else align(
+        series[topics.oil_temperature], bench, age_limit)
+    return Recording(Readings(bench.time, Shafts(*bench.values.T), temperature),
+                     "header stamp" if bench.stamped else "time of receipt", read, refused)
 
 
 def _stamp(message: Any) -> float:
@@ -145,7 +171,7 @@ def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
         UnreadableError: with the reason.
     """
     if message is None:
-        raise _refused("unreadable")
+        raise UnreadableError("unreadable")
     if topic == topics.displacement_ratio:
         return (_checked(message.data, _STROKE),)
     if topic == topics.oil_temperature:
@@ -154,39 +180,23 @@ def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
                         stroke_elsewhere=topics.displacement_ratio is not None)
     if not all(map(math.isfinite, found[:4])) or math.isinf(found.displacement_ratio) or (
             math.isnan(found.displacement_ratio) and "displacement" in message.name):
-        raise _refused("not finite")
+        raise UnreadableError("not finite")
     # Either sign: in a transient the output may drive, and noise straddles zero.
     if (not ENGINE_SPEED.low <= found.engine_speed <= ENGINE_SPEED.high
             or abs(found.load_torque) > LOAD_TORQUE.high
             or abs(found.engine_torque) > LOAD_TORQUE.high
             or abs(found.output_speed) > OUTPUT_SPEED.high
             or abs(found.displacement_ratio) > _STROKE.high):
-        raise _refused("out of range")
+        raise UnreadableError("out of range")
     return found
 
 
 def _checked(value: Any, limits: Range) -> float:
     if not math.isfinite(value):
-        raise _refused("not finite")
+        raise UnreadableError("not finite")
     if not limits.low <= value <= limits.high:
-        raise _refused("out of range")
+        raise UnreadableError("out of range")
     return float(value)
-
-
-def _refused(reason: str) -> UnreadableError:
-    return UnreadableError(reason, reason)
-
-
-def _with_stroke(bench: Series, stroke: Series, age_limit: float) -> Series:
-    """Put the displacement ratio of its own topic where the shafts' message has none.
-
-    Messages without one in time are left out.
-    """
-    values = bench.values.copy()
-    missing = np.isnan(values[:, -1])
-    values[missing, -1] = align(stroke, bench, age_limit)[missing]
-    known = ~np.isnan(values[:, -1])
-    return Series(bench.stamp[known], bench.receipt[known], values[known])
 
 
 def align(slow: Series, fast: Series, age_limit: float) -> Array:
@@ -224,24 +234,17 @@ class Stretches(NamedTuple):
 
     Attributes:
         parts: indices of each stretch; time rises strictly within.
+        spans: time that each covers [s], shape (parts,).
         out_of_order: count of readings left out because another of that time or later came before.
     """
 
     parts: list[Index]
+    spans: Array
     out_of_order: int
-
-    def seconds(self, time: Array) -> float:
-        """Return the time that the stretches cover, gaps left out [s]."""
-        return float(sum(time[part[-1]] - time[part[0]] for part in self.parts))
 
 
 def split_at_gaps(time: Array, gap: float) -> Stretches:
-    """Split readings at every step of the time by more than `gap` [s], forwards or backwards.
-
-    Args:
-        time: [s], shape (n,), in the order received.
-        gap: [s].
-    """
+    """Split readings (n,) at every step of their time [s] by more than a gap, either way."""
     parts: list[list[int]] = []
     out_of_order, last = 0, -np.inf
     for i, now in enumerate(time.tolist()):
@@ -253,4 +256,5 @@ def split_at_gaps(time: Array, gap: float) -> Stretches:
             out_of_order += 1
             continue
         last = now
-    return Stretches([np.array(part, dtype=np.intp) for part in parts], out_of_order)
+    spans = np.array([time[part[-1]] - time[part[0]] for part in parts])
+    return Stretches([np.array(part, dtype=np.intp) for part in parts], spans, out_of_order)

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD
 
-from ..shafts import Shafts
-from .settings import Steadiness
-from .steady import Channel, Window
+from .recording import Readings
+from .steady import Channel, Steadiness
 
 Array = NDArray[np.float64]
 _ZERO_ERROR = 0.01
@@ -23,44 +22,10 @@ _LAGS_SUMMED = 3.0  # in correlation times
 _MOST_LAGS = 4  # a quarter of the readings: further lags have too few pairs
 
 
-class Readings(NamedTuple):
-    """Momentary readings of a bench.
-
-    Attributes:
-        time: [s], shape (n,).
-        shafts: arrays of shape (n,).
-        oil_temperature: [deg C], shape (n,), NaN where none is known; None when no topic has it.
-    """
-
-    time: Array
-    shafts: Shafts
-    oil_temperature: Array | None
-
-    def select(self, index: slice | NDArray[np.intp]) -> Readings:
-        """Return some of the readings."""
-        temperature = None if self.oil_temperature is None else self.oil_temperature[index]
-        return Readings(self.time[index], Shafts(*(column[index] for column in self.shafts)),
-                        temperature)
-
-
 class Sample(NamedTuple):
     """One bench sample by column, and the readings in it that count as independent."""
 
     values: Mapping[str, float]
-    effective_size: float
-
-
-class Ratio(NamedTuple):
-    """Ratio of two means.
-
-    Attributes:
-        value: [-].
-        std: its standard deviation [-].
-        effective_size: independent readings that would tell as much.
-    """
-
-    value: float
-    std: float
     effective_size: float
 
 
@@ -83,18 +48,17 @@ def steady_channels(readings: Readings, limits: Steadiness) -> list[Channel]:
     ]
 
 
-def window_sample(readings: Readings, window: Window) -> Sample:
+def window_sample(readings: Readings, window: slice) -> Sample:
     """Average a steady window; `stamp` is its middle.
 
     Efficiency is mean output power / mean engine power, its deviation that of the mean from the
     scatter within the window.
     """
-    part = readings.select(slice(window.start, window.stop))
-    efficiency = ratio_of_means(part.shafts.output_power, part.shafts.engine_power)
+    part = readings.select(window)
+    efficiency, std, size = ratio_of_means(part.shafts.output_power, part.shafts.engine_power)
     # A log without any noise still has a last digit.
-    std = max(efficiency.std, EFFICIENCY_STD.low)
-    return Sample({**_averages(part, efficiency.value), "efficiency_std": std},
-                  efficiency.effective_size)
+    return Sample({**_averages(part, efficiency), "efficiency_std": max(std, EFFICIENCY_STD.low)},
+                  size)
 
 
 def averaged_sample(part: Readings) -> Sample:
@@ -162,8 +126,8 @@ def effective_size(values: Array) -> float:
     return 1.0 + float((count - 2 * last - 1) / sums[last])
 
 
-def ratio_of_means(numerator: Array, denominator: Array) -> Ratio:
-    """Return mean(numerator) / mean(denominator) with its standard deviation.
+def ratio_of_means(numerator: Array, denominator: Array) -> tuple[float, float, float]:
+    """Return mean(numerator) / mean(denominator), its standard deviation and effective size.
 
     The deviation is that of the mean of `numerator - ratio denominator`: what moves both alike
     cancels.
@@ -176,8 +140,8 @@ def ratio_of_means(numerator: Array, denominator: Array) -> Ratio:
     """
     base = float(denominator.mean())
     if base == 0.0:
-        return Ratio(np.nan, np.nan, 2.0)
+        return np.nan, np.nan, 2.0
     value = float(numerator.mean()) / base
     residual = numerator - value * denominator
     size = effective_size(residual)
-    return Ratio(value, float(residual.std()) / abs(base) / float(np.sqrt(size - 1.0)), size)
+    return value, float(residual.std()) / abs(base) / math.sqrt(size - 1.0), size

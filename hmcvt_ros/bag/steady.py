@@ -12,21 +12,61 @@ that began in the transient before.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .settings import Steadiness
+from hmcvt_core import InputError
 
 Array = NDArray[np.float64]
+LEAST_BLOCKS = 3  # fewer block means show no drift
 _LEAST_READINGS = 3  # in a block; fewer have no scatter to speak of
 
 
+def _limit(default: float, text: str) -> Any:
+    return field(default=default, metadata={"text": text})
+
+
 @dataclass(frozen=True)
-class Channel:
+class Steadiness:
+    """When a bench counts as steady.
+
+    A window is cut into blocks. Drift is the spread of the block means, largest less smallest;
+    scatter is the standard deviation within a block. Both are fractions of the mean, those of the
+    displacement ratio plain numbers. Each field tells in its metadata what it limits; a block is
+    short against a window and long against the noise.
+
+    Raises:
+        InputError: a value is not positive, or a window holds fewer than 3 blocks.
+    """
+
+    min_duration: float = _limit(5.0, "Shortest steady window in s.")
+    block: float = _limit(1.0, "Blocks of this many s are averaged to judge drift.")
+    speed_drift: float = _limit(0.005, "Of engine and output speed over a window, a fraction.")
+    speed_scatter: float = _limit(0.01, "Of engine and output speed in a block, a fraction.")
+    torque_drift: float = _limit(0.02, "Of engine and load torque over a window, a fraction.")
+    torque_scatter: float = _limit(0.05, "Of engine and load torque in a block, a fraction.")
+    displacement_drift: float = _limit(
+        0.01, "Of the displacement ratio over a window; also its scatter.")
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            require_positive(item.name, getattr(self, item.name))
+        if self.min_duration < LEAST_BLOCKS * self.block:
+            raise InputError(f"min_duration = {self.min_duration:g} s holds fewer than "
+                             f"{LEAST_BLOCKS} blocks of {self.block:g} s")
+
+
+def require_positive(name: str, value: float) -> None:
+    """Refuse a setting that is not a positive number."""
+    if not (np.isfinite(value) and value > 0.0):
+        raise InputError(f"{name} = {value:g}: a positive number is needed")
+
+
+class Channel(NamedTuple):
     """One quantity that has to be settled.
 
     Attributes:
@@ -42,13 +82,6 @@ class Channel:
     drift: float
     scatter: float
     relative: bool = True
-
-
-class Window(NamedTuple):
-    """Readings `start` to `stop` - 1 are steady."""
-
-    start: int
-    stop: int
 
 
 class Blocks(NamedTuple):
@@ -90,7 +123,7 @@ def block_statistics(time: Array, channels: Sequence[Channel], block: float) -> 
 
 def find_windows(
     time: Array, channels: Sequence[Channel], steadiness: Steadiness
-) -> list[Window]:
+) -> list[slice]:
     """Find the steady windows of a series without gaps, in order of time.
 
     Args:
@@ -100,8 +133,9 @@ def find_windows(
     """
     blocks = block_statistics(time, channels, steadiness.block)
     reach = _reach(blocks, channels)
-    return [Window(int(blocks.edges[first]), int(blocks.edges[last]))
-            for first, last in _longest_first(reach, steadiness.least_blocks)]
+    least = int(np.ceil(steadiness.min_duration / steadiness.block - 1e-9))
+    return [slice(int(blocks.edges[first]), int(blocks.edges[last]))
+            for first, last in _longest_first(reach, least)]
 
 
 def _reach(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.intp]:

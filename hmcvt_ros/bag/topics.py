@@ -1,18 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of a bag to read."""
+"""Where to look in a bag: settings, and the topics to read."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hmcvt_core import InputError
 
 from .reader import Bag
-from .settings import ImportSettings
+from .steady import Steadiness, require_positive
 
 DISPLACEMENT_TOPIC = "displacement_ratio"
 TEMPERATURE_TOPIC = "oil_temperature"
 _INPUT_TOPICS = ("engine_speed", "load_torque", DISPLACEMENT_TOPIC)
+
+
+@dataclass(frozen=True)
+class ImportSettings:
+    """Where to look in a bag, and how.
+
+    Attributes:
+        topic: the topic with the shafts; the end of its name will do, unless it starts with `/`.
+        namespace: of all topics; None takes the only one there is.
+        steadiness: when a window counts as steady.
+        age_limit: how far in time a reading of a slow channel may lie from a message [s].
+        gap: a longer pause between messages, or a step back of the clock, ends a window [s].
+        averaged: every message is a steady average already; no windows are sought.
+        use_oil_temperature: whether to look for the oil temperature.
+
+    Raises:
+        InputError: a time is not positive.
+    """
+
+    topic: str = "bench_sample"
+    namespace: str | None = None
+    steadiness: Steadiness = field(default_factory=Steadiness)
+    age_limit: float = 5.0
+    gap: float = 1.0
+    averaged: bool = False
+    use_oil_temperature: bool = True
+
+    def __post_init__(self) -> None:
+        require_positive("age_limit", self.age_limit)
+        require_positive("gap", self.gap)
 
 
 @dataclass(frozen=True)
@@ -55,7 +85,7 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
         first = nearest if nearest in found else next(iter(found), None)
         if len(found) > 1 and first != nearest:
             notes.append(f"{' and '.join(found)}: none used; choose one by --namespace")
-        elif first is not None and not _is(bag.topics[first], kind):
+        elif first is not None and not bag.topics[first].endswith(f"/{kind}"):
             notes.append(f"{first} is {bag.topics[first]}, not {kind}: not used")
         else:
             return first
@@ -74,8 +104,11 @@ def _bench_topic(bag: Bag, settings: ImportSettings) -> str:
     if not found:
         where = "" if settings.namespace is None or settings.topic.startswith("/") else (
             f" in namespace {settings.namespace}")
-        problem = f"holds no topic {settings.topic}{where}{_inputs_only(bag)}"
-    elif not _is(bag.topics[found[0]], "JointState"):
+        held = ", ".join(name for name in _INPUT_TOPICS if _matching(bag, name, None))
+        hint = (f" ({held} alone cannot give a measured efficiency: that takes speed and torque of "
+                "both shafts)") if held else ""
+        problem = f"holds no topic {settings.topic}{where}{hint}"
+    elif not bag.topics[found[0]].endswith("/JointState"):
         problem = f"{found[0]} is {bag.topics[found[0]]}, not JointState"
     elif not bag.counts[found[0]]:
         problem = f"{found[0]} holds no messages"
@@ -91,15 +124,3 @@ def _matching(bag: Bag, name: str, namespace: str | None) -> list[str]:
         return sorted(topic for topic in bag.topics if f"/{topic}".endswith(f"/{name}"))
     full = "/".join(part for part in ("", namespace.strip("/"), name) if part)
     return [topic for topic in bag.topics if topic.lstrip("/") == full]
-
-
-def _inputs_only(bag: Bag) -> str:
-    held = [name for name in _INPUT_TOPICS if _matching(bag, name, None)]
-    if not held:
-        return ""
-    return (f" ({', '.join(held)} alone cannot give a measured efficiency: that takes speed and "
-            "torque of both shafts)")
-
-
-def _is(kind: str, name: str) -> bool:
-    return kind.rpartition("/")[2] == name

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,22 +15,12 @@ from hmcvt_core.cli.common import OutputFile, Progress, json_option, print_json
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 
-_STEADY = {
-    "min_duration": "Shortest steady window in s.",
-    "block": "Blocks of this many s are averaged to judge drift.",
-    "speed_drift": "Of engine and output speed over a window, a fraction.",
-    "speed_scatter": "Of engine and output speed in a block, a fraction.",
-    "torque_drift": "Of engine and load torque over a window, a fraction.",
-    "torque_scatter": "Of engine and load torque in a block, a fraction.",
-    "displacement_drift": "Of the displacement ratio over a window; also its scatter.",
-}
-
 
 def _steady_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    for name, text in reversed(_STEADY.items()):
+    for item in reversed(fields(Steadiness)):
         function = click.option(
-            f"--{name.replace('_', '-')}", name, type=float, show_default=True,
-            default=getattr(Steadiness, name), help=text)(function)
+            f"--{item.name.replace('_', '-')}", type=float, show_default=True,
+            default=item.default, help=item.metadata["text"])(function)
     return function
 
 

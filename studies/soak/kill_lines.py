@@ -21,13 +21,13 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.files import atomic
 from hmcvt_core.model import parameter_file
-from hmcvt_ros import bench_log, model_store, numbered_files, state_folder
+from hmcvt_ros import bench_log, model_store, state_folder
 from hmcvt_ros.bench_log import BenchLog
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
 _FILES = {module.__file__ for module in (
-    atomic, bench_log, model_store, numbered_files, state_folder)}
+    atomic, bench_log, model_store, state_folder)}
 
 _SAVE = parameter_file.save_model.__code__  # the rest of that module touches no file
 

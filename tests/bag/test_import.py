@@ -185,14 +185,10 @@ def test_a_window_without_a_fresh_temperature_is_refused(imported, model):
     assert reason.startswith("no oil_temperature in time")
 
 
-def test_oil_temperature_can_be_left_alone(imported, quiet):
+def test_oil_temperature_that_no_window_has_can_be_left_alone(imported, quiet):
     records = bench_records(quiet) + _temperatures(quiet, until=-1)
     samples, report = imported(records, age_limit=0.5, use_oil_temperature=False)
     assert samples.oil_temperature is None and list(report.read) == ["/bench_sample"]
-
-
-def test_none_of_the_windows_has_a_temperature(imported, quiet):
-    records = bench_records(quiet) + _temperatures(quiet, until=-1)
     with pytest.raises(InputError, match="none of the 1 steady windows can be used: 1 no oil_temp"):
         imported(records, age_limit=0.5)
 

@@ -39,14 +39,6 @@ def test_what_is_appended_is_read_back_exactly(path):
     np.testing.assert_array_equal(read.stamp, np.arange(5.0))
 
 
-def test_reopened_log_goes_on(path):
-    filled(path, 2)
-    log = BenchLog(path, limit=100)
-    assert len(log) == 2 and log.recovered == ""
-    log.append(sample(2))
-    assert len(hmcvt.read_bench(path)) == 3
-
-
 def test_every_cut_of_the_file_leaves_the_whole_samples(path):
     filled(path, 3)
     whole = path.read_bytes()

@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+DEMO = Path(__file__).resolve().parents[2] / "examples" / "demo.py"
+
 
 def processes_with(text: str) -> list[str]:
     """Command lines of running processes that hold a text."""
@@ -27,7 +29,7 @@ def processes_with(text: str) -> list[str]:
 
 def start(temporary: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "hmcvt_ros.demo"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        [sys.executable, str(DEMO)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         text=True, env={**os.environ, "TMPDIR": str(temporary)})
 
 

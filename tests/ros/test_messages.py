@@ -11,8 +11,8 @@ import pytest
 from std_msgs.msg import Float64MultiArray
 
 import hmcvt_core as hmcvt
+from hmcvt_core.files.strict_json import plain
 from hmcvt_ros import messages
-from hmcvt_ros.json_text import json_text
 
 
 def shafts(**changes):
@@ -112,5 +112,6 @@ def test_model_text_is_a_parameter_file(paper_file, tmp_path):
 
 
 def test_json_has_no_nan():
-    assert json.loads(json_text({"a": [1.0, math.nan, (math.inf, "x")], "b": {"c": None}})) == {
+    assert json.loads(json.dumps(
+            plain({"a": [1.0, math.nan, (math.inf, "x")], "b": {"c": None}}))) == {
         "a": [1.0, None, [None, "x"]], "b": {"c": None}}

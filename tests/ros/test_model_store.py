@@ -11,6 +11,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.drag import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 from hmcvt_ros.model_store import ModelStore
+from hmcvt_ros.state_folder import keep_newest, next_name
 
 
 @pytest.fixture
@@ -78,17 +79,6 @@ def test_damaged_state_falls_back_to_the_model_file(paper_file, base, tmp_path, 
     assert "in_service.json" in store.complaint
 
 
-def test_damaged_candidate_changes_nothing(paper_file, tmp_path):
-    store = ModelStore(paper_file, tmp_path)
-    first = refit(store, 1e-12)
-    candidate = store.new_path()
-    candidate.write_text("")
-    with pytest.raises(hmcvt.InputError):
-        store.adopt(candidate)
-    assert store.model.fingerprint == first
-    assert ModelStore(paper_file, tmp_path).model.fingerprint == first
-
-
 def test_published_formulas_are_not_served(paper_file, base, tmp_path):
     file = tmp_path / "published.yaml"
     hmcvt.save_model(replace(base, formulation="published"), file)
@@ -98,6 +88,7 @@ def test_published_formulas_are_not_served(paper_file, base, tmp_path):
     with pytest.raises(hmcvt.InputError, match="is not served"):
         store.adopt(file)
     assert store.model.fingerprint == base.fingerprint
+    assert ModelStore(paper_file, tmp_path).model.fingerprint == base.fingerprint
 
 
 def test_error_of_a_meter_is_not_served(base, tmp_path):
@@ -107,3 +98,18 @@ def test_error_of_a_meter_is_not_served(base, tmp_path):
     assert served.effects == (ChargePump(5.0),)
     assert hmcvt.load_model(file).efficiency(0.5, 150.0, 200.0) == pytest.approx(
         served.efficiency(0.5, 150.0, 200.0) / 0.9)
+
+
+def test_numbers_rise_and_are_not_used_again(tmp_path):
+    folder = tmp_path / "reports"
+    for number in range(1, 13):
+        path = next_name(folder)
+        assert path == folder / f"{number:04d}"
+        path.with_suffix(".html").write_text("")
+        path.with_suffix(".json").write_text("")
+        keep_newest(folder, 3)
+    (folder / "notes.txt").write_text("mine")
+    keep_newest(folder, 2)
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "0011.html", "0011.json", "0012.html", "0012.json", "notes.txt"]
+    assert next_name(folder).name == "0013"

@@ -214,10 +214,6 @@ def test_worse_refit_is_refused_and_kept_as_a_candidate(refused):
     assert not node.player.call("revert").success
 
 
-def test_reply_of_diagnose_names_the_report(node, replies):
-    assert Path(replies["diagnose"]["report"]).parent == node.state / "reports"
-
-
 # --- what one can do with it ----------------------------------------------------------------------
 
 
