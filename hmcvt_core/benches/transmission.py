@@ -252,13 +252,11 @@ def separable(
             and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
-    system, fuller = Transmission(model), None
+    system, observed, fuller = Transmission(model), observe(plan, noise), None
     if plan.output_speed is None:
-        speed = model.output_speed(plan.displacement_ratio, plan.engine_speed, plan.load_torque,
-                                   plan.oil_temperature)
+        speed = model.answer_at(OperatingPoints(**observed.points)).output_speed
         fuller = observe(replace(plan, output_speed=speed), noise)
-    return isolability(system, observe(plan, noise), to_scaled(model.parameters.to_array()),
-                       fuller)
+    return isolability(system, observed, to_scaled(model.parameters.to_array()), fuller)
 
 
 def read_plan(

@@ -152,9 +152,6 @@ def _model_of(fit: Fit) -> Any:
     return fit.hypothesis.system.model_of(fit.base, fit.effects, fit.observed.samples)
 
 
-# --- verdict --------------------------------------------------------------------------------------
-
-
 def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, list[str]]:
     """Return the verdict, and why no cause is named."""
     if not study.significant:
@@ -175,9 +172,6 @@ def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, list[str]]:
             f"what the {plain(channel.name)} shows: look at the regions"]
     adequate = removed >= ADEQUATE or (beside >= ADEQUATE_BESIDE).any()
     return "cause_found" if known >= FOUND and adequate else "ambiguous", []
-
-
-# --- errors of prediction -------------------------------------------------------------------------
 
 
 def _errors(study: _Study) -> tuple[Array, Array, Array, list[str]]:
@@ -206,9 +200,6 @@ def _errors_on(study: _Study, held: Observations) -> tuple[Array, Array, Array, 
     noise = (np.full(len(held), _rms(study.noise)) if held.assumed
              else held.readings[0].deviation)
     return before[usable], after[usable], noise[usable], notes
-
-
-# --- causes ---------------------------------------------------------------------------------------
 
 
 def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
@@ -270,9 +261,6 @@ def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]
             for name, row in zip(base.names, rows.tolist(), strict=True)}
 
 
-# --- where ----------------------------------------------------------------------------------------
-
-
 def _where(study: _Study) -> tuple[Region, ...]:
     boxes, found = study.boxes, study.found
     if not study.significant or not len(boxes):
@@ -297,9 +285,6 @@ def _where(study: _Study) -> tuple[Region, ...]:
         float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
         float(found.region_p[i]), observed.readings[found.region_channel[i]].channel.name)
         for i in chosen)
-
-
-# --- remarks --------------------------------------------------------------------------------------
 
 
 def _at_zero(fit: Fit) -> list[str]:

@@ -57,18 +57,17 @@ def significance(
     white = fit.target / np.sqrt(fit.noise)[:, None]
     z_boxes, z_effects = search.statistics(white[None], np.zeros((1, len(fit.theta))))
     rng = np.random.default_rng(seed)
-    tops: list[Array] = []
+    tops = []
     for start in range(0, replicates, _CHUNK):
         count = min(_CHUNK, replicates - start)
         data = rng.standard_normal((count, *white.shape))
         prior = rng.standard_normal((count, len(fit.theta)))
-        a, b = search.statistics(data, prior)
-        tops.append(np.stack([_top(a), _top(b)], axis=1))
-    null = np.concatenate(tops)
-    own = np.array([_top(z_boxes)[0], _top(z_effects)[0]])
+        tops.append([_top(z) for z in search.statistics(data, prior)])
+    null = np.concatenate(tops, axis=1)
     # Two families of looks: the smaller p value, itself judged against the same campaigns.
-    ranks = np.stack([_p_values(null[:, i], null[:, i]) for i in range(2)], axis=1).min(axis=1)
-    p_own = min(float(_p_values(null[:, i], own[i:i + 1])[0]) for i in range(2))
+    ranks = np.min([_p_values(top, top) for top in null], axis=0)
+    p_own = np.min([_p_values(top, _top(z)) for top, z in zip(null, (z_boxes, z_effects),
+                                                              strict=True)])
     p_value = (1.0 + np.sum(ranks <= p_own)) / (1.0 + replicates)
     if len(observed) < FEW:
         # Two looks: shape and size.
@@ -76,7 +75,7 @@ def significance(
     z_channels = z_boxes[0].reshape(len(observed.readings), len(boxes))
     channel = np.abs(z_channels).argmax(axis=0)
     z = np.take_along_axis(z_channels, channel[None], 0)[0]
-    return Significance(float(p_value), z, channel, _p_values(null[:, 0], np.abs(z)))
+    return Significance(float(p_value), z, channel, _p_values(null[0], np.abs(z)))
 
 
 class _Search:

@@ -158,19 +158,18 @@ def _lies(found: Outcome) -> str:
 
 def region_words(region: Region, found: Outcome) -> str:
     """Return where a region lies in words such as `high engine speed and low load`."""
-    graded, others = [], []
-    for axis in found.axes:
+    told = []
+    # What is low or high goes first.
+    for axis in sorted(found.axes, key=lambda axis: not axis.graded):
         (low, high), (lowest, highest) = region.limits[axis.name], found.extent[axis.name]
         span = highest - lowest
         if span <= 0.0 or (high - low) / span > _WIDE:
             continue
         middle = ((low + high) / 2.0 - lowest) / span
         degree = "low" if middle < 0.4 else "high" if middle > 0.6 else "medium"
-        if axis.graded:
-            graded.append(f"{degree} {axis.word}")
-        else:
-            others.append(f"{axis.word} {fixed(low, axis.digits)} to {fixed(high, axis.digits)}")
-    return listed([*graded, *others], "and")
+        told.append(f"{degree} {axis.word}" if axis.graded else
+                    f"{axis.word} {fixed(low, axis.digits)} to {fixed(high, axis.digits)}")
+    return listed(told, "and")
 
 
 def _explained(found: Outcome) -> str:

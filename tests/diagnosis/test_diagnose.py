@@ -302,7 +302,7 @@ def test_the_papers_own_tests_rest_on_the_noise():
 
 
 def test_torque_out_of_nothing_names_the_meter():
-    found = hmcvt.diagnose(BASE, campaign((EngineTorqueZero(-8.0),), seed=1, n=32), noise=NOISE)
+    found = hmcvt.diagnose(BASE, campaign((EngineTorqueZero(-8.0),), seed=1, n=48), noise=NOISE)
     # No drag gives torque.
     assert found.causes[0].effect == "torque_sensor"
     assert found.component == "sensor"

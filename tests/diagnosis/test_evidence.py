@@ -84,16 +84,6 @@ def test_noise_follows_the_data_when_the_statement_is_worth_little():
     assert 1.0 < stated.noise[0, 0] < 2.0, "a statement worth more pulls towards itself"
 
 
-def test_a_column_that_is_there_is_worth_it_and_one_that_is_not_costs():
-    rng = np.random.default_rng(1)
-    columns = rng.standard_normal((1, 60, 2))
-    for strength, better in ((1.0, True), (0.0, False)):
-        target = strength * columns[..., 1] + rng.standard_normal((1, 60))
-        without = _weigh(columns[..., :1], target, np.array([1.0]), trust=8.0)
-        beside = _weigh(columns, target, np.array([1.0, 1.0]), trust=8.0)
-        assert bool(beside.log[0] > without.log[0]) is better
-
-
 @pytest.mark.parametrize("index", [0, 2])
 def test_one_sided_factor_is_that_of_the_integral(index):
     for seed in range(4):

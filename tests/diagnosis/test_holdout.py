@@ -35,19 +35,13 @@ def test_the_campaign_is_no_holdout_of_its_own():
         hmcvt.diagnose(BASE, SAMPLES, SAMPLES, noise=NOISE)
 
 
-def test_samples_seen_before_are_left_out_and_counted():
-    held = joined(SAMPLES.select(np.arange(10)), campaign(seed=33, n=30))
-    found = hmcvt.diagnose(BASE, SAMPLES, held, noise=NOISE)
-    assert len(found.residuals_before) == 30
-    assert any("10 of 40 samples held out" in note for note in found.notes)
-
-
-def test_samples_that_stall_are_reported():
-    held = campaign(seed=34, n=30)
-    load = np.where(np.arange(30) < 2, 4900.0, held.load_torque)
+def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
+    held = joined(SAMPLES.select(np.arange(10)), campaign(seed=34, n=30))
+    load = np.where(np.arange(40) // 2 == 5, 4900.0, held.load_torque)
     found = hmcvt.diagnose(BASE, SAMPLES, with_column(held, load_torque=load), noise=NOISE)
     assert len(found.residuals_before) == 28
-    assert any("2 of 30 samples held out" in note and "sample 1 (" in note
+    assert any("10 of 40 samples held out are among" in note for note in found.notes)
+    assert any("2 of 30 samples held out ask" in note and "sample 11 (" in note
                for note in found.notes)
 
 

@@ -74,6 +74,8 @@ def test_where_the_noise_comes_from():
     assert column.scale[0].max() == 0.01
     np.testing.assert_allclose(assumed.scale[0], 0.0112 * samples.efficiency)
     np.testing.assert_allclose(assumed.scale[1], 0.001 * samples.output_speed)
+    for reading, loss in zip(given.readings, (1.0 / 0.003, 1.0 / 0.001), strict=True):
+        np.testing.assert_allclose(reading.unit_loss, loss)
     assert [item.noise_source for item in (given, column, assumed)] == [
         "given", "column efficiency_std", "assumed, 1.12 % (paper, eq. (3))"]
     assert [item.assumed for item in (given, column, assumed)] == [False, False, True]
@@ -83,13 +85,6 @@ def test_where_the_noise_comes_from():
         (stated, None), (samples, None))] == [[30.0, 1.0], [3.0, 1.0]]
     again = assumed.stating(0.004)
     assert (again.usual_noise, again.assumed, again.trusts[0]) == (pytest.approx(0.004), False, 8.0)
-
-
-def test_an_unlisted_loss_counts_in_efficiency_and_as_a_part_of_the_speed():
-    observed = observe(campaign(seed=1, n=20), 0.004)
-    efficiency, speed = observed.readings
-    np.testing.assert_allclose(efficiency.unit_loss, 1.0 / 0.004)
-    np.testing.assert_allclose(speed.unit_loss, 1.0 / 0.001)
 
 
 def test_copies_are_dropped_and_repeated_readings_kept():

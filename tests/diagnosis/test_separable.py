@@ -92,6 +92,13 @@ def test_oil_temperature_is_seen_only_where_it_is_swept():
     assert "oil_temperature" not in _matrix(campaign(seed=1, n=48)).effects
 
 
+def test_a_plan_of_one_point_and_an_effect_that_the_model_has():
+    known = replace(BASE, effects=(ChargePump(6.0),))
+    found = hmcvt.separable(known, campaign(seed=1, n=1), noise=NOISE)
+    assert np.isfinite(found.separation).all()
+    assert "charge_pump" not in found.effects
+
+
 def test_points_planned_twice_do_not_state_the_noise():
     """Filled-in readings agree to the last digit; that is no noise of a bench."""
     points = random_points(1, 12)
@@ -101,15 +108,6 @@ def test_points_planned_twice_do_not_state_the_noise():
     assert triple.noise == pytest.approx(single.noise)
     assert (triple.detectability >= single.detectability * (1.0 - 1e-9)).all()
     assert (triple.detectability <= 3.0 * single.detectability * (1.0 + 1e-9)).all()
-
-
-def test_a_small_plan_is_no_crash():
-    assert np.isfinite(_matrix(campaign(seed=1, n=1)).separation).all()
-
-
-def test_an_effect_in_the_model_is_not_asked_for():
-    known = replace(BASE, effects=(ChargePump(6.0),))
-    assert "charge_pump" not in hmcvt.separable(known, campaign(seed=1, n=24), noise=NOISE).effects
 
 
 def test_plain_data_and_words():
