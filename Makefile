@@ -126,6 +126,6 @@ $(VENV)/.dev: $(VENV)/.ros
 	@$(INSTALL) --editable '.[ros,report,bag,compare,fleet,test,dev]'
 	@touch $@
 
-$(VENV)/.mutants: $(VENV)/.mutants
+$(VENV)/.mutants: $(VENV)/.dev
 	@$(INSTALL) --editable '.[mutants]'
 	@touch $@

@@ -15,8 +15,7 @@ from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw_bench import read_raw_bench
 from .files.resources import data_path
 from .identification import Identification, Schedule, identify
-from .model.domain import Domain
-from .model.efficiency_map import EfficiencyMap
+from .model.domain import Domain, EfficiencyMap
 from .model.model import EfficiencyModel, Prediction
 from .model.optimum import Optimum
 from .model.parameter_file import load_model, load_stage, save_model

@@ -4,32 +4,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis.isolability import Isolability, isolability
-from ..diagnosis.observations import (
-    TRUST_ASSUMED,
-    Observations,
-    Reading,
-    distinct_rows,
-    reading_of,
-    replicate_groups,
-)
-from ..diagnosis.procedure import diagnose_system
-from ..diagnosis.report import Diagnosis
+from ..diagnosis import Diagnosis, Isolability, diagnose_system, isolability
+from ..diagnosis.observations import TRUST_ASSUMED, Observations, Reading, distinct_rows, reading_of
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..files.columns import read_columns
+from ..model.agreement import output_speed_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
-from ..model.plausibility import output_speed_remark
 from ..physics.effects import library
 from ..physics.effects.base import Effect
 from ..physics.effects.gears import GearEfficiency
@@ -111,26 +102,28 @@ class Transmission:
         self.library: tuple[AnyEffect, ...] = tuple(
             kind() for kind in library() if (kind.name, kind.form) not in present)
 
+    def _refitted(self, base: Array, effects: Sequence[AnyEffect]) -> EfficiencyModel:
+        return replace(self.model, parameters=HydraulicParameters(*from_scaled(base).tolist()),
+                       effects=(*self.model.effects, *cast("Sequence[Effect]", effects)))
+
     def predict(self, base: Array, effects: Sequence[AnyEffect], points: Points) -> Array:
         """Return efficiency [-] and output speed [rad/s] as the bench reads them, (2, n)."""
-        every = (*self.model.effects, *cast("Sequence[Effect]", effects))
-        parameters = HydraulicParameters(*from_scaled(base).tolist())
-        model = replace(self.model, parameters=parameters, effects=every)
-        return np.stack(model.answer_at(OperatingPoints(**points)))
+        return np.stack(self._refitted(base, effects).answer_at(OperatingPoints(**points)))
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return the working range of engine and campaign, as far as it can be carried."""
         measured = points["engine_speed"]
-        speeds = np.linspace(min(ENGINE_SPEED_LIMITS[0], measured.min()),
-                             max(ENGINE_SPEED_LIMITS[1], measured.max()), _GRID[1])
-        highest = max(points["load_torque"].max(), 2.0 * _LEAST_POWER / speeds[0])
-        grid = [(stroke, speed, torque) for stroke in np.linspace(-1.0, 1.0, _GRID[0])
-                for speed in speeds
-                for torque in np.linspace(max(_LEAST_POWER / speed, LOAD_TORQUE.low), highest,
-                                          _GRID[2])]
-        possible = dict(zip(_POINT, np.array(grid).T, strict=True))
+        stroke, speed, part = (axis.ravel() for axis in np.meshgrid(
+            np.linspace(-1.0, 1.0, _GRID[0]),
+            np.linspace(min(ENGINE_SPEED_LIMITS[0], measured.min()),
+                        max(ENGINE_SPEED_LIMITS[1], measured.max()), _GRID[1]),
+            np.linspace(0.0, 1.0, _GRID[2]), indexing="ij"))
+        lowest = np.maximum(_LEAST_POWER / speed, LOAD_TORQUE.low)
+        highest = max(points["load_torque"].max(), 2.0 * _LEAST_POWER / speed.min())
+        torque = lowest + part * (highest - lowest)
+        possible = dict(zip(_POINT, (stroke, speed, torque), strict=True))
         for name in points.keys() - possible.keys():
-            possible[name] = np.full(len(grid), float(np.median(points[name])))
+            possible[name] = np.full(len(speed), float(np.median(points[name])))
         # NaN is no answer, and is not contained.
         usable = EFFICIENCY.contains(self.predict(base, (), possible)[0])
         return {name: values[usable] for name, values in possible.items()}
@@ -140,9 +133,8 @@ class Transmission:
     ) -> EfficiencyModel:
         """Return the model refitted to samples, with effects added."""
         return replace(
-            self.model, parameters=HydraulicParameters(*from_scaled(base).tolist()),
-            effects=(*self.model.effects, *cast("Sequence[Effect]", effects)),
-            standard_errors={}, correlation=None, domain=Domain.of(samples),
+            self._refitted(base, effects), standard_errors={}, correlation=None,
+            domain=Domain.of(samples),
             provenance={"source": "hmcvt diagnose", "data": samples.source.rsplit("/", 1)[-1],
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
@@ -177,13 +169,11 @@ def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
     stated = samples.efficiency_std
     first, source = reading_of(
         EFFICIENCY_CHANNEL, samples.efficiency, noise,
-        None if stated is None else np.maximum(stated, _LEAST_DEVIATION),
-        replicate_groups(axes, points))
+        None if stated is None else np.maximum(stated, _LEAST_DEVIATION), axes, points)
     readings = [first]
-    if samples.output_speed is not None:
-        readings.append(Reading(
-            OUTPUT_SPEED_CHANNEL, samples.output_speed,
-            OUTPUT_SPEED_CHANNEL.uncertainty * samples.output_speed, TRUST_ASSUMED))
+    if (speed := samples.output_speed) is not None:
+        readings.append(Reading(OUTPUT_SPEED_CHANNEL, speed,
+                                OUTPUT_SPEED_CHANNEL.uncertainty * speed, TRUST_ASSUMED))
     return Observations(axes, points, tuple(readings), samples, np.arange(len(samples)),
                         source or _ASSUMED, source is None)
 
@@ -216,40 +206,36 @@ def diagnose(
             nothing new, or the formulation is another.
     """
     system, notes = Transmission(model), []
-    columns = [column.tolist() for item in BENCH_COLUMNS
-               if (column := getattr(samples, item.name)) is not None]
-    rows = distinct_rows([*columns, *samples.extra.values()])
+    rows = distinct_rows(_columns(samples, [item.name for item in BENCH_COLUMNS])
+                         + list(samples.extra.values()))
     # Copies state no noise, which repeated readings would.
     observed = replace(observe(samples.select(rows), noise), number=rows)
     if len(rows) < len(samples):
         notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
                      "column and were left out")
-    held = None
-    if holdout is not None:
-        held, more = _fresh(holdout, samples)
-        notes += more
+    held = None if holdout is None else _fresh(holdout, samples, notes)
     return diagnose_system(system, observed, held, notes=notes, seed=seed, progress=progress)
 
 
-def _fresh(holdout: BenchSamples, samples: BenchSamples) -> tuple[Observations, list[str]]:
-    """Leave out what the diagnosis has seen already, and say so."""
+def _columns(samples: BenchSamples, names: Iterable[str]) -> list[Sequence[object]]:
+    return [column.tolist() for name in names if (column := getattr(samples, name)) is not None]
+
+
+def _fresh(holdout: BenchSamples, samples: BenchSamples, notes: list[str]) -> Observations:
+    """Leave out what the diagnosis has seen already, and note so."""
     if holdout.oil_temperature is None and samples.oil_temperature is not None:
         raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
                          "has it")
-    seen = set(_rows(samples))
-    kept = np.array([i for i, row in enumerate(_rows(holdout)) if row not in seen], dtype=np.intp)
+    seen = set(zip(*_columns(samples, REQUIRED_COLUMNS), strict=True))
+    kept = np.array([i for i, row in enumerate(zip(*_columns(holdout, REQUIRED_COLUMNS),
+                                                   strict=True)) if row not in seen], dtype=np.intp)
     if not len(kept):
         raise InputError(f"{holdout.source}: every sample held out is among those diagnosed; a "
                          "holdout is measured apart, or leave it out for cross-validation")
-    copies = len(holdout) - len(kept)
-    notes = [f"{copies} of {len(holdout)} samples held out are among those diagnosed and were "
-             "left out"] if copies else []
-    return replace(observe(holdout.select(kept)), number=kept), notes
-
-
-def _rows(samples: BenchSamples) -> list[tuple[float, ...]]:
-    columns = (getattr(samples, name).tolist() for name in REQUIRED_COLUMNS)
-    return list(zip(*columns, strict=True))
+    if len(kept) < len(holdout):
+        notes.append(f"{len(holdout) - len(kept)} of {len(holdout)} samples held out are among "
+                     "those diagnosed and were left out")
+    return replace(observe(holdout.select(kept)), number=kept)
 
 
 def separable(
@@ -291,15 +277,14 @@ def read_plan(
     found = read_columns(path, _POINT)
     known = found.known
     ratio, speed, torque = (known[name] for name in _POINT)
-    temperature = known.get("oil_temperature")
-    expected = model.efficiency(ratio, speed, torque, temperature)
-    stalled = np.flatnonzero(np.isnan(expected))
+    points = OperatingPoints(ratio, speed, torque, known.get("oil_temperature"))
+    efficiency, read_speed = model.answer_at(points)
+    stalled = np.flatnonzero(np.isnan(efficiency))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
                          f"{torque[stalled[0]]:g} cannot be carried there")
-    reads_speed = output_speed or "output_speed" in known
     return BenchSamples(
-        ratio, speed, torque, expected,
-        output_speed=model.output_speed(ratio, speed, torque, temperature) if reads_speed else None,
-        oil_temperature=temperature, efficiency_std=known.get("efficiency_std"),
+        ratio, speed, torque, efficiency,
+        output_speed=read_speed if output_speed or "output_speed" in known else None,
+        oil_temperature=points.oil_temperature, efficiency_std=known.get("efficiency_std"),
         source=found.source, sha256=found.sha256)

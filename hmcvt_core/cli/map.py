@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.bench import read_bench
-from ..model.efficiency_map import EfficiencyMap
+from ..model.domain import EfficiencyMap
 from ..transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from . import common
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Diagnosis of the gap between a model and a bench, whatever stands on it: see `system`."""
 
-from .isolability import Isolability, isolability
+from .plans import Isolability, isolability
 from .procedure import diagnose_system
 from .report import Diagnosis
 from .result import Cause, Gap, NextTest, Region, ShrinkageSummary

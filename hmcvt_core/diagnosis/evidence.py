@@ -15,6 +15,7 @@ the same samples cost one product each. See MacKay, *Bayesian interpolation* (19
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +55,10 @@ def gram(columns: Array, target: Array) -> Array:
     return np.asarray(np.swapaxes(both, -1, -2) @ both)
 
 
-def evidence(grams: Array, count: int | NDArray[np.intp], spread: Array, trust: Array) -> Evidence:
+def evidence(
+    grams: Array, count: int | NDArray[np.intp], spread: Array, trust: Array,
+    positive: int | None = None,
+) -> Evidence:
     """Weigh m linear models.
 
     Args:
@@ -62,6 +66,7 @@ def evidence(grams: Array, count: int | NDArray[np.intp], spread: Array, trust: 
         count: samples per channel; shape (m, 1) where the models have different ones.
         spread: prior standard deviations of the coefficients, shape (m, p).
         trust: worth of the stated noise in samples, shape (channels,).
+        positive: index of a coefficient that can only be positive (half-normal prior).
     """
     square, cross, total = grams[..., :-1, :-1], grams[..., :-1, -1], grams[..., -1, -1]
     precision = spread**-2.0
@@ -84,20 +89,14 @@ def evidence(grams: Array, count: int | NDArray[np.intp], spread: Array, trust: 
         np.sum((count + trust) * np.log(noise) + (trust + residual) / noise, axis=1)
         + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=1)
     )
+    if positive is not None:
+        from scipy.special import log_ndtr
+
+        ratio = mean[:, positive] / np.sqrt(covariance[:, positive, positive])
+        log += np.log(2.0) + log_ndtr(ratio)
     return Evidence(log, mean, covariance, noise)
 
 
-def one_sided(found: Evidence, index: int) -> Array:
-    """Log factor for a coefficient that can only be positive (half-normal prior), shape (m,)."""
-    from scipy.special import log_ndtr
-
-    ratio = found.mean[:, index] / np.sqrt(found.covariance[:, index, index])
-    return np.asarray(np.log(2.0) + log_ndtr(ratio))
-
-
-def log_mean(values: Array, weights: Array | None = None) -> float:
-    """log of the (weighted) mean of exp(values)."""
-    values = np.asarray(values, dtype=float)
-    weights = np.full(values.shape, 1.0 / values.size) if weights is None else weights
-    top = values.max()
-    return float(top + np.log(np.sum(weights * np.exp(values - top))))
+def log_mean(values: Sequence[float] | Array) -> float:
+    """log of the mean of exp(values)."""
+    return float(np.logaddexp.reduce(values) - np.log(len(values)))

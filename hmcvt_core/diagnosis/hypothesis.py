@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,12 @@ class Hypothesis:
     def prior_mean(self) -> Array:
         """Mean of theta; sizes are free and have zero."""
         base = self.system.base
-        return np.concatenate([base.mean, np.zeros(self.shared - len(base) + len(self.typical))])
+        return np.append(base.mean, np.zeros(self.shared - len(base) + len(self._sizes)))
 
     @property
     def prior_spread(self) -> Array:
         """Standard deviations of the parameters that every hypothesis has, shape (shared,)."""
-        return np.concatenate([self.system.base.spread, np.ones(len(self.system.nuisances))])
+        return np.append(self.system.base.spread, np.ones(len(self.system.nuisances)))
 
     @property
     def shared(self) -> int:
@@ -67,23 +67,22 @@ class Hypothesis:
         return len(self.system.base) + len(self.system.nuisances)
 
     @property
-    def typical(self) -> Array:
-        """Typical size of each, shape (k,)."""
-        return np.array([item.typical for effect in self.effects for item in effect.sizes()])
+    def _sizes(self) -> list[Any]:
+        return [item for effect in self.effects for item in effect.sizes()]
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest theta."""
-        base, sizes = self.system.base, [item for each in self.effects for item in each.sizes()]
+        base, sizes = self.system.base, self._sizes
         nuisance = np.full(len(self.system.nuisances), _NUISANCE_LIMIT)
         return (np.array([*base.low, *-nuisance, *(item.low / item.typical for item in sizes)]),
                 np.array([*base.high, *nuisance, *(item.high / item.typical for item in sizes)]))
 
     def with_sizes(self, scaled: Array) -> tuple[Effect, ...]:
         """Return the effects at sizes given in typical ones."""
-        values = iter((scaled * self.typical).tolist())
-        return tuple(effect.with_values({item.name: next(values) for item in effect.sizes()})
-                     for effect in self.effects)
+        values = iter(scaled.tolist())
+        return tuple(effect.with_values({item.name: next(values) * item.typical
+                                         for item in effect.sizes()}) for effect in self.effects)
 
     def predict(self, theta: Array, points: Points) -> Array:
         """Return every channel without the nuisances, shape (channels, n)."""
@@ -91,11 +90,13 @@ class Hypothesis:
         return self.system.predict(theta[:len(self.system.base)], effects, points)
 
 
-class Fit(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Fit:
     """A refitted hypothesis.
 
     Attributes:
         hypothesis: what was refitted.
+        observed: to what.
         theta: where.
         whitened: (measured - predicted) / deviation, shape (channels, n).
         jacobian: of the prediction / deviation by theta, shape (channels, n, p).
@@ -103,6 +104,7 @@ class Fit(NamedTuple):
     """
 
     hypothesis: Hypothesis
+    observed: Observations
     theta: Array
     whitened: Array
     jacobian: Array
@@ -128,6 +130,25 @@ class Fit(NamedTuple):
         """What a linear model near the refit has to reproduce, shape (channels, n)."""
         return np.asarray(self.whitened
                           + self.jacobian @ (self.theta - self.hypothesis.prior_mean))
+
+
+    @cached_property
+    def nuisance(self) -> Array:
+        """`nuisance_columns` where the refit ended."""
+        return nuisance_columns(self.hypothesis, self.theta, self.observed)
+
+    @cached_property
+    def absorbed(self) -> tuple[Array, Array]:
+        """What a refit nearby absorbs: an orthonormal basis of its columns, the noise divided out.
+
+        Data of shape (channels, n, p), and the priors as further rows, shape (p, p); for a
+        hypothesis without effects.
+        """
+        scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
+        p = len(self.theta)
+        basis, _ = np.linalg.qr(np.concatenate([
+            scaled.reshape(-1, p), np.diag(1.0 / self.hypothesis.prior_spread)]))
+        return basis[:-p].reshape(scaled.shape), basis[-p:]
 
 
 def nuisance_columns(hypothesis: Hypothesis, theta: Array, observed: Observations) -> Array:
@@ -207,7 +228,7 @@ def refit(
                                | ((theta >= bounds[1]) & (gain > 0.0)))
         if settled and (free == before).all():
             break
-    return Fit(hypothesis, theta, *linear(theta.tobytes()), variance)
+    return Fit(hypothesis, observed, theta, *linear(theta.tobytes()), variance)
 
 
 def _within(
@@ -235,10 +256,10 @@ def linearise(
     hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array
 ) -> Fit:
     """Return a fit as it stands at given parameters, also at points it was not fitted to."""
-    columns = nuisance_columns(hypothesis, theta, observed)
-    here = _residuals(hypothesis, observed, columns, theta)
-    return Fit(hypothesis, theta, here,
-               _jacobian(hypothesis, observed, columns, theta, here), noise)
+    nuisance = nuisance_columns(hypothesis, theta, observed)
+    left = _residuals(hypothesis, observed, nuisance, theta)
+    return Fit(hypothesis, observed, theta, left,
+               _jacobian(hypothesis, observed, nuisance, theta, left), noise)
 
 
 def _residuals(

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .candidates import Campaign, fitted_campaign
-from .hypothesis import REFUSED
+from .hypothesis import REFUSED, Fit, Hypothesis, refit
 from .observations import FEW, Observations, replicate_groups
 from .regions import scaled_to_extent
 from .system import System
@@ -30,16 +29,16 @@ _MAD_TO_DEVIATION = 1.4826
 _LARGE = 2000  # beyond, single samples decide nothing and neighbours get costly
 
 
-def admitted(system: System, observed: Observations) -> tuple[Campaign, tuple[str, ...]]:
-    """Return the campaign to diagnose, and a note on every sample that is left out.
+def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
+    """Refit the base model to what can be used, and return a note on every sample left out.
 
     Raises:
         InputError: what remains cannot carry a diagnosis.
     """
     _check(system, observed)
     notes = []
-    campaign = fitted_campaign(system, observed)
-    impossible = np.flatnonzero(campaign.base.whitened[0] == REFUSED)
+    base = refit(Hypothesis(system), observed)
+    impossible = np.flatnonzero(base.whitened[0] == REFUSED)
     if len(impossible) > _MOST_REFUSED * len(observed):
         raise InputError(
             f"{observed.samples.source}: {len(impossible)} of {len(observed)} samples "
@@ -48,21 +47,21 @@ def admitted(system: System, observed: Observations) -> tuple[Campaign, tuple[st
     if len(impossible):
         notes.append(f"{len(impossible)} samples {system.refusal} and were left out: "
                      f"{listed_samples(observed, impossible)}")
-        campaign = _without(campaign, impossible)
-    observed = campaign.observed
-    slips = outliers(observed, campaign.base.whitened)
+        base = _without(base, impossible)
+    observed = base.observed
+    slips = outliers(observed, base.whitened)
     if len(slips):
         first = observed.readings[0]
         notes += [f"{observed.describe(i)}, {first.channel.name} {first.measured[i]:.4g}, stands "
                   "alone against its neighbours and was left out: measure it again" for i in slips]
-        campaign = _without(campaign, slips)
-    _check(system, campaign.observed)
-    return campaign, tuple(notes)
+        base = _without(base, slips)
+    _check(system, base.observed)
+    return base, notes
 
 
-def _without(campaign: Campaign, dropped: NDArray[np.intp]) -> Campaign:
-    kept = np.setdiff1d(np.arange(len(campaign.observed)), dropped)
-    return fitted_campaign(campaign.system, campaign.observed.select(kept))
+def _without(base: Fit, dropped: NDArray[np.intp]) -> Fit:
+    kept = np.setdiff1d(np.arange(len(base.observed)), dropped)
+    return refit(base.hypothesis, base.observed.select(kept))
 
 
 def _check(system: System, observed: Observations) -> None:

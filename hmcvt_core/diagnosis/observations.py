@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .system import Axis, Channel, Points, Samples
+from .system import Axis, Channel, Points
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,8 @@ class Observations:
         axes: of the points.
         points: values by axis.
         readings: in the order of the system's channels, which may have more.
-        samples: what the system keeps of them.
+        samples: the system's own record, with a length, `source` (for messages) and
+            `select(index)`.
         number: of each sample in what was handed in, shape (n,).
         noise_source: where the noise of the first channel comes from, in words.
         assumed: whether nobody stated it.
@@ -69,7 +71,7 @@ class Observations:
     axes: tuple[Axis, ...]
     points: Points
     readings: tuple[Reading, ...]
-    samples: Samples
+    samples: Any
     number: NDArray[np.intp]
     noise_source: str
     assumed: bool = False
@@ -139,7 +141,7 @@ def believed(trust: float, count: int, assumed: bool) -> float:
 
 def reading_of(
     channel: Channel, measured: Array, given: float | None, column: Array | None,
-    group: NDArray[np.intp],
+    axes: Sequence[Axis], points: Points,
 ) -> tuple[Reading, str | None]:
     """Return a reading with its noise as it is stated: given, by sample, or by repeated points.
 
@@ -147,7 +149,7 @@ def reading_of(
         channel, measured: what was read, shape (n,).
         given: one standard deviation for all.
         column: those of every sample, shape (n,).
-        group: the operating point of each sample, as `replicate_groups` numbers them.
+        axes, points: where.
 
     Returns:
         The reading, and who states its noise; None where nobody does and `channel.uncertainty`
@@ -158,7 +160,7 @@ def reading_of(
         deviation, source = np.full(n, given), "given"
     elif column is not None:
         deviation, source = column, f"column {channel.name}_std"
-    elif (pure := pure_error(group, measured)) is not None:
+    elif (pure := pure_error(replicate_groups(axes, points), measured)) is not None:
         deviation, trust, source = np.full(n, pure[0]), pure[1], "repeated points"
     else:
         deviation, trust = channel.uncertainty * np.abs(measured), TRUST_ASSUMED
@@ -170,10 +172,10 @@ def distinct_rows(columns: Sequence[Sequence[object]]) -> NDArray[np.intp]:
 
     A copy says nothing new, least of all about the noise. Readings repeated at one point differ.
     """
-    first: dict[tuple[object, ...], int] = {}
-    for i, row in enumerate(zip(*columns, strict=True)):
-        first.setdefault(row, i)
-    return np.array(list(first.values()), dtype=np.intp)
+    rows = list(zip(*columns, strict=True))
+    # The last of equal keys stays: the first row, read backwards.
+    first = {row: i for i, row in reversed(list(enumerate(rows)))}
+    return np.array(sorted(first.values()), dtype=np.intp)
 
 
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:
@@ -206,15 +208,12 @@ def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
                                                axis.held) for axis in axes], axis=1)
     near = cKDTree(scaled).query_ball_point(scaled, 1.0, p=np.inf)
     count = np.array([len(indices) for indices in near])
-    group = np.full(len(scaled), -1, dtype=np.intp)
+    leader = np.full(len(scaled), -1)
     # Ties by place, so that the order of the rows does not matter.
-    leaders: list[int] = []
-    for i in np.lexsort((*scaled.T[::-1], -count)).tolist():
-        if group[i] < 0:
+    for i in np.lexsort((*scaled.T[::-1], -count)):
+        if leader[i] < 0:
             members = np.array(near[i])
-            group[members[group[members] < 0]] = len(leaders)
-            leaders.append(i)
-    order = np.lexsort(scaled[leaders].T[::-1])
-    number = np.empty(len(leaders), dtype=np.intp)
-    number[order] = np.arange(len(leaders))
-    return np.asarray(number[group])
+            leader[members[leader[members] < 0]] = i
+    # Numbered by place, as their leaders are.
+    rank = np.argsort(np.lexsort(scaled.T[::-1]))
+    return np.unique(rank[leader], return_inverse=True)[1]

@@ -4,53 +4,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .candidates import Campaign, Candidate, fitted_campaign
-from .hypothesis import Fit
+from .hypothesis import Fit, refit
 from .intake import admitted, listed_samples
-from .next_tests import next_tests
 from .observations import FEW, Observations
-from .ranking import Ranking, pair_candidates, rank, single_candidates
+from .plans import next_tests
+from .ranking import Linear, Ranking, pair_candidates, rank, single_candidates
 from .regions import Regions, regions
 from .report import Diagnosis
-from .result import (
-    GAP_SIGNIFICANCE,
-    REGION_SIGNIFICANCE,
-    Cause,
-    Gap,
-    Region,
-    ShrinkageSummary,
-)
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, Gap, Region, ShrinkageSummary
 from .shrinkage import averaged_errors, deals, shrinkage
 from .significance import Significance, significance
-from .system import System
+from .system import Effect, System
 from .words import plain
 
 Array = NDArray[np.float64]
 
-FOUND = 0.80
-"""Probability from which one cause is called found."""
-
-SET_PROBABILITY = 0.97
-"""The set that cannot be told apart holds the cause with this probability, if it is listed."""
-
-ADEQUATE = 0.5
-"""Part of the gap that a named cause must remove; else the gap is unexplained."""
-
+FOUND = 0.80  # probability from which one cause is called found
+SET_PROBABILITY = 0.97  # with which the set that cannot be told apart holds a listed cause
+ADEQUATE = 0.5  # part of the gap that a named cause must remove; else the gap is unexplained
+# The same for the squared gap of a further channel: read only where it is much more exact.
 ADEQUATE_BESIDE = 0.8
-"""The same for the squared gap of a further channel: read only where it is much more exact."""
-
-UNLISTED = 0.2
-"""Probability of an unlisted effect from which a poor cause is not named."""
-
-LEFTOVER = 5.0
-"""Log evidence from which something is left beside the leading cause."""
-
+UNLISTED = 0.2  # probability of an unlisted effect from which a poor cause is not named
+LEFTOVER = 5.0  # log evidence from which something is left beside the leading cause
 _LARGE_REGION = 0.8  # discount of a region with most of the samples
 _MOST_REGIONS = 5
 _OVERLAP = 0.2
@@ -58,27 +41,49 @@ _RIVALS = 12
 _ZERO = 1e-9
 
 
-class _Study(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Study:
     """What is known of a campaign once everything has been weighed.
 
     Attributes:
-        campaign, boxes, found, ranking: the results of the steps.
-        significant: whether there is a gap.
+        base, boxes, found, ranking: the results of the steps.
         seed: of every random number.
-        noise: standard deviation of the first channel, shape (n,).
         dealt: folds, several times.
-        before: errors of the base model at samples left out, shape (n,).
     """
 
-    campaign: Campaign
+    base: Fit
     boxes: Regions
     found: Significance
     ranking: Ranking
-    significant: bool
     seed: int
-    noise: Array
     dealt: list[list[NDArray[np.intp]]]
-    before: Array
+
+    @property
+    def significant(self) -> bool:
+        """Whether there is a gap."""
+        return self.found.p_value <= GAP_SIGNIFICANCE
+
+    @cached_property
+    def before(self) -> Array:
+        """Errors of the base model at samples left out, shape (n,)."""
+        return self.errors([self.ranking.nothing])
+
+    def errors(self, rivals: Sequence[Linear]) -> Array:
+        """Errors of the best of some rivals at samples left out, shape (n,)."""
+        return averaged_errors(rivals, self.base.observed, self.dealt)
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation of the first channel, (n,), from the best competitor of all."""
+        ranking = self.ranking
+        variance = ranking.nothing.noise[0]
+        if self.significant and ranking.unlisted > 0.5:
+            # A narrow band would pass as noise for every competitor without one.
+            variance = ranking.pure[0]
+        elif self.significant:
+            rivals = [ranking.nothing, ranking.field, ranking.leading.linear]
+            variance = max(rivals, key=lambda item: item.log).noise[0]
+        return np.asarray(self.base.observed.scale[0] * np.sqrt(variance))
 
 
 def diagnose_system(
@@ -106,75 +111,54 @@ def diagnose_system(
         InputError: samples cannot carry a diagnosis.
     """
     tell = progress or (lambda text: None)
-    campaign, more = admitted(system, observed)
-    observed = campaign.observed
+    base, more = admitted(system, observed)
+    observed = base.observed
     boxes = regions(observed.place)
     tell("step 1 of 4, is there a gap")
-    found = significance(campaign, boxes, seed)
-    significant = found.p_value <= GAP_SIGNIFICANCE
+    found = significance(base, boxes, seed)
     tell("step 2 of 4, refits with each effect")
-    singles = single_candidates(campaign)
-    ranking = rank(campaign, boxes, singles, ())
-    if significant and (ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
+    singles = single_candidates(base)
+    ranking = rank(base, boxes, singles)
+    if found.p_value <= GAP_SIGNIFICANCE and (
+            ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
         tell("step 3 of 4, refits with pairs of effects")
-        ranking = rank(campaign, boxes, singles, pair_candidates(campaign, singles))
+        ranking = rank(base, boxes, [*singles, *pair_candidates(base, singles)])
     tell("step 4 of 4, how far the gap shrinks")
-    dealt = deals(observed, seed)
-    study = _Study(campaign, boxes, found, ranking, significant, seed,
-                   _noise(observed, ranking, significant), dealt,
-                   averaged_errors([ranking.nothing], observed, dealt))
-    return assemble(study, held, (*notes, *more))
-
-
-def _noise(observed: Observations, ranking: Ranking, significant: bool) -> Array:
-    """Standard deviation of the first channel, shape (n,), from the best competitor of all."""
-    variance = ranking.nothing.found.noise[0, 0]
-    if significant and ranking.unlisted > 0.5:
-        # A narrow band would pass as noise for every competitor without one.
-        variance = ranking.pure[0]
-    elif significant:
-        rivals = [ranking.nothing, ranking.field, ranking.leading.linear]
-        variance = max(rivals, key=lambda item: item.log).found.noise[0, 0]
-    return np.asarray(observed.scale[0] * np.sqrt(variance))
-
-
-def assemble(study: _Study, held: Observations | None, notes: Sequence[str]) -> Diagnosis:
-    """Put together what was found."""
-    observed, ranking = study.campaign.observed, study.ranking
-    before, after, noise, more = _errors(study) if held is None else _errors_on(study, held)
+    study = _Study(base, boxes, found, ranking, seed, deals(observed, seed))
+    before, after, noise, held_out = _errors(study) if held is None else _errors_on(study, held)
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
-                       study.seed, study.significant)
+                       seed, study.significant)
     verdict, why = _verdict(study, shrunk)
     causes = _causes(study, verdict) if study.significant else ()
     gap = Gap(len(observed), _rms(study.before), _rms(study.noise), observed.usual_noise,
-              observed.noise_source, study.found.p_value, study.significant)
+              observed.noise_source, found.p_value, study.significant)
     extent = {axis.name: (float(row.min()), float(row.max()))
               for axis, row in zip(observed.steered, observed.place, strict=True)}
     return Diagnosis(
-        gap, _where(study), causes[0].component if verdict in ("cause_found", "ambiguous")
-        else None, verdict, causes,
-        shrunk, next_tests(study.campaign, ranking) if study.significant else (),
+        gap, _where(study), verdict, causes, shrunk,
+        next_tests(base, ranking) if study.significant else (),
         ranking.unlisted if study.significant else 0.0,
-        (*notes, *more, *_remarks(study), *((why,) if why else ())),
-        _model_of(study, study.campaign.base), observed.samples, before, after,
-        observed.steered, extent, observed.readings[0].channel)
+        (*notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
+         *_at_zero(base), *why),
+        _model_of(base), observed.samples, before, after, observed.steered, extent,
+        observed.readings[0].channel)
 
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _model_of(study: _Study, fit: Fit) -> Any:
-    return study.campaign.system.model_of(fit.base, fit.effects, study.campaign.observed.samples)
+def _model_of(fit: Fit) -> Any:
+    return fit.hypothesis.system.model_of(fit.base, fit.effects, fit.observed.samples)
 
 
 # --- verdict --------------------------------------------------------------------------------------
 
 
-def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, str]:
+def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, list[str]]:
     """Return the verdict, and why no cause is named."""
     if not study.significant:
-        return "no_gap", ""
+        return "no_gap", []
     ranking = study.ranking
     known = next(iter(ranking.probability.values()))
     removed = shrunk.fraction if shrunk.fraction is not None else 0.0
@@ -182,37 +166,33 @@ def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, str]:
     beside = ranking.explained[1:]
     wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
     if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
-        return "unexplained", "no listed effect removes most of the gap: look at the regions"
+        return "unexplained", ["no listed effect removes most of the gap: look at the regions"]
     if (beside < ADEQUATE_BESIDE).any():
         worst = int(np.nanargmin(beside))
-        channel = study.campaign.observed.readings[1 + worst].channel
-        return "unexplained", (
+        channel = study.base.observed.readings[1 + worst].channel
+        return "unexplained", [
             f"the best of the listed effects explains {max(0.0, 100.0 * beside[worst]):.0f} % of "
-            f"what the {plain(channel.name)} shows: look at the regions")
+            f"what the {plain(channel.name)} shows: look at the regions"]
     adequate = removed >= ADEQUATE or (beside >= ADEQUATE_BESIDE).any()
-    return "cause_found" if known >= FOUND and adequate else "ambiguous", ""
+    return "cause_found" if known >= FOUND and adequate else "ambiguous", []
 
 
 # --- errors of prediction -------------------------------------------------------------------------
 
 
-def _errors(study: _Study) -> tuple[Array, Array, Array, tuple[str, ...]]:
+def _errors(study: _Study) -> tuple[Array, Array, Array, list[str]]:
     """Errors before and after at samples left out in turn, their noise, and notes."""
-    ranking = study.ranking
-    rivals = sorted((*ranking.pairs, *ranking.singles), key=lambda item: -item.log)[:_RIVALS]
-    after = study.before if not study.significant else averaged_errors(
-        [ranking.nothing, *(item.plain for item in rivals)], study.campaign.observed, study.dealt)
-    return study.before, after, study.noise, ()
+    after = study.before if not study.significant else study.errors(
+        [study.ranking.nothing, *(item.plain for item in study.ranking.candidates[:_RIVALS])])
+    return study.before, after, study.noise, []
 
 
-def _errors_on(
-    study: _Study, held: Observations
-) -> tuple[Array, Array, Array, tuple[str, ...]]:
+def _errors_on(study: _Study, held: Observations) -> tuple[Array, Array, Array, list[str]]:
     """The same of the model of the first cause, the one that is saved, on samples held out.
 
     They state their own noise, else it is that of the campaign.
     """
-    base, refusal = study.campaign.base, study.campaign.system.refusal
+    base, refusal = study.base, study.base.hypothesis.system.refusal
     first = study.ranking.best[next(iter(study.ranking.probability))].fit
     before, after = (held.readings[0].measured - fit.hypothesis.predict(fit.theta, held.points)[0]
                      for fit in (base, first if study.significant else base))
@@ -221,8 +201,8 @@ def _errors_on(
         raise InputError(f"{held.samples.source}: the model has no answer at any of the operating "
                          "points held out")
     stalled = np.flatnonzero(~usable)
-    notes = (f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
-             f"{listed_samples(held, stalled)}",) if len(stalled) else ()
+    notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
+             f"{listed_samples(held, stalled)}"] if len(stalled) else []
     noise = (np.full(len(held), _rms(study.noise)) if held.assumed
              else held.readings[0].deviation)
     return before[usable], after[usable], noise[usable], notes
@@ -240,59 +220,54 @@ def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
 def _cause(study: _Study, name: str) -> Cause:
     item = study.ranking.best[name]
     index = item.names.index(name)
-    effect = item.effects[index]
-    after = averaged_errors([item.plain], study.campaign.observed, study.dealt)
-    shrunk = shrinkage(study.before, after, study.noise, "cross-validation", study.seed)
-    others = [other for other in item.names if other != name]
+    effect, errors = item.effects[index], np.sqrt(np.diagonal(item.plain.covariance))
+    shrunk = shrinkage(study.before, study.errors([item.plain]), study.noise, "cross-validation",
+                       study.seed)
+    partner = next((other for other in item.names if other != name), None)
+    first = item.fit.hypothesis.shared + sum(
+        len(other.sizes()) for other in item.effects[:index])
     return Cause(
         name, effect.form, effect.component, study.ranking.probability[name],
-        _twins(study.ranking, name), others[0] if others else None, _parameters(item, index),
-        shrunk.after, shrunk.fraction, _drift(study.campaign, item), effect.summary,
-        effect.source, effect.remedy, _model_of(study, item.fit))
+        _twins(study.ranking, name), partner, _parameters(effect, errors[first:]), shrunk.after,
+        shrunk.fraction, _drift(study.base, item.fit, errors), effect.summary, effect.source,
+        effect.remedy, _model_of(item.fit))
 
 
 def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
     """Effects that these data cannot tell from one: the rest of the credible set."""
-    with_it = ranking.best[name].names
+    partners = set(ranking.best[name].names) - {name}
     total, chosen = 0.0, []
-    wanted = SET_PROBABILITY * (1.0 - ranking.unlisted)
     for other, p in ranking.probability.items():
-        if other in with_it and other != name:
-            continue
-        if total >= wanted:
-            break
-        total += p
-        chosen.append(other)
+        if total < SET_PROBABILITY * (1.0 - ranking.unlisted) and other not in partners:
+            total += p
+            chosen.append(other)
     return tuple(other for other in chosen if other != name) if name in chosen else ()
 
 
-def _parameters(item: Candidate, index: int) -> dict[str, dict[str, Any]]:
-    effect = item.effects[index]
-    errors = np.sqrt(np.diagonal(item.plain.found.covariance[0]))
-    column = item.fit.hypothesis.shared + sum(len(other.sizes()) for other in item.effects[:index])
+def _parameters(effect: Effect, errors: Array) -> dict[str, dict[str, Any]]:
+    """`Cause.parameters`; standard errors of the sizes in typical ones, in order."""
     values: dict[str, dict[str, Any]] = {}
+    spreads = iter((1.96 * errors).tolist())
     for parameter in effect.parameters():
         value = effect.values()[parameter.name]
-        entry: dict[str, Any] = {"value": value, "unit": parameter.unit,
-                                 "meaning": parameter.meaning}
+        entry = values[parameter.name] = {"value": value, "unit": parameter.unit,
+                                          "meaning": parameter.meaning}
         if parameter.is_size:
-            spread = 1.96 * float(errors[column]) * parameter.typical
+            spread = next(spreads) * parameter.typical
             entry["interval"] = [max(value - spread, parameter.low),
                                  min(value + spread, parameter.high)]
             entry["plausible"] = bool(parameter.low < value < parameter.high
                                       and abs(value) <= 5.0 * abs(parameter.typical))
-            column += 1
-        values[parameter.name] = entry
     return values
 
 
-def _drift(campaign: Campaign, item: Candidate) -> dict[str, dict[str, float]]:
-    base, (before, after) = campaign.system.base, (campaign.base.base, item.fit.base)
-    errors = np.sqrt(np.diagonal(item.plain.found.covariance[0]))[:len(base)]
-    rows = zip(base.names, base.values(before), base.values(after), (before - after) / errors,
-               strict=True)
-    return {name: {"without_effect": float(without), "with_effect": float(beside),
-                   "standard_errors": float(moved)} for name, without, beside, moved in rows}
+def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]]:
+    base = before.hypothesis.system.base
+    rows = np.stack([base.values(before.base), base.values(after.base),
+                     (before.base - after.base) / errors[:len(base)]], axis=1)
+    keys = ("without_effect", "with_effect", "standard_errors")
+    return {name: dict(zip(keys, row, strict=True))
+            for name, row in zip(base.names, rows.tolist(), strict=True)}
 
 
 # --- where ----------------------------------------------------------------------------------------
@@ -308,48 +283,40 @@ def _where(study: _Study) -> tuple[Region, ...]:
     clear = order[found.region_p[order] <= REGION_SIGNIFICANCE]
     chosen: list[int] = []
     # Where no place is significant by itself the first one is named all the same, with its p.
-    for i in clear if len(clear) else order[:1]:
-        shared = [np.sum(boxes.members[i] & boxes.members[j])
-                  / min(boxes.members[i].sum(), boxes.members[j].sum()) for j in chosen]
-        if all(part <= _OVERLAP for part in shared):
-            chosen.append(int(i))
-        if len(chosen) == _MOST_REGIONS:
-            break
-    return tuple(_region(study, i) for i in chosen)
-
-
-def _region(study: _Study, i: int) -> Region:
-    boxes, observed = study.boxes, study.campaign.observed
-    inside = boxes.members[i]
-    residual = study.campaign.base.whitened[0] * observed.scale[0]
-    limits = {axis.name: (float(boxes.low[i, k]), float(boxes.high[i, k]))
-              for k, axis in enumerate(observed.steered)}
-    return Region(limits, float(residual[inside].mean()), int(inside.sum()),
-                  float(study.found.region_p[i]),
-                  observed.readings[study.found.region_channel[i]].channel.name)
+    for i in (clear if len(clear) else order[:1]).tolist():
+        shared = (np.sum(boxes.members[i] & boxes.members[chosen], axis=1)
+                  / np.minimum(boxes.members[i].sum(), boxes.members[chosen].sum(axis=1)))
+        if (shared <= _OVERLAP).all() and len(chosen) < _MOST_REGIONS:
+            chosen.append(i)
+    observed = study.base.observed
+    residual = study.base.whitened[0] * observed.scale[0]
+    limits = np.stack([boxes.low, boxes.high], axis=-1).tolist()
+    return tuple(Region(
+        {axis.name: (low, high) for axis, (low, high) in zip(observed.steered, limits[i],
+                                                             strict=True)},
+        float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
+        float(found.region_p[i]), observed.readings[found.region_channel[i]].channel.name)
+        for i in chosen)
 
 
 # --- remarks --------------------------------------------------------------------------------------
 
 
-def _remarks(study: _Study) -> list[str]:
-    campaign, observed = study.campaign, study.campaign.observed
-    base = campaign.system.base
-    remarks = [*_on_noise(study), *campaign.system.remarks(observed.samples)]
-    values, lowest = base.values(campaign.base.base), base.values(base.low)
-    return remarks + [f"the refit puts {name} at zero: something else takes its place"
-                      for name, value, low in zip(base.names, values, lowest, strict=True)
-                      if low == 0.0 and value <= _ZERO]
+def _at_zero(fit: Fit) -> list[str]:
+    base = fit.hypothesis.system.base
+    return [f"the refit puts {name} at zero: something else takes its place"
+            for name, value, low in zip(base.names, base.values(fit.base), base.values(base.low),
+                                        strict=True) if low == 0.0 and value <= _ZERO]
 
 
 def _on_noise(study: _Study) -> list[str]:
     """Say that the noise found is not the one stated, or what a statement would change."""
-    campaign, observed = study.campaign, study.campaign.observed
+    observed = study.base.observed
     channel, stated, found = observed.readings[0].channel, observed.usual_noise, _rms(study.noise)
     ratio = found / stated
     if observed.assumed and len(observed) < FEW:
         noise = float(f"{stated:.2g}")
-        believed = fitted_campaign(campaign.system, observed.stating(noise))
+        believed = refit(study.base.hypothesis, observed.stating(noise))
         p_value = significance(believed, study.boxes, study.seed).p_value
         return [f"nobody stated the noise, and {len(observed)} samples cannot tell it from a gap: "
                 f"the verdict rests on an assumption; if the noise is known to be "

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which competitor explains a gap: posterior probabilities over effects, pairs and the unlisted."""
+"""Which competitor explains a gap: linear models near their refits, their evidence and ranking.
+
+Three kinds compete: every form of every known effect, and pairs of them (with an allowance for a
+form that is a little off); a loss that nobody listed (a smooth field, or a step inside a region);
+and nothing.
+"""
 
 from __future__ import annotations
 
@@ -9,28 +14,221 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import (
-    Campaign,
-    Candidate,
-    Linear,
-    candidate,
-    fields,
-    nothing,
-    screen,
-    steps,
-    unlisted,
-)
-from .evidence import log_mean
-from .regions import Regions
+from .evidence import evidence, gram, log_mean
+from .hypothesis import Fit, Hypothesis, refit
+from .observations import Observations
+from .regions import Regions, smooth_functions
 from .system import Effect, forms_of
 
 Array = NDArray[np.float64]
+
+SIZE_SPREADS = (0.5, 1.5, 5.0)
+"""Prior standard deviations of a size, in typical sizes; equally likely."""
+
+FORM_ALLOWANCES = (0.07, 0.25)
+"""How far a form may bend, smoothly over the working space, as a part of its own signature."""
+
+_ALLOWED_DEGREE = 2
+_FIELD_DEGREE = 3
+_UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
+_SCREENED_SIZE = 0.1  # in typical sizes
 
 PRIOR_UNLISTED = 0.10
 _PRIOR_PAIR = 0.10  # that a gap has two causes
 _CLEAR = 4.0  # squared gap / squared noise of a channel that certainly shows one
 _LEADERS = 5
 _PAIRS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """One hypothesis as a linear model.
+
+    Attributes:
+        columns: of the prediction / deviation, shape (channels, n, p); base, nuisances, then its
+            own.
+        target: what the coefficients should reproduce, shape (channels, n).
+        spread: prior standard deviations, shape (p,).
+        positive: index of a coefficient that cannot be negative, or None.
+        log: log evidence.
+        covariance: posterior, of the coefficients, shape (p, p).
+        noise: variance of each channel, shape (channels,).
+    """
+
+    columns: Array
+    target: Array
+    spread: Array
+    positive: int | None
+    log: float
+    covariance: Array
+    noise: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One form of one effect (or of several), refitted.
+
+    Attributes:
+        fit: the refit.
+        linear: the linear model at the refit with bends of the form, at its most likely prior
+            scale: what is weighed.
+        plain: the same without bends: what the saved model predicts.
+        log: log evidence over the prior scales.
+    """
+
+    fit: Fit
+    linear: Linear
+    plain: Linear
+    log: float
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """With fitted sizes."""
+        return self.fit.effects
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effect names."""
+        return tuple(effect.name for effect in self.fit.hypothesis.effects)
+
+
+def weigh(
+    observed: Observations, columns: Array, target: Array, spreads: Array,
+    positive: int | None = None,
+) -> list[Linear]:
+    """Weigh the same columns under several priors, spreads of shape (m, p)."""
+    one = gram(columns, target)
+    found = evidence(np.broadcast_to(one, (len(spreads), *one.shape)), len(observed), spreads,
+                     observed.trusts, positive)
+    return [Linear(columns, target, spread, positive, float(log), covariance, noise)
+            for spread, log, _, covariance, noise in zip(spreads, *found, strict=True)]
+
+
+def nothing(base: Fit) -> Linear:
+    """Weigh the base model alone."""
+    return weigh(base.observed, base.jacobian, base.target,
+                 base.hypothesis.prior_spread[None, :])[0]
+
+
+# --- known effects --------------------------------------------------------------------------------
+
+
+def screen(fit: Fit, without: str = "") -> list[tuple[float, Effect, Array]]:
+    """Evidence of every form added to a refitted hypothesis, in linear approximation, best first.
+
+    Args:
+        fit: of the hypothesis that each form is added to.
+        without: name of effects to leave out.
+
+    Returns:
+        Log evidence, form, and its signature: change of prediction / deviation by one typical
+        size, shape (channels, n).
+    """
+    observed, system = fit.observed, fit.hypothesis.system
+    here = observed.whiten(fit.hypothesis.predict(fit.theta, observed.points))
+    spread = np.concatenate([fit.hypothesis.prior_spread, np.full(len(fit.sizes), 1.5)])
+    spreads = np.stack([np.append(spread, scale) for scale in SIZE_SPREADS])
+    results = []
+    for form in (form for kind in system.library if kind.name != without
+                 for form in forms_of(kind)):
+        # The refit leaves little of an effect: the slope that counts is that of a small one.
+        small = form.with_values({item.name: _SCREENED_SIZE * item.typical
+                                  for item in form.sizes()})
+        there = system.predict(fit.base, (*fit.effects, small), observed.points)
+        change = np.nan_to_num((here - observed.whiten(there)) / _SCREENED_SIZE)
+        # Where the typical size cannot be carried it says nothing.
+        if np.abs(change).max() < _UNSEEN:
+            continue
+        tried = weigh(observed, np.concatenate([fit.jacobian, change[..., None]], axis=-1),
+                      fit.target, spreads, _positive(form, len(spread)))
+        results.append((log_mean([item.log for item in tried]), form, change))
+    return sorted(results, key=lambda item: -item[0])
+
+
+def _positive(effect: Effect, index: int) -> int | None:
+    return index if effect.sizes()[0].low >= 0.0 else None
+
+
+def candidate(base: Fit, effects: tuple[Effect, ...]) -> Candidate:
+    """Refit an hypothesis exactly and weigh it, with an allowance for its form.
+
+    Args:
+        base: the refit without any effect, to start from.
+        effects: with the shapes to use.
+    """
+    observed, hypothesis = base.observed, Hypothesis(base.hypothesis.system, effects)
+    fit = refit(hypothesis, observed, base.base, base.nuisance)
+    shared, k = hypothesis.shared, len(fit.sizes)
+    bends = smooth_functions(observed.place, _ALLOWED_DEGREE)[0][:, 1:]
+    own = [fit.jacobian[..., [shared + i]] * size * bends for i, size in enumerate(fit.sizes)]
+    columns = np.concatenate([fit.jacobian, *own], axis=-1)
+    each = np.ones(bends.shape[1] * k) / np.sqrt(bends.shape[1] / len(observed.place))
+    spreads = np.stack([
+        np.concatenate([hypothesis.prior_spread, np.full(k, scale), allowance * each])
+        for scale in SIZE_SPREADS for allowance in FORM_ALLOWANCES])
+    positive = _positive(effects[-1], shared + k - 1)
+    tried = weigh(observed, columns, fit.target, spreads, positive)
+    best = max(tried, key=lambda item: item.log)
+    plain = weigh(observed, fit.jacobian, fit.target, best.spread[None, :shared + k], positive)[0]
+    return Candidate(fit, best, plain, log_mean([item.log for item in tried]))
+
+
+# --- what nobody listed ---------------------------------------------------------------------------
+
+
+def fields(observed: Observations, beside: Linear) -> list[Linear]:
+    """Weigh a loss that varies smoothly over the working space, channel by channel."""
+    functions, degree = smooth_functions(observed.place, _FIELD_DEGREE)
+    decay = 2.0 ** -(degree - 1.0).clip(0.0) / 2.0
+    models = []
+    for i, reading in enumerate(observed.readings):
+        own = np.zeros((*beside.target.shape, functions.shape[1]))
+        own[i] = functions * reading.unit_loss[:, None]
+        columns = np.concatenate([beside.columns, own], axis=-1)
+        spreads = np.stack([np.concatenate([beside.spread, scale * decay])
+                            for scale in reading.channel.field_spreads])
+        models += weigh(observed, columns, beside.target, spreads, beside.positive)
+    return models
+
+
+def steps(
+    observed: Observations, boxes: Regions, beside: Linear, channel: int
+) -> tuple[Array, Array]:
+    """Weigh a loss in one channel inside each box beside an hypothesis.
+
+    Returns:
+        Log evidence of each, shape (boxes,), and the noise of the best, shape (channels,).
+    """
+    shared, target, reading = beside.columns, beside.target, observed.readings[channel]
+    column = boxes.columns * reading.unit_loss
+    p = shared.shape[-1]
+    grams = np.zeros((len(boxes), len(target), p + 2, p + 2))
+    keep = np.append(np.arange(p), p + 1)
+    grams[:, :, keep[:, None], keep] = gram(shared, target)
+    grams[:, channel, p, p] = np.sum(column**2, axis=1)
+    cross = column @ np.concatenate([shared[channel], target[channel][:, None]], axis=1)
+    grams[:, channel, p, keep] = cross
+    grams[:, channel, keep, p] = cross
+    found = [evidence(grams, len(observed),
+                      np.broadcast_to(np.append(beside.spread, scale), (len(boxes), p + 1)),
+                      observed.trusts) for scale in reading.channel.step_spreads]
+    logs = np.logaddexp.reduce([item.log for item in found]) - np.log(len(found))
+    return np.asarray(logs), found[0].noise[logs.argmax()]
+
+
+def unlisted(
+    observed: Observations, boxes: Regions, smooth: Sequence[Linear], beside: Linear
+) -> float:
+    """Log evidence of a loss that nobody listed: half a smooth field, half a step somewhere."""
+    log = log_mean([item.log for item in smooth])
+    if not len(boxes):
+        return log
+    placed = log_mean(np.concatenate([steps(observed, boxes, beside, channel)[0]
+                                      for channel in range(len(observed.readings))]))
+    return float(np.logaddexp(log, placed) - np.log(2.0))
+
+
+# --- the ranking ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +244,7 @@ class Ranking:
         explained: part of the squared gap that the leading candidate removes from each channel,
             shape (channels,), from the refits; NaN for a channel without a clear gap.
         pure: lowest noise variance that any competitor leaves, in stated ones, (channels,).
-        singles: one refitted candidate per form tried, best first.
-        pairs: refitted pairs, best first.
+        candidates: all that were refitted, best first.
         nothing: the base model alone.
         field: the best smooth field.
     """
@@ -59,45 +256,40 @@ class Ranking:
     leftover: float
     explained: Array
     pure: Array
-    singles: tuple[Candidate, ...]
-    pairs: tuple[Candidate, ...]
+    candidates: tuple[Candidate, ...]
     nothing: Linear
     field: Linear
 
 
-def rank(
-    campaign: Campaign, boxes: Regions, singles: Sequence[Candidate], pairs: Sequence[Candidate]
-) -> Ranking:
-    """Weigh every competitor."""
-    bare = nothing(campaign)
-    smooth = fields(campaign.observed, bare)
-    groups = _by_names([*singles, *pairs])
-    prior = _priors([effect for item in (*singles, *pairs) for effect in item.effects])
-    logs = {names: np.log(_prior_of(names, prior))
-            + log_mean(np.array([item.log for item in members]))
+def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
+    """Weigh every competitor.
+
+    Args:
+        base: the refit without any effect.
+        boxes: where a loss that nobody listed may lie.
+        candidates: refitted sets of effects.
+    """
+    bare = nothing(base)
+    smooth = fields(base.observed, bare)
+    groups: dict[tuple[str, ...], list[Candidate]] = {}
+    candidates = sorted(candidates, key=lambda item: -item.log)
+    for item in candidates:
+        groups.setdefault(tuple(sorted(item.names)), []).append(item)
+    prior = _priors([effect for item in candidates for effect in item.effects])
+    logs = {names: np.log(_prior_of(names, prior)) + log_mean([item.log for item in members])
             for names, members in groups.items()}
-    logs[()] = np.log(PRIOR_UNLISTED) + unlisted(campaign.observed, boxes, smooth, bare)
+    logs[()] = np.log(PRIOR_UNLISTED) + unlisted(base.observed, boxes, smooth, bare)
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     posterior = dict(zip(logs, (weights / weights.sum()).tolist(), strict=True))
     probability = {name: sum(p for names, p in posterior.items() if name in names)
-                   for name in prior}
-    best = {}
-    for name in prior:
-        likeliest = max((names for names in groups if name in names), key=posterior.__getitem__)
-        best[name] = max(groups[likeliest], key=lambda item: item.log)
-    top = max(groups, key=posterior.__getitem__)
-    leading = max(groups[top], key=lambda item: item.log)
-    order = sorted(sorted(probability), key=lambda name: -probability[name])
-    return Ranking({name: probability[name] for name in order}, best, leading, posterior[()],
-                   *_left(campaign, boxes, leading, bare), tuple(singles), tuple(pairs), bare,
-                   max(smooth, key=lambda item: item.log))
-
-
-def _by_names(items: Sequence[Candidate]) -> dict[tuple[str, ...], list[Candidate]]:
-    groups: dict[tuple[str, ...], list[Candidate]] = {}
-    for item in items:
-        groups.setdefault(tuple(sorted(item.names)), []).append(item)
-    return groups
+                   for name in sorted(prior)}
+    likeliest = sorted(groups, key=posterior.__getitem__, reverse=True)
+    best = {name: next(groups[names][0] for names in likeliest if name in names)
+            for name in prior}
+    leading = groups[likeliest[0]][0]
+    return Ranking(dict(sorted(probability.items(), key=lambda item: -item[1])), best, leading,
+                   posterior[()], *_left(base.observed, boxes, leading, bare),
+                   tuple(candidates), bare, max(smooth, key=lambda item: item.log))
 
 
 def _priors(effects: Sequence[Effect]) -> dict[str, float]:
@@ -115,48 +307,46 @@ def _prior_of(names: tuple[str, ...], prior: dict[str, float]) -> float:
 
 
 def _left(
-    campaign: Campaign, boxes: Regions, leading: Candidate, bare: Linear
+    observed: Observations, boxes: Regions, leading: Candidate, bare: Linear
 ) -> tuple[float, Array, Array]:
     """What the leading candidate leaves: `leftover`, `explained` and `pure` of `Ranking`."""
-    observed = campaign.observed
     smooth = fields(observed, leading.linear)
-    leftover = log_mean(np.array([item.log for item in smooth])) - leading.linear.log
-    noises = [item.found.noise[0] for item in (leading.linear, *smooth)]
+    leftover = log_mean([item.log for item in smooth]) - leading.linear.log
+    noises = [item.noise for item in (leading.linear, *smooth)]
     if len(boxes):
         noises += [steps(observed, boxes, base, channel)[1]
                    for channel in range(len(observed.readings)) for base in (bare, leading.plain)]
     pure = np.min(noises, axis=0)
-    before, after = bare.found.noise[0] - pure, leading.plain.found.noise[0] - pure
+    before, after = bare.noise - pure, leading.plain.noise - pure
     # A channel whose scatter hardly grows without the cause had no gap to remove.
     clear = before > _CLEAR * pure
     explained = np.where(clear, 1.0 - after / np.where(clear, before, 1.0), np.nan)
     return leftover, explained, pure
 
 
-def single_candidates(campaign: Campaign) -> list[Candidate]:
+def single_candidates(base: Fit) -> list[Candidate]:
     """Refit one form of every kind of effect, and every form of the leading kinds."""
     by_kind: dict[tuple[str, str], Effect] = {}
-    for _, form, _ in screen(campaign, campaign.base):
+    for _, form, _ in screen(base):
         by_kind.setdefault((form.name, form.form), form)
     # The screen is linear: good enough to pick a shape within a kind, not to drop a kind.
-    found = [candidate(campaign, (form,)) for form in by_kind.values()]
+    found = [candidate(base, (form,)) for form in by_kind.values()]
     found.sort(key=lambda item: -item.log)
     for item in found[:_LEADERS]:
         effect, = item.effects
         done = by_kind[effect.name, effect.form]
-        found += [candidate(campaign, (form,)) for form in forms_of(done) if form != done]
+        found += [candidate(base, (form,)) for form in forms_of(done) if form != done]
     return sorted(found, key=lambda item: -item.log)
 
 
-def pair_candidates(campaign: Campaign, singles: Sequence[Candidate]) -> list[Candidate]:
+def pair_candidates(base: Fit, singles: Sequence[Candidate]) -> list[Candidate]:
     """Refit the likeliest pairs of a leading effect and another one."""
     leaders: dict[str, Candidate] = {}
     for item in singles:
         leaders.setdefault(item.names[0], item)
     screened = [(log, (*item.effects, form)) for item in list(leaders.values())[:_LEADERS]
-                for log, form, _ in screen(campaign, item.fit, item.names[0])[:_PAIRS]]
+                for log, form, _ in screen(item.fit, item.names[0])[:_PAIRS]]
     distinct: dict[frozenset[tuple[str, str]], tuple[Effect, ...]] = {}
     for _, effects in sorted(screened, key=lambda entry: -entry[0]):
         distinct.setdefault(frozenset((effect.name, effect.form) for effect in effects), effects)
-    pairs = [candidate(campaign, effects) for effects in list(distinct.values())[:_PAIRS]]
-    return sorted(pairs, key=lambda item: -item.log)
+    return [candidate(base, effects) for effects in list(distinct.values())[:_PAIRS]]

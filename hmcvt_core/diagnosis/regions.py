@@ -52,15 +52,29 @@ def regions(place: Array) -> Regions:
     Edges lie midway between neighbouring samples, so a region is as narrow as the data allow.
     Regions that hold the same samples are listed once; the narrower in extent stands for them.
     """
-    boxes = [{axis: limits} for axis, values in enumerate(place)
-             for limits in _intervals(_edges(values, _BAND_EDGES))]
+    extent = [(float(values.min()), float(values.max())) for values in place]
+    bands = [_intervals(_edges(values, _BAND_EDGES)) for values in place]
     # A corner is one-sided on each axis: high load at low speed, and so on.
-    sides = [_one_sided(_edges(values, _CORNER_EDGES)) for values in place]
-    for size in range(2, len(place) + 1):
+    sides = [[pair for pair in _intervals(edges) if pair[0] == edges[0] or pair[1] == edges[-1]]
+             for edges in (_edges(values, _CORNER_EDGES) for values in place)]
+    boxes: list[tuple[tuple[float, float], ...]] = []
+    for size in range(1, len(place) + 1):
         for axes in itertools.combinations(range(len(place)), size):
-            boxes += [dict(zip(axes, limits, strict=True))
-                      for limits in itertools.product(*(sides[axis] for axis in axes))]
-    return _unique(place, boxes)
+            own = bands if size == 1 else sides
+            boxes += itertools.product(*(own[axis] if axis in axes else [limits]
+                                         for axis, limits in enumerate(extent)))
+    limits = np.array(boxes).reshape(-1, len(place), 2)
+    low, high = limits[..., 0], limits[..., 1]
+    members = np.ones((len(limits), place.shape[1]), dtype=bool)
+    for axis, values in enumerate(place):
+        members &= (values >= low[:, axis, None]) & (values <= high[:, axis, None])
+    n, inside = place.shape[1], members.sum(axis=1)
+    least = max(1, min(_LEAST_SAMPLES, n // _SAMPLES_PER_LEAST))
+    first: dict[bytes, int] = {}
+    for i in np.flatnonzero((inside >= least) & (inside <= n - least)).tolist():
+        first.setdefault(members[i].tobytes(), i)
+    kept = list(first.values())
+    return Regions(members[kept], low[kept], high[kept])
 
 
 def _edges(values: Array, most: int) -> Array:
@@ -80,33 +94,6 @@ def _intervals(edges: Array) -> list[tuple[float, float]]:
     pairs = itertools.combinations(range(len(edges)), 2)
     return [(float(edges[i]), float(edges[j])) for i, j in pairs
             if not (i == 0 and j == len(edges) - 1)]
-
-
-def _one_sided(edges: Array) -> list[tuple[float, float]]:
-    if len(edges) < 3:
-        return []
-    low, high = float(edges[0]), float(edges[-1])
-    return ([(low, float(edge)) for edge in edges[1:-1]]
-            + [(float(edge), high) for edge in edges[1:-1]])
-
-
-def _unique(place: Array, boxes: list[dict[int, tuple[float, float]]]) -> Regions:
-    axes, n = place.shape
-    least = max(1, min(_LEAST_SAMPLES, n // _SAMPLES_PER_LEAST))
-    extent = {axis: (float(values.min()), float(values.max()))
-              for axis, values in enumerate(place)}
-    found: dict[bytes, tuple[NDArray[np.bool_], list[tuple[float, float]]]] = {}
-    for box in boxes:
-        inside = np.ones(n, dtype=bool)
-        for axis, (low, high) in box.items():
-            inside &= (place[axis] >= low) & (place[axis] <= high)
-        if least <= inside.sum() <= n - least:
-            limits = {**extent, **box}
-            found.setdefault(np.packbits(inside).tobytes(),
-                             (inside, [limits[axis] for axis in range(axes)]))
-    limits_of = np.array([limits for _, limits in found.values()]).reshape(-1, axes, 2)
-    members = np.array([inside for inside, _ in found.values()], dtype=bool)
-    return Regions(members.reshape(-1, n), limits_of[..., 0], limits_of[..., 1])
 
 
 def scaled_to_extent(place: Array) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A diagnosis as plain data and as text; nothing is computed here."""
+"""A diagnosis as plain data (the contract of the command) and as text; nothing is computed."""
 
 from __future__ import annotations
 
@@ -15,22 +15,6 @@ _DETAILED = 3  # causes told at length; the page has all
 _TESTS, _BESIDE = 5, 2  # lines of next tests, and how many of them are no operating point
 _WIDTH, _MARGIN = 100, 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
-
-
-def to_dict(found: Outcome) -> dict[str, Any]:
-    """Return the JSON object of the command's contract."""
-    nowhere = {axis.name: None for axis in found.axes}
-    return {
-        "gap": _plain(found.gap),
-        "where": [_spread(_plain(region), "limits", nowhere) for region in found.where],
-        "component": found.component,
-        "verdict": found.verdict,
-        "causes": [_plain(cause) for cause in found.causes],
-        "unlisted_probability": found.unlisted,
-        "shrinkage": _plain(found.shrinkage),
-        "next_tests": [_spread(_plain(test), "point", nowhere) for test in found.next_tests],
-        "notes": list(found.notes),
-    }
 
 
 def _plain(value: Any) -> Any:
@@ -49,26 +33,6 @@ def _spread(data: dict[str, Any], key: str, nowhere: dict[str, Any]) -> dict[str
     return {**(place or nowhere), **data}
 
 
-def report(found: Outcome) -> str:
-    """Return a diagnosis as text for a person, at most 100 columns wide."""
-    gap, shrunk = found.gap, found.shrinkage
-    before, after, noise, stated, error = (words.amount(found, value) for value in (
-        shrunk.before, shrunk.after, gap.noise, gap.noise_stated, gap.rmse))
-    lines = [words.verdict(found), "",
-             f"gap        {gap.samples} samples, {before} rms beyond the noise, "
-             f"{words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
-             f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
-             f"error      {error} rms of the refitted model at samples left out"]
-    if shrunk.fraction is not None:
-        lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}")
-    lines += _where(found)
-    lines += _causes(found)
-    lines += _tests(found)
-    lines += [f"note: {note}" for note in found.notes]
-    plain = (line.replace(words.MINUS, "-").replace(words.AT_MOST, "<=") for line in lines)
-    return "\n".join(map(_wrapped, plain))
-
-
 def _wrapped(line: str) -> str:
     if len(line) <= _WIDTH:
         return line
@@ -82,7 +46,8 @@ def _where(found: Outcome) -> list[str]:
     if not found.where:
         return []
     head = [*(axis.heading for axis in found.axes), "measured - model", "samples", "p"]
-    rows = [[*(_range(region.limits[axis.name], axis.digits) for axis in found.axes),
+    rows = [[*(" .. ".join(f"{limit:.{axis.digits}f}" for limit in region.limits[axis.name])
+               for axis in found.axes),
              words.amount(found, region.mean_residual, sign=True), str(region.samples),
              words.chance(region.p_value)] for region in found.where]
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
@@ -94,10 +59,6 @@ def _where(found: Outcome) -> list[str]:
     return lines
 
 
-def _range(limits: tuple[float, float], digits: int) -> str:
-    return f"{limits[0]:.{digits}f} .. {limits[1]:.{digits}f}"
-
-
 def _causes(found: Outcome) -> list[str]:
     if not found.causes:
         return []
@@ -106,23 +67,18 @@ def _causes(found: Outcome) -> list[str]:
         lines.append("           two may act together: the figures may add up to more than 100 %")
     for cause in found.causes[:_DETAILED]:
         form = f", {cause.form}" if cause.form else ""
-        lines.append(f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  "
-                     f"[{cause.component}]")
-        lines.append(f"         {cause.summary}")
+        lines += [f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  [{cause.component}]",
+                  f"         {cause.summary}"]
         for name, entry in cause.parameters.items():
-            if "interval" not in entry:
-                continue
-            low, high = entry["interval"]
-            unit = "" if entry["unit"] == "-" else f" {entry['unit']}"
-            doubt = "" if entry["plausible"] else ", implausible size"
-            lines.append(f"         {name} = {entry['value']:.3g}{unit} "
-                         f"(95 %: {low:.3g} to {high:.3g}){doubt}")
-        for name, change in cause.drift.items():
-            if abs(change["standard_errors"]) > _SETTLED:
-                lines.append(f"         without it {name} comes out as "
-                             f"{change['without_effect']:.3g} instead of "
-                             f"{change['with_effect']:.3g} "
-                             f"({change['standard_errors']:+.1f} standard errors)")
+            if "interval" in entry:
+                low, high = entry["interval"]
+                value = f"{entry['value']:.3g} {entry['unit']}".removesuffix(" -")
+                doubt = "" if entry["plausible"] else ", implausible size"
+                lines.append(f"         {name} = {value} (95 %: {low:.3g} to {high:.3g}){doubt}")
+        lines += [f"         without it {name} comes out as {change['without_effect']:.3g} instead "
+                  f"of {change['with_effect']:.3g} ({change['standard_errors']:+.1f} standard "
+                  "errors)" for name, change in cause.drift.items()
+                  if abs(change["standard_errors"]) > _SETTLED]
     others = [f"{cause.effect} ({100 * cause.probability:.0f} %)"
               for cause in found.causes[_DETAILED:]]
     if others:
@@ -143,11 +99,9 @@ def _tests(found: Outcome) -> list[str]:
     others = [tests for tests in groups if not tests[0].point]
     chosen = at_points[:_TESTS - min(len(others), _BESIDE)]
     chosen += others[:_TESTS - len(chosen)]
-    lines = ["next tests"]
-    if at_points:
-        lines = ["next tests (gain: squared standard deviations by which the readings are expected "
-                 "to speak against the wrong one of the two; 9 in all settle it)"]
-    lines += [f"  {_test(found, tests)}" for tests in chosen]
+    gain = (" (gain: squared standard deviations by which the readings are expected to speak "
+            "against the wrong one of the two; 9 in all settle it)") if at_points else ""
+    lines = [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in chosen)]
     if len(groups) > len(chosen):
         lines.append(f"  {len(groups) - len(chosen)} more in the JSON and on the report page")
     return lines
@@ -160,19 +114,43 @@ def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
     told = f"{words.plain(test.separates[0])} from {' and '.join(rivals)}"
     if not test.point:
         return f"{test.measure}: tells {told}"
-    place = ", ".join(axis.told.format(value, axis.second * value) for axis in found.axes
-                      for value in (test.point[axis.name],))
+    place = ", ".join(axis.told.format(test.point[axis.name], axis.second * test.point[axis.name])
+                      for axis in found.axes)
     extra = f", with {test.measure} read" if test.measure else ""
     return f"{place}{extra}: tells {told}, gain {max(each.gain for each in tests):.1f}"
 
 
 class Diagnosis(Outcome):
-    """An outcome that can be told; `to_dict` is the contract of the command."""
+    """An outcome that can be told."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt diagnose --json`."""
-        return to_dict(self)
+        nowhere = {axis.name: None for axis in self.axes}
+        return {
+            "gap": _plain(self.gap),
+            "where": [_spread(_plain(region), "limits", nowhere) for region in self.where],
+            "component": self.component,
+            "verdict": self.verdict,
+            "causes": _plain(self.causes),
+            "unlisted_probability": self.unlisted,
+            "shrinkage": _plain(self.shrinkage),
+            "next_tests": [_spread(_plain(test), "point", nowhere) for test in self.next_tests],
+            "notes": list(self.notes),
+        }
 
     def report(self) -> str:
-        """Return the outcome as text for a person."""
-        return report(self)
+        """Return the outcome as text for a person, at most 100 columns wide."""
+        gap, shrunk = self.gap, self.shrinkage
+        before, after, noise, stated, error = (words.amount(self, value) for value in (
+            shrunk.before, shrunk.after, gap.noise, gap.noise_stated, gap.rmse))
+        lines = [words.verdict(self), "",
+                 f"gap        {gap.samples} samples, {before} rms beyond the noise, "
+                 f"{words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
+                 f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
+                 f"error      {error} rms of the refitted model at samples left out"]
+        if shrunk.fraction is not None:
+            lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}")
+        lines += [*_where(self), *_causes(self), *_tests(self),
+                  *(f"note: {note}" for note in self.notes)]
+        plain = (line.replace(words.MINUS, "-").replace(words.AT_MOST, "<=") for line in lines)
+        return "\n".join(map(_wrapped, plain))

@@ -144,7 +144,8 @@ class Outcome:
     """Outcome of a diagnosis; `report.Diagnosis` adds how it is told.
 
     Attributes:
-        gap, where, component, verdict, causes, shrinkage, next_tests: see the classes above.
+        gap, where, causes, shrinkage, next_tests: see the classes above.
+        verdict: one of `VERDICTS`.
         unlisted: probability of an effect outside the library.
         notes: plain sentences on the data and the search.
         base: the base model refitted to the samples, no effect added.
@@ -156,7 +157,6 @@ class Outcome:
 
     gap: Gap
     where: tuple[Region, ...]
-    component: str | None
     verdict: str
     causes: tuple[Cause, ...]
     shrinkage: ShrinkageSummary
@@ -172,8 +172,17 @@ class Outcome:
     channel: Channel
 
     @property
+    def named(self) -> Cause | None:
+        """The leading cause, if the verdict names one."""
+        stands = self.causes and self.verdict in ("cause_found", "ambiguous")
+        return self.causes[0] if stands else None
+
+    @property
+    def component(self) -> str | None:
+        """The part in which the leading cause acts."""
+        return self.named.component if self.named else None
+
+    @property
     def model(self) -> Any:
         """The model to use from now on: with the leading cause if one was found."""
-        if self.causes and self.verdict in ("cause_found", "ambiguous"):
-            return self.causes[0].model
-        return self.base
+        return self.named.model if self.named else self.base

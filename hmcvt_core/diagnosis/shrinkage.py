@@ -16,9 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import Linear
-from .evidence import evidence, gram, one_sided
+from .evidence import evidence, gram
 from .observations import Observations, replicate_groups
+from .ranking import Linear
 from .result import ShrinkageSummary
 
 Array = NDArray[np.float64]
@@ -39,10 +39,8 @@ def folds(observed: Observations, seed: int) -> list[NDArray[np.intp]]:
 
 def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
     """Deal the samples to folds several times; once where every point is left out alone."""
-    first = folds(observed, seed)
     alone = len(np.unique(replicate_groups(observed.axes, observed.points))) <= FOLDS
-    return [first] if alone else [first, *(folds(observed, seed + 1000 * i)
-                                           for i in range(1, DEALS))]
+    return [folds(observed, seed + 1000 * i) for i in range(1 if alone else DEALS)]
 
 
 def averaged_errors(
@@ -67,11 +65,10 @@ def cross_validated_errors(
         left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
                              for part in parts])
         others = gram(rival.columns, rival.target) - left_out
-        found = evidence(others, count, np.tile(rival.spread, (len(parts), 1)), observed.trusts)
-        log = found.log if rival.positive is None else (
-            found.log + one_sided(found, rival.positive))
-        for i in np.flatnonzero(log > best).tolist():
-            best[i], part, mean = log[i], parts[i], found.mean[i]
+        found = evidence(others, count, np.tile(rival.spread, (len(parts), 1)), observed.trusts,
+                         rival.positive)
+        for i in np.flatnonzero(found.log > best).tolist():
+            best[i], part, mean = found.log[i], parts[i], found.mean[i]
             if rival.positive is not None and mean[rival.positive] < 0.0:
                 mean = _without(others[i], rival, found.noise[i])
             errors[part] = rival.target[0, part] - rival.columns[0, part] @ mean
@@ -80,12 +77,11 @@ def cross_validated_errors(
 
 def _without(grams: Array, rival: Linear, noise: Array) -> Array:
     """Posterior mean with the coefficient that went negative held at zero, and its bends."""
-    assert rival.positive is not None
-    keep = np.arange(rival.positive)
-    matrix = np.einsum("c,cij->ij", 1.0 / noise, grams[:, :-1, :-1])[np.ix_(keep, keep)]
-    cross = np.einsum("c,ci->i", 1.0 / noise, grams[:, :-1, -1])[keep]
-    mean = np.zeros(grams.shape[-1] - 1)
-    mean[keep] = np.linalg.solve(matrix + np.diag(rival.spread[keep] ** -2.0), cross)
+    free = slice(rival.positive)
+    weighted = np.einsum("c,cij->ij", 1.0 / noise, grams)
+    mean = np.zeros(len(rival.spread))
+    mean[free] = np.linalg.solve(weighted[free, free] + np.diag(rival.spread[free] ** -2.0),
+                                 weighted[free, -1])
     return mean
 
 
@@ -104,23 +100,19 @@ def shrinkage(
     squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
         np.square(noise), before.shape)[:, None]
     mean = squares.mean(axis=0)
-    fraction = _fraction(mean[None])[0] if real and mean[0] > 0.0 else None
-    interval = None
-    if fraction is not None:
-        rng = np.random.default_rng(seed)
-        draws = rng.integers(0, len(squares), (_DRAWS, len(squares)))
-        drawn = _fraction(squares[draws].mean(axis=1))
-        drawn = drawn[np.isfinite(drawn)]
+    fraction, interval = None, None
+    if real and mean[0] > 0.0:
+        fraction = float(_fraction(mean))
+        draws = np.random.default_rng(seed).integers(0, len(squares), (_DRAWS, len(squares)))
+        drawn = squares[draws].mean(axis=1)
+        drawn = _fraction(drawn[drawn[:, 0] > 0.0])
         if len(drawn):
-            low, high = np.quantile(drawn, [_TAIL, 1.0 - _TAIL])
-            interval = (float(low), float(high))
-    roots = np.sqrt(np.maximum(mean, 0.0))
-    return ShrinkageSummary(float(roots[0]), float(roots[1]),
-                            None if fraction is None else float(fraction), interval, on)
+            low, high = np.quantile(drawn, [_TAIL, 1.0 - _TAIL]).tolist()
+            interval = low, high
+    gap = np.sqrt(np.maximum(mean, 0.0)).tolist()
+    return ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
 
 
 def _fraction(means: Array) -> Array:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        value = 1.0 - means[:, 1] / means[:, 0]
     # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
-    return np.where(means[:, 0] > 0.0, np.clip(value, -10.0, 1.0), np.nan)
+    return np.asarray(np.clip(1.0 - means[..., 1] / means[..., 0], -10.0, 1.0))

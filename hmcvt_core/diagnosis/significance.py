@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .candidates import Campaign, screen
+from .hypothesis import Fit
 from .observations import FEW
+from .ranking import screen
 from .regions import Regions
 
 Array = NDArray[np.float64]
@@ -42,18 +43,17 @@ class Significance(NamedTuple):
 
 
 def significance(
-    campaign: Campaign, boxes: Regions, seed: int, replicates: int = REPLICATES
+    fit: Fit, boxes: Regions, seed: int, replicates: int = REPLICATES
 ) -> Significance:
     """Test whether anything is left after a refit, anywhere or of any known shape.
 
     Args:
-        campaign: to be tested.
+        fit: the refit without any effect.
         boxes: regions to look at, in each channel.
         seed: of the simulated campaigns.
         replicates: simulated campaigns.
     """
-    fit, observed = campaign.base, campaign.observed
-    search = _Search(campaign, boxes)
+    observed, search = fit.observed, _Search(fit, boxes)
     white = fit.target / np.sqrt(fit.noise)[:, None]
     z_boxes, z_effects = search.statistics(white[None], np.zeros((1, len(fit.theta))))
     rng = np.random.default_rng(seed)
@@ -80,24 +80,15 @@ def significance(
 
 
 class _Search:
-    """What is looked at, and what the refit may absorb of it.
+    """What is looked at, and what the refit may absorb of it (`Fit.absorbed`)."""
 
-    The refit absorbs an orthonormal basis of its columns, with the priors as further rows: `data`
-    of shape (channels, n, p) and `prior` of shape (p, p), the noise divided out.
-    """
-
-    def __init__(self, campaign: Campaign, boxes: Regions) -> None:
-        fit, observed = campaign.base, campaign.observed
-        p, root = len(fit.theta), np.sqrt(fit.noise)
-        scaled = fit.jacobian / root[:, None, None]
-        q, _ = np.linalg.qr(np.concatenate([scaled.reshape(-1, p),
-                                            np.diag(1.0 / fit.hypothesis.prior_spread)]))
-        self.data, self.prior = q[:-p].reshape(scaled.shape), q[-p:]
+    def __init__(self, fit: Fit, boxes: Regions) -> None:
+        observed, root = fit.observed, np.sqrt(fit.noise)
+        self.data, self.prior = fit.absorbed
         self.trust, self.count, self.root = observed.trusts, len(observed), root
         self.boxes = [(boxes.columns * reading.unit_loss / root[i]).astype(np.float32)
                       for i, reading in enumerate(observed.readings)]
-        self.effect = np.stack([linear.columns[..., -1] for _, _, linear in screen(
-            campaign, fit)]) / root[:, None]
+        self.effect = np.stack([change for _, _, change in screen(fit)]) / root[:, None]
         self.box_norms = [_norms(np.sum(box**2, axis=1), box @ self.data[i])
                           for i, box in enumerate(self.boxes)]
         self.effect_norm = _norms(np.sum(self.effect**2, axis=(1, 2)),

@@ -123,19 +123,6 @@ class Effect(Protocol):
         """Return a copy with other parameter values."""
 
 
-class Samples(Protocol):
-    """The system's own record of what was measured, carried along."""
-
-    @property
-    def source(self) -> str:
-        """Where they come from, for messages."""
-
-    def __len__(self) -> int: ...
-
-    def select(self, index: NDArray[np.intp]) -> Any:
-        """Return the samples at some indices."""
-
-
 class System(Protocol):
     """A model on a bench.
 
@@ -171,7 +158,6 @@ class System(Protocol):
 
 def forms_of(effect: Effect) -> list[Effect]:
     """Return one instance for each combination of the values tried of an effect's shapes."""
-    shapes = [item for item in effect.parameters() if not item.is_size]
-    return [effect.with_values({item.name: value for item, value in zip(shapes, values,
-                                                                        strict=True)})
-            for values in itertools.product(*(item.grid for item in shapes))]
+    shapes = {item.name: item.grid for item in effect.parameters() if not item.is_size}
+    return [effect.with_values(dict(zip(shapes, values, strict=True)))
+            for values in itertools.product(*shapes.values())]

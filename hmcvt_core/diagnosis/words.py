@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from .result import REGION_SIGNIFICANCE, Cause, Outcome, Region
+from .result import REGION_SIGNIFICANCE, Outcome, Region
 
 MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
 
@@ -101,12 +101,6 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def with_partner(cause: Cause) -> str:
-    """Return the effect of a cause in words, and the other one of a pair."""
-    partner = f" with {plain(cause.together_with)}" if cause.together_with else ""
-    return plain(cause.effect) + partner
-
-
 def listed(names: Sequence[str], last: str = "or") -> str:
     """Return `a, b or c`."""
     if len(names) < 2:
@@ -120,18 +114,20 @@ def verdict(found: Outcome) -> str:
         return (f"No gap is seen: with its base parameters refitted, the model differs from the "
                 f"{found.gap.samples} samples by no more than their noise of "
                 f"{amount(found, found.gap.noise)} explains.")
-    where = _lies(found)
     if found.verdict == "unexplained" or not found.causes:
-        return f"{where}. No effect in the library explains it{_best(found)}."
-    return f"{where}; {_explained(found)}. {_removed(found)}"
+        fraction = found.shrinkage.fraction or 0.0
+        best = (f": picking the best of them removes {percent(fraction)} of the squared gap in "
+                f"{plain(found.channel.name)}") if fraction > 0.0 else ""
+        return f"{_lies(found)}. No effect in the library explains it{best}."
+    return f"{_lies(found)}; {_explained(found)}. {_removed(found)}"
 
 
 def remark(found: Outcome) -> str:
     """Return what the reader should bear in mind about the verdict."""
     if found.verdict == "no_gap":
-        return ("Chance alone gives as much disagreement in "
-                f"{_of_hundred(found.gap.p_value)} of 100 campaigns. A gap that is small against "
-                "the noise cannot be seen with these samples.")
+        times = f"{100 * found.gap.p_value:.0f}" if found.gap.p_value >= 0.01 else "fewer than 1"
+        return (f"Chance alone gives as much disagreement in {times} of 100 campaigns. A gap that "
+                "is small against the noise cannot be seen with these samples.")
     if found.verdict == "unexplained":
         return ("Do not add an effect on the strength of these data. Look first at the places "
                 "marked on the map below: a narrow place points to a resonance, a valve that "
@@ -145,10 +141,6 @@ def remark(found: Outcome) -> str:
     return "One cause stands out. Section 3 says how large it is and whether that is plausible."
 
 
-def _of_hundred(p_value: float) -> str:
-    return "fewer than 1" if p_value < 0.01 else f"{100 * p_value:.0f}"
-
-
 def _lies(found: Outcome) -> str:
     region = found.where[0] if found.where else None
     beyond = f"Bench and model differ by {amount(found, found.shrinkage.before)} beyond the noise"
@@ -156,11 +148,12 @@ def _lies(found: Outcome) -> str:
         return f"{beyond}, and no single place stands out"
     place = region_words(region, found)
     if region.channel != found.channel.name:
-        return f"{beyond}, most clearly in the {plain(region.channel)}" + (
-            f" at {place}" if place else "")
+        at = f" at {place}" if place else ""
+        return f"{beyond}, most clearly in the {plain(region.channel)}{at}"
     side = "below" if region.mean_residual < 0.0 else "above"
+    at = f", mostly at {place}" if place else " over the whole range"
     return (f"The bench lies {amount(found, abs(region.mean_residual))} {side} the refitted model"
-            + (f", mostly at {place}" if place else " over the whole range"))
+            f"{at}")
 
 
 def region_words(region: Region, found: Outcome) -> str:
@@ -187,31 +180,20 @@ def _explained(found: Outcome) -> str:
                  for item in found.causes[:3]]
         more = " among them " if len(found.causes) > 3 else " "
         return f"several causes remain possible,{more}{listed(first, 'and')}"
-    name, verb = plain(cause.effect), "explains"
-    doubtful = cause
+    name, doubtful, verb = f"{plain(cause.effect)} ({probability(cause.probability)})", cause, None
     if cause.together_with is not None:
-        partner = _named(found, cause.together_with)
-        share = "" if partner is None else f" ({probability(partner.probability)})"
-        name = (f"{name} ({probability(cause.probability)}) together with "
-                f"{plain(cause.together_with)}{share}")
-        verb = "explain"
+        partner = next((item for item in found.causes if item.effect == cause.together_with), None)
+        share = f" ({probability(partner.probability)})" if partner else ""
+        name, verb = f"{name} together with {plain(cause.together_with)}{share}", "explain"
         if partner is not None and not cause.indistinguishable_from:
             doubtful = partner
-    else:
-        name = f"{name} ({probability(cause.probability)})"
     best = " best" if found.verdict == "ambiguous" else ""
-    sentence = f"{name} {verb} it{best}"
     twins = [plain(other) for other in doubtful.indistinguishable_from]
     if len(twins) > _MOST_TWINS:
         twins = [*twins[:_MOST_TWINS - 1], f"{len(twins) - _MOST_TWINS + 1} others"]
-    if twins:
-        it = "it" if doubtful is cause and verb == "explains" else plain(doubtful.effect)
-        sentence += f", but these data cannot tell {it} from {listed(twins)}"
-    return sentence
-
-
-def _named(found: Outcome, effect: str) -> Cause | None:
-    return next((cause for cause in found.causes if cause.effect == effect), None)
+    it = plain(doubtful.effect) if verb else "it"
+    doubt = f", but these data cannot tell {it} from {listed(twins)}" if twins else ""
+    return f"{name} {verb or 'explains'} it{best}{doubt}"
 
 
 def _removed(found: Outcome) -> str:
@@ -228,18 +210,11 @@ def _removed(found: Outcome) -> str:
     sentence = f"{place} {percent(fraction)} of the squared gap is removed{span}"
     if held_out or lead.shrinkage is None or lead.shrinkage <= 0.0:
         return f"{sentence}."
-    return f"{sentence}; {percent(lead.shrinkage)} with {with_partner(lead)} held as the effect."
+    lead_named = " with ".join(map(plain, filter(None, (lead.effect, lead.together_with))))
+    return f"{sentence}; {percent(lead.shrinkage)} with {lead_named} held as the effect."
 
 
 def fraction_interval(limits: Sequence[float]) -> str:
     """Return the interval of a fraction in percent; less than nothing is `below 0`."""
     low, high = ("below 0" if end < 0.0 else fixed(100.0 * end, 0) for end in limits)
     return "below 0 %" if low == high else f"{low} to {high} %"
-
-
-def _best(found: Outcome) -> str:
-    fraction = found.shrinkage.fraction
-    if fraction is None or fraction <= 0.0:
-        return ""
-    return (f": picking the best of them removes {percent(fraction)} of the squared gap in "
-            f"{plain(found.channel.name)}")

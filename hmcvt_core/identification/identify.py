@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
 from ..files.resources import data_path
-from ..model.agreement import RelativeError
+from ..model.agreement import RelativeError, output_speed_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage
-from ..model.plausibility import output_speed_remark
 from ..physics.effects.base import Effect
 from ..transmission.parameters import (
     PAPER_PARAMETERS,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The region of working points that a model was identified from."""
+"""The region of working points that a model was identified from, and a map that knows it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ..files.bench import BenchSamples
 from ..transmission.points import OperatingPoints
 from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Range
 
+Array = NDArray[np.float64]
 AXES = tuple(axis.name for axis in POINT_RANGES)
 
 
@@ -43,10 +44,7 @@ class Domain:
 
     def contains(self, points: OperatingPoints) -> NDArray[np.bool_]:
         """Tell which points lie inside; a rounding error outside counts as inside."""
-        inside = np.ones(np.shape(points.engine_speed), dtype=bool)
-        for axis in AXES:
-            inside &= self.covers(axis, getattr(points, axis))
-        return inside
+        return np.all([self.covers(axis, getattr(points, axis)) for axis in AXES], axis=0)
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
         """Tell which values of one of `AXES` lie inside, as `contains` does."""
@@ -60,8 +58,8 @@ class Domain:
     ) -> list[str]:
         """Say for each axis along which one point lies outside how far the data reach."""
         point = (displacement_ratio, engine_speed, load_torque)
-        values = zip(POINT_RANGES, point, strict=True)
-        return [self._departure(axis, value) for axis, value in values
+        return [self._departure(axis, value)
+                for axis, value in zip(POINT_RANGES, point, strict=True)
                 if not self.covers(axis.name, value)]
 
     def _departure(self, axis: Range, value: float) -> str:
@@ -92,3 +90,30 @@ class Domain:
                 raise InputError(f"domain.{axis} = {value!r} is not [low, high]")
             pairs.append((float(value[0]), float(value[1])))
         return cls(*pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class EfficiencyMap:
+    """Efficiency on a grid.
+
+    Attributes:
+        displacement_ratio: axis of shape (a,) [-].
+        engine_speed: axis of shape (b,) [rad/s].
+        load_torque: axis of shape (c,) [N m].
+        efficiency: shape (a, b, c) [-]; NaN where the model has no answer.
+        domain: of the model; None for one that does not know its data.
+    """
+
+    displacement_ratio: Array
+    engine_speed: Array
+    load_torque: Array
+    efficiency: Array
+    domain: Domain | None = None
+
+    @property
+    def inside_domain(self) -> NDArray[np.bool_] | None:
+        """Where the data of the identification reach, shape (a, b, c); None if unknown."""
+        if self.domain is None:
+            return None
+        return self.domain.contains(OperatingPoints(*np.meshgrid(
+            self.displacement_ratio, self.engine_speed, self.load_torque, indexing="ij")))

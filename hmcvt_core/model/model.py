@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.balance import BalanceSolver, power_flow
+from ..physics.balance import BalanceSolver
 from ..physics.breakdown import Breakdown, breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
@@ -31,8 +31,7 @@ from ..transmission.parameters import (
 from ..transmission.points import Answer, OperatingPoints, is_plain
 from ..transmission.ranges import ENGINE_SPEED_LIMITS
 from ..transmission.stage import Stage
-from .domain import Domain
-from .efficiency_map import EfficiencyMap, efficiency_map
+from .domain import AXES, Domain, EfficiencyMap
 from .optimum import Optimum, optimum
 
 Array = NDArray[np.float64]
@@ -112,10 +111,10 @@ class EfficiencyModel:
         return PointSolver(self.stage, self.parameters) if exact else None
 
     @cached_property
-    def _solver(self) -> ArraySolver | BalanceSolver | PublishedSolver:
+    def _solver(self) -> ArraySolver | PublishedSolver:
         return self._solver_of(self.parameters)
 
-    def _solver_of(self, parameters: Parameters) -> ArraySolver | BalanceSolver | PublishedSolver:
+    def _solver_of(self, parameters: Parameters) -> ArraySolver | PublishedSolver:
         if self.formulation == "published":
             return PublishedSolver(self.stage, parameters)
         if self.effects:
@@ -134,10 +133,7 @@ class EfficiencyModel:
     # --- values -------------------------------------------------------------------------------
 
     def efficiency(
-        self,
-        displacement_ratio: ArrayLike,
-        engine_speed: ArrayLike,
-        load_torque: ArrayLike,
+        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
     ) -> Any:
         """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
@@ -145,28 +141,26 @@ class EfficiencyModel:
         if self._point_solver is not None and oil_temperature is None and is_plain(point):
             # What a control loop asks for at every message, without the cost of arrays.
             return self._point_solver.efficiency(*point)
-        points, scalar = OperatingPoints.checked(*point, oil_temperature)
-        return _like(self.answer_at(points).efficiency, scalar)
+        return self._answer(point, oil_temperature).efficiency
 
     def output_speed(
-        self,
-        displacement_ratio: ArrayLike,
-        engine_speed: ArrayLike,
-        load_torque: ArrayLike,
+        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
         point = (displacement_ratio, engine_speed, load_torque)
         if self._point_solver is not None and oil_temperature is None and is_plain(point):
             return self._point_solver.output_speed(*point)
+        return self._answer(point, oil_temperature).output_speed
+
+    def _answer(
+        self, point: tuple[ArrayLike, ArrayLike, ArrayLike], oil_temperature: ArrayLike | None
+    ) -> Answer:
         points, scalar = OperatingPoints.checked(*point, oil_temperature)
-        return _like(self.answer_at(points).output_speed, scalar)
+        return Answer(*(_like(values, scalar) for values in self.answer_at(points)))
 
     def predict(
-        self,
-        displacement_ratio: ArrayLike,
-        engine_speed: ArrayLike,
-        load_torque: ArrayLike,
+        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
@@ -174,28 +168,20 @@ class EfficiencyModel:
             displacement_ratio, engine_speed, load_torque, oil_temperature)
         inside = (self.domain.contains(points) if self.domain is not None
                   else np.zeros(points.engine_speed.shape, dtype=bool))
-        return Prediction(_like(self.answer_at(points).efficiency, scalar),
-                          _like(self._standard_error(points), scalar), _like(inside, scalar))
+        found = self.answer_at(points).efficiency, self._standard_error(points), inside
+        return Prediction(*(_like(values, scalar) for values in found))
 
     def refusal(
-        self,
-        displacement_ratio: float,
-        engine_speed: float,
-        load_torque: float,
+        self, displacement_ratio: float, engine_speed: float, load_torque: float,
         oil_temperature: float | None = None,
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
-        points, _ = OperatingPoints.checked(
-            displacement_ratio, engine_speed, load_torque, oil_temperature)
-        if np.isfinite(self.answer_at(points).efficiency).all():
-            return None
-        return STALLED if self.formulation == "power_balance" else INCONSISTENT
+        found = self.efficiency(displacement_ratio, engine_speed, load_torque, oil_temperature)
+        reason = STALLED if self.formulation == "power_balance" else INCONSISTENT
+        return None if np.isfinite(found).all() else reason
 
     def breakdown(
-        self,
-        displacement_ratio: ArrayLike,
-        engine_speed: ArrayLike,
-        load_torque: ArrayLike,
+        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
     ) -> Breakdown:
         """Watts lost in each part.
@@ -208,10 +194,12 @@ class EfficiencyModel:
         points, scalar = OperatingPoints.checked(
             displacement_ratio, engine_speed, load_torque, oil_temperature)
         effects = self.without_meters().effects
-        flow = power_flow(self.stage, self.parameters, points, effects)
+        flow = BalanceSolver(self.stage, self.parameters, effects).flow(points.map(np.ravel))
         found = breakdown(self.stage, self.parameters, flow, effects)
-        return Breakdown(_like(found.input_power, scalar), _like(found.output_power, scalar),
-                         {name: _like(watts, scalar) for name, watts in found.losses.items()})
+        into, out, *lost = (
+            _like(watts.reshape(points.engine_speed.shape), scalar)
+            for watts in (found.input_power, found.output_power, *found.losses.values()))
+        return Breakdown(into, out, dict(zip(found.losses, lost, strict=True)))
 
     def optimal_displacement_ratio(
         self,
@@ -223,33 +211,55 @@ class EfficiencyModel:
         output_speed: ArrayLike | None = None,
         engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
     ) -> Optimum:
-        """Displacement ratio (and engine speed) that wastes least; see `optimum.optimum`.
+        """Displacement ratio (and engine speed) that wastes least.
+
+        Args:
+            engine_speed: now [rad/s].
+            load_torque: now, output power / engine speed [N m]; broadcasts with the rest.
+            hold: `engine_speed`, or `output_speed` to look for the best pair (engine speed,
+                displacement ratio) that keeps output speed and output power.
+            displacement_ratio: now [-]; tells the output speed to hold when that is not given.
+            output_speed: to hold [rad/s].
+            engine_speed_limits: lowest and highest engine speed allowed [rad/s].
+
+        Returns:
+            The best point, NaN where the model has no answer anywhere on the line.
 
         Raises:
-            InputError: the formulation is `published`, whose best point is one of its own making.
+            InputError: input out of range, `hold` unknown, nothing tells the output speed, or the
+                formulation is `published`, whose best point is one of its own making.
         """
         model = self.without_meters()
         if isinstance(model._solver, PublishedSolver):
             raise InputError(NO_OPTIMUM)
-        return optimum(model._solver, self.stage.mechanical_speed_ratio, engine_speed, load_torque,
-                       lookup=model._point_solver, hold=hold, displacement_ratio=displacement_ratio,
-                       output_speed=output_speed, engine_speed_limits=engine_speed_limits)
+        return optimum(model._solver, model._point_solver, engine_speed, load_torque, hold,
+                       displacement_ratio, output_speed, engine_speed_limits)
 
     def efficiency_map(
         self, displacement_ratios: ArrayLike, engine_speeds: ArrayLike, load_torques: ArrayLike
     ) -> EfficiencyMap:
-        """Efficiency on a grid; each axis has shape (n,)."""
-        return efficiency_map(self.without_meters().efficiency, displacement_ratios, engine_speeds,
-                              load_torques, self.domain)
+        """Efficiency on a grid.
+
+        Raises:
+            InputError: an axis is empty, not of shape (n,) or out of range.
+        """
+        axes = strokes, speeds, torques = [
+            np.atleast_1d(np.asarray(axis, dtype=float))
+            for axis in (displacement_ratios, engine_speeds, load_torques)]
+        for name, axis in zip(AXES, axes, strict=True):
+            if axis.ndim != 1 or axis.size == 0:
+                raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
+        values = self.without_meters().efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
+        return EfficiencyMap(strokes, speeds, torques, values, self.domain)
 
     # --- the same for points already checked ----------------------------------------------------
 
     def answer_at(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed at checked points of one shape."""
         shape, count = points.engine_speed.shape, points.engine_speed.size
-        flat = points if len(shape) == 1 else points.map(np.ravel)
+        flat = points.map(np.ravel)
         parts = [self._solver.solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK]))
-                 for i in range(0, count, _CHUNK)] if count > _CHUNK else [self._solver.solve(flat)]
+                 for i in range(0, max(count, 1), _CHUNK)]
         return Answer(*(np.concatenate(column).reshape(shape)
                         for column in zip(*parts, strict=True)))
 
@@ -274,11 +284,8 @@ class EfficiencyModel:
         rows, n = values.reshape(-1, values.shape[-1]), len(points.engine_speed)
         found, part = np.empty((len(rows), n)), max(1, _CHUNK // max(1, n))
         for i in range(0, len(rows), part):
-            many = Candidates.of(rows[i:i + part])
-            solver, shape = self._solver_of(many), found[i:i + part].shape
-            spread = points if isinstance(solver, ArraySolver) else points.map(
-                lambda axis, shape=shape: np.broadcast_to(axis, shape))
-            found[i:i + part] = solver.solve(spread).efficiency
+            solver = self._solver_of(Candidates(*rows[i:i + part].T[:, :, None]))
+            found[i:i + part] = solver.solve(points).efficiency
         return found.reshape(*values.shape[:-1], n)
 
     def _standard_error(self, points: OperatingPoints) -> Array:
@@ -293,8 +300,7 @@ class EfficiencyModel:
         flat = points.map(np.ravel)
         here, *there = self.efficiency_of_candidates(
             np.vstack([base, base + np.diag(steps)]), flat)
-        slopes = [(moved - here) / step for moved, step in zip(there, steps, strict=True)]
-        slope = np.stack(slopes, axis=-1).reshape(*points.engine_speed.shape, -1)
+        slope = ((np.array(there) - here).T / steps).reshape(*points.engine_speed.shape, -1)
         gradient = slope * errors
         variance = np.einsum("...i,ij,...j->...", gradient, self.correlation, gradient)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.

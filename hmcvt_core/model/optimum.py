@@ -9,22 +9,17 @@ output speed and output power: every pair there gives the same ground speed and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..transmission.points import Answer, OperatingPoints
-from ..transmission.ranges import (
-    DISPLACEMENT_RATIO,
-    ENGINE_SPEED,
-    ENGINE_SPEED_LIMITS,
-    LOAD_TORQUE,
-    OUTPUT_SPEED,
-)
+from ..physics.steady_state import ArraySolver, PointSolver
+from ..transmission.points import OperatingPoints
+from ..transmission.ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, OUTPUT_SPEED
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
@@ -64,74 +59,26 @@ class Optimum:
     limit: Any
 
 
-class Solver(Protocol):
-    """What the search asks of the physics; arrays of one shape, NaN where there is no answer."""
-
-    def solve(self, points: OperatingPoints) -> Answer:
-        """Return efficiency and output speed at operating points."""
-
-    def displacement_ratio(
-        self, engine_speed: Array, output_speed: Array, load_torque: Array
-    ) -> Array:
-        """Return the least displacement ratio that makes an output speed; beyond +-1: none does."""
-
-
-class Lookup(Protocol):
-    """The same at one point, in plain floats."""
-
-    def efficiency(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float
-    ) -> float:
-        """Return the efficiency."""
-
-    def output_speed(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float
-    ) -> float:
-        """Return the output speed."""
-
-    def resting_ratios(self, engine_speed: float, load_torque: float) -> Sequence[float]:
-        """Return the displacement ratios between which the motor stands, the lower one first."""
-
-
 def optimum(
-    solver: Solver,
-    mechanical_ratio: float,
+    solver: ArraySolver,
+    lookup: PointSolver | None,
     engine_speed: ArrayLike,
     load_torque: ArrayLike,
-    *,
-    lookup: Lookup | None = None,
-    hold: str = "engine_speed",
-    displacement_ratio: ArrayLike | None = None,
-    output_speed: ArrayLike | None = None,
-    engine_speed_limits: Limits = ENGINE_SPEED_LIMITS,
+    hold: str,
+    displacement_ratio: ArrayLike | None,
+    output_speed: ArrayLike | None,
+    engine_speed_limits: Limits,
 ) -> Optimum:
-    """Find the displacement ratio that wastes least.
-
-    Args:
-        solver: the physics.
-        mechanical_ratio: output speed / engine speed while the motor stands, where the curve of the
-            efficiency has its corner [-].
-        engine_speed: now [rad/s].
-        load_torque: now, output power / engine speed [N m]; broadcasts with the rest.
-        lookup: the physics at one point in plain floats, where there is such a short cut.
-        hold: `engine_speed`, or `output_speed` to look for the best pair (engine speed,
-            displacement ratio) that keeps output speed and output power.
-        displacement_ratio: now [-]; tells the output speed to hold when that is not given.
-        output_speed: to hold [rad/s].
-        engine_speed_limits: lowest and highest engine speed allowed [rad/s].
-
-    Returns:
-        The best point, NaN where the model has no answer anywhere on the line.
-
-    Raises:
-        InputError: input out of range, `hold` unknown, or nothing tells the output speed.
-    """
+    """See `EfficiencyModel.optimal_displacement_ratio`; `lookup` is a short cut at one point."""
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     given = [ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)]
     limits = None
     if hold == "output_speed":
-        limits = _checked_limits(engine_speed_limits)
+        low, high = limits = ENGINE_SPEED.check(
+            engine_speed_limits, "engine_speed_limits").tolist()
+        if not low < high:
+            raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
         if output_speed is not None:
             given.append(OUTPUT_SPEED.check(output_speed))
         elif displacement_ratio is not None:
@@ -147,11 +94,11 @@ def optimum(
     if limits is not None:
         target = last[0] if output_speed is not None else solver.solve(
             OperatingPoints(last[0], speed, torque)).output_speed
-        speed = _best_engine_speed(solver, mechanical_ratio, target, power, limits)
+        speed = _best_engine_speed(solver, target, power, limits)
         stroke = np.clip(solver.displacement_ratio(speed, target, power / speed), -1.0, 1.0)
         efficiency = solver.solve(OperatingPoints(stroke, speed, power / speed)).efficiency
     else:
-        stroke = _best_stroke(solver, mechanical_ratio, speed, torque)
+        stroke = _best_stroke(solver, speed, torque)
         efficiency, target = solver.solve(OperatingPoints(stroke, speed, torque))
     limit = np.array([_limit(*pair, limits) for pair in zip(
         stroke.tolist(), speed.tolist(), strict=True)], dtype=object)
@@ -161,22 +108,13 @@ def optimum(
     return Optimum(stroke, efficiency, speed, torque, target, hold, limit)
 
 
-def _checked_limits(limits: Limits) -> Limits:
-    low, high = ENGINE_SPEED.check(limits, "engine_speed_limits").tolist()
-    if not low < high:
-        raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
-    return low, high
-
-
 # --- held engine speed ----------------------------------------------------------------------------
 
 
-def _best_stroke(
-    solver: Solver, mechanical_ratio: float, speed: Array, torque: Array
-) -> Array:
+def _best_stroke(solver: ArraySolver, speed: Array, torque: Array) -> Array:
     """Best displacement ratio at engine speeds and load torques of shape (n,)."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
-    beside = speed * mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
+    beside = speed * solver.mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
     rest = solver.displacement_ratio(*np.broadcast_arrays(speed, beside, torque))
     low, high = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0), axis=0)
     # Next to the stall a motor need not rest between the two.
@@ -196,7 +134,7 @@ def _best_stroke(
     return stroke_at(way)
 
 
-def _at_point(lookup: Lookup, speed: float, torque: float) -> Optimum:
+def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
     """Best displacement ratio at one engine speed, in plain floats; as `_best_stroke`."""
     def value(way: float) -> float:
         found = lookup.efficiency(corner + reach * way * way, speed, torque)
@@ -239,14 +177,14 @@ def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float,
 
 
 def _best_engine_speed(
-    solver: Solver, mechanical_ratio: float, target: Array, power: Array, limits: Limits
+    solver: ArraySolver, target: Array, power: Array, limits: Limits
 ) -> Array:
     """Best engine speed at output speeds and powers of shape (n,); NaN where none will do.
 
     Every engine speed needs one displacement ratio to give the output speed: the line of states.
     """
     low, high = limits
-    resting = target / mechanical_ratio
+    resting = target / solver.mechanical_ratio
     # At rest friction sets a step, so that the line has two pieces.
     below = np.clip(np.nan_to_num(resting * (1.0 - _RESTING)), low, high)
     above = np.clip(np.nan_to_num(resting * (1.0 + _RESTING)), low, high)

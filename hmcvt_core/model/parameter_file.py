@@ -6,7 +6,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,13 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
         InputError: the file is missing, damaged, of another schema or version, or a field is
             missing or out of range; file and field are named.
     """
-    data = _read(path, SCHEMA)
-    stated = data.pop("checksum", None)
-    if stated is not None and stated != (_checksum(data) or None):
-        raise InputError(f"{path}: checksum does not match: the file is damaged or was edited; "
-                         "if edited on purpose, remove the line 'checksum'")
-    try:
+    with _named(path):
+        data = _read(path, SCHEMA)
+        stated = data.pop("checksum", None)
+        if stated is not None and stated != (_checksum(data) or None):
+            raise InputError("checksum does not match: the file is damaged or was edited; "
+                             "if edited on purpose, remove the line 'checksum'")
         return _from_mapping(data)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
@@ -70,9 +69,14 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
     Raises:
         InputError: the file or a field is wrong; both are named.
     """
-    data = _read(path, TRANSMISSION_SCHEMA)
+    with _named(path):
+        return Stage.from_mapping(_read(path, TRANSMISSION_SCHEMA), name)
+
+
+@contextmanager
+def _named(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
-        return Stage.from_mapping(data, name)
+        yield
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -123,25 +127,25 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
     path = Path(path)
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
+            raise InputError(f"larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
         # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         data = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
     except InputError:
         raise
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+        raise InputError(error.strerror or str(error)) from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text at byte {error.start}") from None
+        raise InputError(f"not UTF-8 text at byte {error.start}") from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         # PyYAML lets a ValueError through for an impossible date or an endless number.
         mark = getattr(error, "problem_mark", None)
         place = f" at line {mark.line + 1}" if mark else ""
-        raise InputError(f"{path}: not YAML{place}: {getattr(error, 'problem', error)}") from None
+        raise InputError(f"not YAML{place}: {getattr(error, 'problem', error)}") from None
     if not isinstance(data, dict):
-        raise InputError(f"{path}: holds no mapping; is it empty or cut off?")
+        raise InputError("holds no mapping; is it empty or cut off?")
     if data.get("schema") != schema:
-        raise InputError(f"{path}: schema = {data.get('schema')!r}; this version reads {schema!r}")
+        raise InputError(f"schema = {data.get('schema')!r}; this version reads {schema!r}")
     return data
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,107 +32,77 @@ _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
 
 
 @dataclass(frozen=True)
-class PowerFlow:
-    """Steady state at operating points; arrays of one shape, NaN where there is none.
-
-    Attributes:
-        state: speeds and pressure.
-        load_power: power that the bench reads at the output [W].
-        output_power: power that really leaves [W].
-        output_torque: torque on the output shaft including drag [N m].
-        row_motor_torque: torque of the row on the motor path, referred to the motor [N m].
-        row_mechanical_torque: torque of the row on the mechanical path, referred to the engine.
-        pump_pressure: pressure over the pump [Pa].
-        pump_torque: T_p of eq. (15) with every drag [N m]; negative where it drives the engine.
-        engine_power: power that the engine gives [W].
-        direction: +1 where power flows from motor to row, -1 back, between where it stands.
-    """
-
-    state: ShaftState
-    load_power: Array
-    output_power: Array
-    output_torque: Array
-    row_motor_torque: Array
-    row_mechanical_torque: Array
-    pump_pressure: Array
-    pump_torque: Array
-    engine_power: Array
-    direction: Array
-
-
-class _Torques(NamedTuple):
-    """What one pass over the shafts finds for an assumed motor speed."""
+class _Torques:
+    """What one pass over the shafts finds for an assumed motor speed; see `PowerFlow`."""
 
     state: ShaftState
     output_power: Array
     output_torque: Array
     row_motor_torque: Array
     row_mechanical_torque: Array
-    mechanical_torque: Array  # of the engine
+    mechanical_torque: Array
     pump_pressure: Array
     leakage_flow: Array
 
 
 @dataclass(frozen=True)
-class BalanceSolver:
-    """Answers of the balance with effects.
+class PowerFlow(_Torques):
+    """Steady state at operating points; arrays of one shape, NaN where there is none.
 
     Attributes:
-        stage: the gear train.
-        parameters: the hydraulic parameters at identification viscosity.
-        effects: what acts besides; each at its own place.
+        state: speeds and pressure, and the power that the bench reads at the output.
+        output_power: power that really leaves [W].
+        output_torque: torque on the output shaft including drag [N m].
+        row_motor_torque: torque of the row on the motor path, referred to the motor [N m].
+        row_mechanical_torque: torque of the row on the mechanical path, referred to the engine.
+        mechanical_torque: torque of the engine on the mechanical path [N m].
+        pump_pressure: pressure over the pump [Pa].
+        leakage_flow: flow that does not reach the motor [m3/s].
+        pump_torque: T_p of eq. (15) with every drag [N m]; negative where it drives the engine.
+        engine_power: power that the engine gives [W].
+        direction: +1 where power flows from motor to row, -1 back, between where it stands.
     """
 
-    stage: Stage
-    parameters: Parameters
-    effects: tuple[Effect, ...] = ()
+    pump_torque: Array
+    engine_power: Array
+    direction: Array
+
+
+class BalanceSolver(ArraySolver):
+    """The steady state with effects, each acting at its own place; as `ArraySolver`."""
+
+    def __init__(
+        self, stage: Stage, parameters: Parameters, effects: Sequence[Effect] = ()
+    ) -> None:
+        super().__init__(stage, parameters)
+        self._given = stage, parameters, tuple(effects)
 
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed that a bench reads, through its meters."""
-        flow = power_flow(self.stage, self.parameters, points, self.effects)
+        flow = self.flow(points)
+        state, speed = flow.state, flow.state.output_speed
         with np.errstate(invalid="ignore", divide="ignore"):
-            efficiency = np.asarray(flow.load_power / flow.engine_power)
+            efficiency = np.asarray(state.load_power / flow.engine_power)
             # Of powers, not of meters: an effect on a meter comes after.
-            for effect in self.effects:
-                efficiency = effect.reading(efficiency, flow.state)
-            speed = flow.state.output_speed
-            for effect in self.effects:
+            for effect in self._given[-1]:
+                efficiency = effect.reading(efficiency, state)
                 speed = effect.output_speed_reading(speed)
-            return Answer(efficiency, speed)
+        return Answer(efficiency, speed)
+
+    def flow(self, points: OperatingPoints) -> PowerFlow:
+        """The whole power flow of eqs (4), (13)-(15); NaN where the load cannot be carried."""
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            shafts = _Shafts(*self._given, points)
+            return shafts.flow_at(*shafts.motor_speed())
 
     def displacement_ratio(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
     ) -> Array:
         """Displacement ratio that makes an output speed, as `ArraySolver.displacement_ratio`."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            first = ArraySolver(self.stage, self.parameters).displacement_ratio(
-                engine_speed, output_speed, load_torque)
-            shafts = _Shafts(self.stage, self.parameters, self.effects,
-                             OperatingPoints(first, engine_speed, load_torque))
+            first = super().displacement_ratio(engine_speed, output_speed, load_torque)
+            shafts = _Shafts(*self._given, OperatingPoints(first, engine_speed, load_torque))
             return shafts.stroke_for(output_speed)
-
-
-def power_flow(
-    stage: Stage,
-    parameters: Parameters,
-    points: OperatingPoints,
-    effects: Sequence[Effect] = (),
-) -> PowerFlow:
-    """Solve the steady state of eqs (4), (13)-(15) at operating points.
-
-    Args:
-        stage: the gear train.
-        parameters: the hydraulic parameters at identification viscosity.
-        points: arrays of one shape.
-        effects: what acts besides; each at its own place.
-
-    Returns:
-        The steady state, NaN where the load cannot be carried (the leakage takes all the flow).
-    """
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        # NaN is the answer where nothing can be delivered: see the docstring.
-        shafts = _Shafts(stage, parameters, tuple(effects), points)
-        return shafts.flow_at(*shafts.motor_speed())
 
 
 class _Shafts:
@@ -152,10 +121,10 @@ class _Shafts:
             for effect in effects:
                 self.viscosity = self.viscosity * effect.viscosity_ratio(points.oil_temperature)
         self.leakage = parameters.leakage / self.viscosity
-        self.motor_damping = parameters.motor_damping * self.viscosity
         self.pump_damping = parameters.pump_damping * self.viscosity
         self.solver = ArraySolver(
-            stage, Candidates(self.leakage, self.motor_damping, self.pump_damping))
+            stage, Candidates(self.leakage, parameters.motor_damping * self.viscosity,
+                              self.pump_damping))
         self.engine_speed = points.engine_speed
         self.pump_speed = points.engine_speed / stage.pump.ratio
         self.load_power = points.load_torque * points.engine_speed
@@ -226,19 +195,18 @@ class _Shafts:
 
         def corrected(commanded: Array) -> Array:
             nonlocal pressure
-            stroke = self.true_stroke(commanded)
-            found = self.torques(speed, direction, stroke, pressure)
+            found = self.torques(speed, direction, self.true_stroke(commanded), pressure)
             pressure = found.state.pressure
-            excess = self._flow(found, stroke) - speed
+            excess = self._flow(found) - speed
             return np.asarray(commanded - excess / (solver.full_flow * self.engine_speed))
 
         return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
 
-    def _flow(self, found: _Torques, stroke: Array | None = None) -> Array:
+    def _flow(self, found: _Torques) -> Array:
         """Motor speed that the flow gives, eq. (13)."""
-        stroke = self.stroke if stroke is None else stroke
-        return np.asarray(self.solver.full_flow * stroke * self.engine_speed
-                          - found.leakage_flow / self.stage.pump_motor.motor_displacement)
+        delivered = abs(self.solver.full_flow) * found.state.displacement_ratio * self.engine_speed
+        return np.asarray(
+            delivered - found.leakage_flow / self.stage.pump_motor.motor_displacement)
 
     # --- the shafts ---------------------------------------------------------------------------
 
@@ -259,9 +227,8 @@ class _Shafts:
         row_torque = self._geared(self.stage.output, output_torque, output_speed, 1.0)
         # Ideal row: virtual work shares the output torque by the speed ratios.
         row_motor, row_mechanical = row_torque * hydraulic, row_torque * ratio
-        if self.effects:
-            motor_share, mechanical_share = self._row_shares(state)
-            row_motor, row_mechanical = row_motor * motor_share, row_mechanical * mechanical_share
+        motor_share, mechanical_share = self._row_shares(state)
+        row_motor, row_mechanical = row_motor * motor_share, row_mechanical * mechanical_share
         motor_torque = self._geared(self.stage.motor, row_motor, speed, direction)
         mechanical = self._geared(self.stage.mechanical, row_mechanical, self.engine_speed, 1.0)
         drag = self._sum("motor_drag", state)
@@ -286,7 +253,7 @@ class _Shafts:
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
-        units, torque = self.stage.pump_motor, torque + self.motor_damping * speed
+        units, torque = self.stage.pump_motor, torque + self.solver.motor_damping * speed
         friction = units.motor_friction * direction * np.sign(torque)
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 
@@ -297,8 +264,6 @@ class _Shafts:
         return total
 
     def _geared(self, path: Path, torque: Array, speed: Array, direction: Value) -> Array:
-        if not self.effects:
-            return np.asarray(torque / path.efficiency**direction)
         return through_gears(path, torque, speed, direction, self.effects)[-1]
 
     def _row_shares(self, state: ShaftState) -> tuple[Value, Value]:
@@ -338,12 +303,8 @@ class _Shafts:
                                  self.engine_speed, np.sign(pump_torque))
         torque = at_engine + found.mechanical_torque + self._sum("engine_drag", state)
         power = np.asarray(torque * self.engine_speed)
-        return PowerFlow(
-            state, self.load_power, found.output_power, found.output_torque,
-            found.row_motor_torque, found.row_mechanical_torque,
-            found.pump_pressure, np.asarray(pump_torque),
-            np.where(power > 0.0, power, np.nan), direction,
-        )
+        return PowerFlow(**vars(found), pump_torque=np.asarray(pump_torque),
+                         engine_power=np.where(power > 0.0, power, np.nan), direction=direction)
 
 
 def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value) -> Array:
@@ -385,12 +346,11 @@ def through_gears(
 
 
 def _sun_against_carrier(stage: Stage, engine_speed: Array, motor_speed: Array) -> Array:
+    engine, motor, output = stage.mechanical_member, stage.motor_member, stage.output_member
     speeds: dict[str, Array] = {
-        stage.mechanical_member: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
-        stage.motor_member: stage.motor.direction * motor_speed / stage.motor.ratio,
+        engine: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
+        motor: stage.motor.direction * motor_speed / stage.motor.ratio,
     }
-    coefficients = member_speed_coefficients(stage.planetary_constant)
-    total = (coefficients[stage.mechanical_member] * speeds[stage.mechanical_member]
-             + coefficients[stage.motor_member] * speeds[stage.motor_member])
-    speeds[stage.output_member] = -total / coefficients[stage.output_member]
+    row = member_speed_coefficients(stage.planetary_constant)
+    speeds[output] = -(row[engine] * speeds[engine] + row[motor] * speeds[motor]) / row[output]
     return np.asarray(speeds["sun"] - speeds["carrier"])

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import HydraulicParameters
-from ..transmission.stage import Path, Stage
+from ..transmission.stage import Stage
 from .balance import PowerFlow, through_gears
 from .effects.base import Effect
 
@@ -37,75 +38,61 @@ class Breakdown:
 def breakdown(
     stage: Stage, parameters: HydraulicParameters, flow: PowerFlow, effects: Sequence[Effect] = ()
 ) -> Breakdown:
-    """Share the lost power of a steady state among the parts.
-
-    Args:
-        stage, parameters, effects: those that `flow` was solved with.
-        flow: the steady state; NaN in it stays NaN.
-    """
-    losses: dict[str, Array] = {}
-    _hydraulic_losses(losses, stage, parameters, flow)
-    _gear_and_row_losses(losses, stage, flow, effects)
-    _drag_losses(losses, flow, effects)
-    return Breakdown(flow.engine_power, flow.output_power, losses)
-
-
-def _hydraulic_losses(
-    losses: dict[str, Array], stage: Stage, parameters: HydraulicParameters, flow: PowerFlow
-) -> None:
-    state, units = flow.state, stage.pump_motor
-    delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
-    taken = units.motor_displacement * state.motor_speed
-    # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all flow
-    # passes.
-    losses["leakage"] = state.pressure * (delivered - taken)
-    losses["pump_damping"] = parameters.pump_damping * state.viscosity_ratio * state.pump_speed**2
-    losses["pump_friction"] = units.pump_friction * np.abs(flow.pump_pressure * delivered)
-    losses["motor_damping"] = (parameters.motor_damping * state.viscosity_ratio
-                               * state.motor_speed**2)
-    losses["motor_friction"] = units.motor_friction * np.abs(state.pressure * taken)
-    drop = (flow.pump_pressure - state.pressure) * delivered
-    if np.any(drop):
-        losses["pressure_drop"] = drop
-
-
-def _gear_and_row_losses(
-    losses: dict[str, Array], stage: Stage, flow: PowerFlow, effects: Sequence[Effect]
-) -> None:
-    state = flow.state
-    sides = {}
-    for path, name, torque, speed, direction in (
-        (stage.output, "output", flow.output_torque, state.output_speed, 1.0),
-        (stage.motor, "motor", flow.row_motor_torque, state.motor_speed, flow.direction),
-        (stage.mechanical, "mechanical", flow.row_mechanical_torque, state.engine_speed, 1.0),
-        (stage.pump, "pump", flow.pump_torque / stage.pump.ratio, state.engine_speed,
-         np.sign(flow.pump_torque)),
-    ):
-        torques = through_gears(path, torque, speed, direction, effects)
-        _pair_losses(losses, path, torques, speed)
-        sides[name] = torques[-1]
-    losses["planetary_row"] = (flow.row_motor_torque * state.motor_speed
-                               + flow.row_mechanical_torque * state.engine_speed
-                               - sides["output"] * state.output_speed)
-
-
-def _pair_losses(
-    losses: dict[str, Array], path: Path, torques: list[Array], speed: Array
-) -> None:
-    for pair, after, before in zip(reversed(path.gear_pairs), torques, torques[1:], strict=False):
-        name = f"gear_pair_{pair.name}"
-        # A pair that serves two paths loses on both.
-        losses[name] = losses.get(name, 0.0) + (before - after) * speed
-
-
-def _drag_losses(losses: dict[str, Array], flow: PowerFlow, effects: Sequence[Effect]) -> None:
+    """Share the lost power of a steady state among the parts of what it was solved with."""
+    losses = _hydraulic_losses(stage, parameters, flow)
+    _add_gears_and_row(losses, stage, flow, effects)
     state = flow.state
     for effect in effects:
-        watts = (
+        watts = np.asarray(
             effect.engine_drag(state) * state.engine_speed
             + effect.pump_drag(state) * state.pump_speed
             + effect.motor_drag(state) * np.abs(state.motor_speed)
             + effect.output_drag(state) * state.output_speed
         )
-        if np.any(watts):
-            losses[effect.name] = losses.get(effect.name, 0.0) + np.asarray(watts)
+        if watts.any():
+            losses[effect.name] = losses.get(effect.name, 0.0) + watts
+    return Breakdown(flow.engine_power, flow.output_power, losses)
+
+
+def _hydraulic_losses(
+    stage: Stage, parameters: HydraulicParameters, flow: PowerFlow
+) -> dict[str, Array]:
+    state, units = flow.state, stage.pump_motor
+    delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
+    taken = units.motor_displacement * state.motor_speed
+    viscosity = state.viscosity_ratio
+    losses = {
+        # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all
+        # flow passes.
+        "leakage": state.pressure * (delivered - taken),
+        "pump_damping": parameters.pump_damping * viscosity * state.pump_speed**2,
+        "pump_friction": units.pump_friction * np.abs(flow.pump_pressure * delivered),
+        "motor_damping": parameters.motor_damping * viscosity * state.motor_speed**2,
+        "motor_friction": units.motor_friction * np.abs(state.pressure * taken),
+    }
+    drop = (flow.pump_pressure - state.pressure) * delivered
+    return {**losses, "pressure_drop": drop} if drop.any() else losses
+
+
+def _add_gears_and_row(
+    losses: dict[str, Array], stage: Stage, flow: PowerFlow, effects: Sequence[Effect]
+) -> None:
+    state = flow.state
+    passed = []
+    for path, torque, speed, direction in (
+        (stage.output, flow.output_torque, state.output_speed, 1.0),
+        (stage.motor, flow.row_motor_torque, state.motor_speed, flow.direction),
+        (stage.mechanical, flow.row_mechanical_torque, state.engine_speed, 1.0),
+        (stage.pump, flow.pump_torque / stage.pump.ratio, state.engine_speed,
+         np.sign(flow.pump_torque)),
+    ):
+        torques = through_gears(path, torque, speed, direction, effects)
+        passed.append(torques[-1])
+        for pair, (after, before) in zip(
+                reversed(path.gear_pairs), pairwise(torques), strict=True):
+            name = f"gear_pair_{pair.name}"
+            # A pair that serves two paths loses on both.
+            losses[name] = losses.get(name, 0.0) + (before - after) * speed
+    losses["planetary_row"] = (flow.row_motor_torque * state.motor_speed
+                               + flow.row_mechanical_torque * state.engine_speed
+                               - passed[0] * state.output_speed)

@@ -39,8 +39,7 @@ class PublishedEfficiency(NamedTuple):
         engine_share: a_1, hydraulic share of the engine power (11).
         mechanical_in: eta_M1, engine to row (7).
         row: eta_HM, planetary row (12).
-        mechanical_out: eta_M2, row to output (17).
-        total: eta_total (18).
+        total: eta_total, with eta_M2 from row to output (17), (18).
     """
 
     hydraulic: Array
@@ -48,7 +47,6 @@ class PublishedEfficiency(NamedTuple):
     engine_share: Array
     mechanical_in: Array
     row: Array
-    mechanical_out: Array
     total: Array
 
 
@@ -69,14 +67,9 @@ def _connection(stage: Stage) -> float:
 def hydraulic_efficiency(
     stage: Stage, parameters: Parameters, points: OperatingPoints
 ) -> Array:
-    """eta_H of the pump-motor pair, eqs (6), (13)-(16) in the steady state [-].
+    """|eta_H| of the pump-motor pair, eqs (6), (13)-(16) in the steady state [-].
 
-    Args:
-        stage, parameters: the transmission.
-        points: arrays of one shape.
-
-    Returns:
-        |eta_H|; NaN where leakage turns the motor against its stroke.
+    NaN where leakage turns the motor against its stroke.
     """
     units = stage.pump_motor
     # Positive where the motor adds to the output speed, as (6) has it.
@@ -100,15 +93,12 @@ def hydraulic_efficiency(
 
 
 def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> PublishedEfficiency:
-    """Eqs (7)-(12), (17), (18) for a given eta_H.
+    """Eqs (7)-(12), (17), (18) for a given eta_H, unguarded: they pass through the pole of (11).
 
     Args:
         stage: the gear train.
         displacement_ratio: [-].
         hydraulic: eta_H [-], broadcast against `displacement_ratio`.
-
-    Returns:
-        Every efficiency and share, unguarded: they pass through the pole of (11).
     """
     tandem = hydraulic * stage.pump.efficiency * stage.motor.efficiency  # eta'_H
     i_hm = 1.0 / speed_ratio(stage, displacement_ratio)
@@ -121,9 +111,8 @@ def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> P
         share = split / ((1.0 / row - split) / gears_in * tandem + split)  # Eq. (11)
         into = (1.0 - share) * gears_in + share  # Eq. (7)
         total = into * row * gears_out  # Eqs (17), (18)
-    out = np.full_like(total, gears_out)
-    return PublishedEfficiency(np.broadcast_to(hydraulic, total.shape), split, share, into, row,
-                               out, total)
+    return PublishedEfficiency(
+        np.broadcast_to(hydraulic, total.shape), split, share, into, row, total)
 
 
 def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDArray[np.bool_]:
@@ -144,12 +133,7 @@ def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDA
 
 @dataclass(frozen=True)
 class PublishedSolver:
-    """Answers of the published formulas.
-
-    Attributes:
-        stage: the gear train.
-        parameters: the hydraulic parameters.
-    """
+    """Answers of the published formulas; see `EfficiencyModel` for the attributes."""
 
     stage: Stage
     parameters: Parameters

@@ -49,11 +49,6 @@ class Candidates(NamedTuple):
     motor_damping: NDArray[np.float64] | float
     pump_damping: NDArray[np.float64] | float
 
-    @classmethod
-    def of(cls, values: NDArray[np.float64]) -> Candidates:
-        """Take values (leakage, f_m, f_p) of shape (..., 3) apart, into arrays (..., 1)."""
-        return cls(values[..., :1], values[..., 1:2], values[..., 2:])
-
 
 Parameters = HydraulicParameters | Candidates
 """What the physics reads: one transmission, or many candidates for it."""

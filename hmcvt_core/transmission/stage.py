@@ -22,6 +22,7 @@ from ..errors import InputError
 from .mapping import get, number, section
 
 MEMBERS = ("sun", "ring", "carrier")
+_PATHS = ("mechanical", "pump", "motor", "output")
 _CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
 
 
@@ -141,31 +142,35 @@ class Stage:
     @cached_property
     def mechanical_speed_ratio(self) -> float:
         """Output speed / engine speed while the motor stands still [-], eq. (4)."""
-        row = _speed_share(self.planetary_constant, self.mechanical_member, self.output_member)
-        signs = self.mechanical.direction * self.output.direction
-        return signs * row / (self.mechanical.ratio * self.output.ratio)
+        return self._output_share(self.mechanical, self.mechanical_member)
 
     @cached_property
     def motor_speed_ratio(self) -> float:
         """Change of output speed / change of motor speed [-], eq. (4); may be negative."""
-        row = _speed_share(self.planetary_constant, self.motor_member, self.output_member)
-        signs = self.motor.direction * self.output.direction
-        return signs * row / (self.motor.ratio * self.output.ratio)
+        return self._output_share(self.motor, self.motor_member)
+
+    def _output_share(self, path: Path, member: str) -> float:
+        coefficients = member_speed_coefficients(self.planetary_constant)
+        row = -coefficients[member] / coefficients[self.output_member]
+        return path.direction * self.output.direction * row / (path.ratio * self.output.ratio)
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """The four paths by name: mechanical, pump, motor, output."""
+        return {name: getattr(self, name) for name in _PATHS}
 
     @property
     def gear_pairs(self) -> tuple[GearPair, ...]:
         """Every pair of the stage in the order mechanical, pump, motor, output."""
-        paths = (self.mechanical, self.pump, self.motor, self.output)
-        return tuple(pair for path in paths for pair in path.gear_pairs)
+        return tuple(pair for path in self.paths.values() for pair in path.gear_pairs)
 
     def with_gear_efficiency(self, efficiency: float) -> Stage:
         """Return the stage with the same efficiency in every gear pair."""
-        def renewed(path: Path) -> Path:
-            pairs = tuple(replace(pair, efficiency=efficiency) for pair in path.gear_pairs)
-            return replace(path, gear_pairs=pairs)
-
-        return replace(self, mechanical=renewed(self.mechanical), pump=renewed(self.pump),
-                       motor=renewed(self.motor), output=renewed(self.output))
+        renewed: dict[str, Any] = {
+            name: replace(path, gear_pairs=tuple(
+                replace(pair, efficiency=efficiency) for pair in path.gear_pairs))
+            for name, path in self.paths.items()}
+        return replace(self, **renewed)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], name: str | None = None) -> Stage:
@@ -187,27 +192,20 @@ class Stage:
         where = f"stages.{name}."
         rows = section(data, "planetary_rows")
         row = get(paths, "planetary_row", where)
-        made = {key: _path(data, paths, key, where)
-                for key in ("mechanical", "pump", "motor", "output")}
-        member = {key: str(get(section(paths, key, where), "member", f"{where}{key}."))
-                  for key in ("mechanical", "motor", "output")}
-        return cls(
-            name=name,
-            planetary_constant=number(rows, row, "planetary_rows."),
-            mechanical=made["mechanical"], mechanical_member=member["mechanical"],
-            pump=made["pump"],
-            motor=made["motor"], motor_member=member["motor"],
-            output=made["output"], output_member=member["output"],
-            pump_motor=_pump_motor(section(data, "pump_motor")),
-        )
+        made: dict[str, Any] = {key: _path(data, paths, key, where) for key in _PATHS}
+        for key in ("mechanical", "motor", "output"):
+            member = get(section(paths, key, where), "member", f"{where}{key}.")
+            made[f"{key}_member"] = str(member)
+        return cls(name=name, planetary_constant=number(rows, row, "planetary_rows."),
+                   pump_motor=_pump_motor(section(data, "pump_motor")), **made)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the mapping that `from_mapping` reads, with nothing but this stage in it."""
-        def path(value: Path, member: str | None = None) -> dict[str, Any]:
-            entry: dict[str, Any] = {"gear_pairs": [pair.name for pair in value.gear_pairs],
-                                     "direction": value.direction}
-            return entry if member is None else {**entry, "member": member}
-
+        paths: dict[str, dict[str, Any]] = {
+            key: {"gear_pairs": [pair.name for pair in path.gear_pairs],
+                  "direction": path.direction} for key, path in self.paths.items()}
+        for key in ("mechanical", "motor", "output"):
+            paths[key]["member"] = getattr(self, f"{key}_member")
         units = self.pump_motor
         return {
             "gear_pairs": {pair.name: pair.ratio for pair in self.gear_pairs},
@@ -219,13 +217,7 @@ class Stage:
                 "pump_friction": units.pump_friction,
                 "motor_friction": units.motor_friction,
             },
-            "stages": {self.name: {
-                "planetary_row": "k",
-                "mechanical": path(self.mechanical, self.mechanical_member),
-                "pump": path(self.pump),
-                "motor": path(self.motor, self.motor_member),
-                "output": path(self.output, self.output_member),
-            }},
+            "stages": {self.name: {"planetary_row": "k", **paths}},
         }
 
 
@@ -241,14 +233,8 @@ def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:
     return {"sun": 1.0, "ring": planetary_constant, "carrier": -(1.0 + planetary_constant)}
 
 
-def _speed_share(planetary_constant: float, member: str, output_member: str) -> float:
-    coefficients = member_speed_coefficients(planetary_constant)
-    return -coefficients[member] / coefficients[output_member]
-
-
 def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: str) -> Path:
-    ratios = section(data, "gear_pairs")
-    efficiency = data.get("gear_efficiency", 0.98)
+    ratios, efficiency = section(data, "gear_pairs"), data.get("gear_efficiency", 0.98)
     entry = section(paths, key, where)
     names = get(entry, "gear_pairs", f"{where}{key}.")
     if not isinstance(names, list):
@@ -265,13 +251,12 @@ def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: st
 
 
 def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
-    where = "pump_motor."
-    return PumpMotor(
-        number(data, "pump_displacement_cm3_per_rev", where) * _CM3_PER_REV,
-        number(data, "motor_displacement_cm3_per_rev", where) * _CM3_PER_REV,
-        number(data, "pump_friction", where) if "pump_friction" in data else 0.01,
-        number(data, "motor_friction", where) if "motor_friction" in data else 0.01,
-    )
+    def given(name: str) -> float:
+        return number(data, name, "pump_motor.")
+
+    friction = {name: given(name) for name in ("pump_friction", "motor_friction") if name in data}
+    return PumpMotor(given("pump_displacement_cm3_per_rev") * _CM3_PER_REV,
+                     given("motor_displacement_cm3_per_rev") * _CM3_PER_REV, **friction)
 
 
 def _round(value: float) -> float:

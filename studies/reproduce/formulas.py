@@ -15,11 +15,6 @@ import numpy as np
 from hmcvt_core.files.resources import data_path
 from hmcvt_core.physics import published
 from hmcvt_core.transmission.stage import speed_ratio
-from hmcvt_core.transmission.uncertainty import (
-    random_uncertainty,
-    systematic_uncertainty,
-    total_uncertainty,
-)
 
 from . import paper
 from .bench import stage, table2
@@ -33,12 +28,12 @@ def uncertainties() -> list[Item]:
     """The five printed uncertainties."""
     expected = paper.Uncertainties()
     torque, speed = paper.TORQUE_READINGS, paper.SPEED_READINGS
-    random = [100.0 * random_uncertainty(*readings) for readings in (torque, speed)]
-    system = [100.0 * systematic_uncertainty(error / full)
-              for error, full in (paper.TORQUE_SENSOR, paper.SPEED_SENSOR)]
-    at_reading = 100.0 * systematic_uncertainty(paper.TORQUE_SENSOR[0] / torque[0])
-    rpm = paper.SPEED_SENSOR[0] * math.pi / 30.0
-    speed_at_reading = 100.0 * systematic_uncertainty(rpm / speed[0])
+    random = [100.0 * deviation / mean for mean, deviation in (torque, speed)]  # (1)
+    uniform = 100.0 / math.sqrt(3.0)  # (2): the largest error, uniformly distributed
+    system = [uniform * error / full for error, full in (paper.TORQUE_SENSOR, paper.SPEED_SENSOR)]
+    at_reading = uniform * paper.TORQUE_SENSOR[0] / torque[0]
+    speed_at_reading = uniform * paper.SPEED_SENSOR[0] * math.pi / 30.0 / speed[0]
+    total = math.hypot(*random, *system)  # (3)
     return [
         printed(UNCERTAINTY, "random, torque [%]", expected.torque_random, random[0], ".2f"),
         printed(UNCERTAINTY, "random, speed [%]", expected.speed_random, random[1], ".2f"),
@@ -46,8 +41,7 @@ def uncertainties() -> list[Item]:
                 remark=f"of the full range; of the reading itself (2) gives {at_reading:.2f} %"),
         printed(UNCERTAINTY, "systematic, speed [%]", expected.speed_system, system[1], ".3f",
                 remark=f"of the full range; of the reading itself {speed_at_reading:.3f} %"),
-        printed(UNCERTAINTY, "total [%]", expected.total, total_uncertainty(*random, *system),
-                ".2f"),
+        printed(UNCERTAINTY, "total [%]", expected.total, total, ".2f"),
     ]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import hmcvt_core as hmcvt_library
-from hmcvt_core.physics.effects.oil import OilTemperature
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 
 from .running import HM4, POINT, TABLE2

@@ -29,13 +29,9 @@ def equation_5(displacement_ratio):
                  / (k * i["i2"] * i["i3"] * i["i4"] * i["i5"] * i["i6"] * i["i11"]))
 
 
-def test_table_1_stands_in_the_data():
+def test_table_1_stands_in_the_data_and_in_the_transmission_file():
     with hmcvt.data_path("data/table1.csv").open(encoding="utf-8") as file:
-        rows = {row["symbol"]: row["value"] for row in csv.DictReader(file)}
-    assert rows == TABLE_1
-
-
-def test_transmission_file_equals_table_1():
+        assert {row["symbol"]: row["value"] for row in csv.DictReader(file)} == TABLE_1
     data = yaml.safe_load(
         hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
     assert ({f"i{name}": ratio for name, ratio in data["gear_pairs"].items()}

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.drag import ChargePump
-from hmcvt_core.physics.effects.hydraulic import Compressibility, PressureFrictionStribeck
+from hmcvt_core.physics.effects.hydraulic import (
+    Compressibility,
+    DisplacementDeadBand,
+    PressureFrictionStribeck,
+)
 from hmcvt_core.physics.published import hydraulic_split_ratio
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 
@@ -77,9 +80,9 @@ def test_optimum_with_effects(model, effects):
 def test_stroke_limit_that_binds_is_said(model):
     """A pump without mechanical path worth the name: more stroke is always better."""
     pairs = model.stage.mechanical.gear_pairs
-    lossy = [hmcvt.GearPair(pair.name, pair.ratio, 0.5) for pair in pairs]
-    stage = hmcvt.Stage(**{**vars_of(model.stage), "mechanical": hmcvt.Path(tuple(lossy))})
-    other = hmcvt.EfficiencyModel(stage, hmcvt.HydraulicParameters(1e-13, 0.0, 0.0))
+    lossy = hmcvt.Path(tuple(replace(pair, efficiency=0.5) for pair in pairs))
+    other = hmcvt.EfficiencyModel(replace(model.stage, mechanical=lossy),
+                                  hmcvt.HydraulicParameters(1e-13, 0.0, 0.0))
     grid = np.linspace(-1.0, 1.0, 2001)
     assert np.nanargmax(other.efficiency(grid, 150.0, 150.0)) == 2000
     found = other.optimal_displacement_ratio(150.0, 150.0)
@@ -87,24 +90,13 @@ def test_stroke_limit_that_binds_is_said(model):
     assert found.limit == "displacement_ratio high"
 
 
-def vars_of(stage):
-    return {name: getattr(stage, name) for name in stage.__dataclass_fields__}
-
-
-def test_out_of_reach_is_nan(model):
-    found = model.optimal_displacement_ratio(
-        120.0, 150.0, hold="output_speed", output_speed=900.0)
-    for value in (found.efficiency, found.displacement_ratio, found.engine_speed):
-        assert math.isnan(value)
-    assert found.limit is None
-
-
-def test_stalled_everywhere_is_nan(hm4):
+def test_out_of_reach_or_stalled_everywhere_is_nan(model, hm4):
+    far = model.optimal_displacement_ratio(120.0, 150.0, hold="output_speed", output_speed=900.0)
     leaky = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(1e-8, 0.0, 0.0))
-    found = leaky.optimal_displacement_ratio(20.0, 2000.0)
-    assert math.isnan(found.efficiency)
-    assert math.isnan(found.displacement_ratio)
-    assert math.isnan(found.output_speed)
+    stalled = leaky.optimal_displacement_ratio(20.0, 2000.0)
+    assert np.isnan([far.efficiency, far.displacement_ratio, far.engine_speed]).all()
+    assert np.isnan([stalled.efficiency, stalled.displacement_ratio, stalled.output_speed]).all()
+    assert far.limit is stalled.limit is None
 
 
 @pytest.mark.parametrize("hold", ["engine_speed", "output_speed"])
@@ -151,14 +143,10 @@ def test_arrays_equal_scalars(model, hold):
      "engine_speed_limits = 200, 100: the first must be lower"),
     ({"hold": "output_speed", "output_speed": 100.0, "engine_speed_limits": (750.0, 2200.0)},
      r"engine_speed_limits: engine_speed\[0\] = 750 is outside"),
+    ({"engine_speed": math.nan}, "engine_speed = nan is not finite"),
+    ({"load_torque": 0.0}, "load_torque = 0 is outside 1 to 5000 N m"),
 ])
 def test_bad_requests(model, options, message):
     with pytest.raises(hmcvt.InputError, match=message):
-        model.optimal_displacement_ratio(120.0, 150.0, **options)
-
-
-def test_bad_points(model):
-    with pytest.raises(hmcvt.InputError, match="engine_speed = nan is not finite"):
-        model.optimal_displacement_ratio(math.nan, 150.0)
-    with pytest.raises(hmcvt.InputError, match="load_torque = 0 is outside 1 to 5000 N m"):
-        model.optimal_displacement_ratio(150.0, 0.0)
+        model.optimal_displacement_ratio(
+            **{"engine_speed": 120.0, "load_torque": 150.0, **options})

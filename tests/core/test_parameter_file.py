@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import hmcvt_core as hmcvt
-from hmcvt_core.model.parameter_file import TRANSMISSION_SCHEMA
+from hmcvt_core.model.parameter_file import _from_mapping
 
 STROKES = np.linspace(-1.0, 1.0, 21)
 
@@ -80,30 +80,22 @@ def test_the_same_model_again_is_no_other_version(model, saved, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_failed_save_leaves_the_old_file(model, tmp_path):
+def test_failed_save_leaves_no_file(model, tmp_path):
     with pytest.raises(OSError):
         hmcvt.save_model(model, tmp_path / "absent" / "model.yaml")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_changed_value_is_noticed(saved):
+@pytest.mark.parametrize(("old", "new"), [
+    ("value: 0.", "value: 0.1"),
+    ("transmission:", "1: one\ntransmission:"),  # what was never written
+    ("transmission:", "list: &list [*list]\ntransmission:"),
+])
+def test_changed_text_is_noticed(saved, old, new):
     text = saved.read_text(encoding="utf-8")
-    assert "value: 0." in text
-    saved.write_text(text.replace("value: 0.", "value: 0.1", 1), encoding="utf-8")
+    assert old in text
+    saved.write_text(text.replace(old, new, 1), encoding="utf-8")
     assert_refused(saved, r"checksum does not match: the file is damaged or was edited; .*remove")
-
-
-def test_edit_on_purpose_is_allowed(saved):
-    def change(data):
-        data["parameters"]["pump_damping"]["value"] = 0.25
-
-    assert hmcvt.load_model(edited(saved, change)).parameters.pump_damping == 0.25
-
-
-@pytest.mark.parametrize("line", ["1: one", "list: &list [*list]"])
-def test_checksum_of_what_was_never_written_does_not_match(saved, line):
-    saved.write_text(f"{saved.read_text(encoding='utf-8')}{line}\n", encoding="utf-8")
-    assert_refused(saved, "checksum does not match")
 
 
 def test_numbers_as_people_write_them(saved):
@@ -130,14 +122,12 @@ def put(*path):
 
 @pytest.mark.parametrize(("change", "message"), [
     (put("schema", "hmcvt-model/9"), r"schema = 'hmcvt-model/9'; this version reads 'hmcvt-model/"),
-    (put("schema", TRANSMISSION_SCHEMA), r"schema = 'hmcvt-transmission/1'; this version reads"),
     (put("formulation", "magic"), r"formulation = 'magic'; there is power_balance, published"),
     (put("formulation", KeyError), r"formulation is missing"),
     (put("parameters", KeyError), r"parameters is missing"),
     (put("parameters", "leakage", KeyError), r"parameters\.leakage is missing"),
     (put("parameters", "leakage", "value", KeyError), r"parameters\.leakage\.value is missing"),
     (put("parameters", "leakage", "value", math.nan), r"parameters\.leakage\.value = nan is not"),
-    (put("parameters", "leakage", "value", math.inf), r"parameters\.leakage\.value = inf is not"),
     (put("parameters", "leakage", "value", "much"), r"parameters\.leakage\.value = 'much' is not"),
     (put("parameters", "leakage", "value", True), r"parameters\.leakage\.value = True is not"),
     (put("parameters", "leakage", "value", 3.0),
@@ -155,7 +145,6 @@ def put(*path):
      r"pump\.direction = -1 is not allowed; allowed: 1: give the motor path"),
     (put("correlation", 0, 1, 2.0), r"correlation = .* is not a 3 x 3 matrix of -1 to 1"),
     (put("domain", "engine_speed", [2.0]), r"domain\.engine_speed = \[2\.0\] is not \[low, high\]"),
-    (put("domain", "engine_speed", [2.0, 1.0]), r"domain\.engine_speed = \[2\.0, 1\.0\]: needs"),
     (put("effects", "none"), r"effects = 'none' is not a list"),
     (put("effects", [{"effect": "magic"}]), r"effects\[0\]: effect = 'magic'.* is not known;"),
     (put("effects", ["charge_pump"]), r"effects\[0\] = 'charge_pump' is not a mapping"),
@@ -224,43 +213,38 @@ def places(data, path=()):
         yield from places(value, (*path, key))
 
 
-def test_damage_of_any_field_is_an_input_error_or_harmless(model):
-    """Every field of a model file replaced by every kind of junk."""
-    from hmcvt_core.model.parameter_file import _from_mapping
-
-    whole = model.to_mapping() | {"effects": [
+def whole_model():
+    model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    return model.to_mapping() | {"effects": [
         {"effect": "charge_pump", "parameters": {"torque": {"value": 1.0}}}]}
-    assert _from_mapping(whole).effects
+
+
+def whole_transmission():
+    text = hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8")
+    return yaml.safe_load(text)
+
+
+@pytest.mark.parametrize(("whole", "read", "sound", "least"), [
+    (whole_model(), _from_mapping, lambda model: 0.0 < model.efficiency(0.5, 120.0, 180.0) < 1.0
+     and model.to_mapping(), 500),
+    (whole_transmission(), hmcvt.Stage.from_mapping,
+     lambda stage: stage.mechanical_speed_ratio > 0.0, 200),
+], ids=["model", "transmission"])
+def test_damage_of_any_field_is_an_input_error_or_harmless(whole, read, sound, least):
+    """Every field replaced by every kind of junk."""
+    assert sound(read(whole))
     refused = 0
     for place in places(whole):
         for junk in JUNK:
             data = copy.deepcopy(whole)
             put(*place, junk)(data)
             try:
-                read = _from_mapping(data)
+                found = read(data)
             except hmcvt.InputError:
                 refused += 1
             else:
-                assert read.to_mapping()
-                assert 0.0 < read.efficiency(0.5, 120.0, 180.0) < 1.0
-    assert refused > 500
-
-
-def test_damage_of_any_transmission_field_is_an_input_error_or_harmless():
-    whole = yaml.safe_load(
-        hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
-    refused = 0
-    for place in places(whole):
-        for junk in JUNK:
-            data = copy.deepcopy(whole)
-            put(*place, junk)(data)
-            try:
-                read = hmcvt.Stage.from_mapping(data)
-            except hmcvt.InputError:
-                refused += 1
-            else:
-                assert read.mechanical_speed_ratio > 0.0
-    assert refused > 200
+                assert sound(found)
+    assert refused > least
 
 
 def assert_refused(path, message, load=hmcvt.load_model):

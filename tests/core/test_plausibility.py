@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.model.plausibility import output_speed_remark
+from hmcvt_core.model.agreement import output_speed_remark
 
 
 @pytest.fixture(scope="module")

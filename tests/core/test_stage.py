@@ -12,7 +12,7 @@ from hypothesis import given
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics import published
-from hmcvt_core.physics.balance import power_flow
+from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.transmission.points import OperatingPoints
 from hmcvt_core.transmission.stage import speed_ratio
 
@@ -119,8 +119,8 @@ def test_published_formulas_follow_the_members(tmp_path):
     # By hand at eps = -0.5: ring 100, motor -50, sun 12.5, carrier 312.5 / 4; the torque of the
     # sun is a quarter of the carrier's, so its share is 12.5 / 4 / (312.5 / 4) = 0.04.
     assert published.hydraulic_split_ratio(stage, np.array([-0.5]))[0] == pytest.approx(0.04)
-    flow = power_flow(stage, hmcvt.HydraulicParameters(1e-16, 0.0, 0.0),
-                      OperatingPoints(np.array([-0.5]), np.array([100.0]), np.array([50.0])))
+    flow = BalanceSolver(stage, hmcvt.HydraulicParameters(1e-16, 0.0, 0.0)).flow(
+        OperatingPoints(np.array([-0.5]), np.array([100.0]), np.array([50.0])))
     share = flow.row_motor_torque * flow.state.motor_speed / flow.output_power
     assert share[0] == pytest.approx(0.04, rel=1e-6)
 
@@ -155,7 +155,6 @@ def test_mapping_round_trip(stage):
     ("[A]", "[[A]]", r"gear_pairs\.\['A'\] is not a name"),
     ("k2: 3.0", "k2: 0.5", r"planetary constant = 0\.5 is not allowed; allowed: more than 1"),
     ("row: k2", "row: k7", r"planetary_rows\.k7 is missing; there is k2"),
-    ("member: ring", "member: sun", r"stage X1: members = .*sun, ring and carrier, each once"),
     ("member: ring", "member: planet", r"stage X1: members = .*sun, ring and carrier, each once"),
     ("direction: -1", "direction: 2", r"stages\.X1\.motor\.direction = 2 is not allowed"),
     ("member: ring", "member: ring, direction: -1", r"more than 0; check the directions"),

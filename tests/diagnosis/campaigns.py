@@ -5,16 +5,16 @@ import functools
 from dataclasses import replace
 
 import numpy as np
-from hmcvt_core.physics.power_balance import OperatingPoints
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis.candidates import fitted_campaign
-from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
+from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
+from hmcvt_core.physics.effects.hydraulic import DisplacementDeadBand
 from hmcvt_core.physics.effects.drag import ChargePump, Churning
 from hmcvt_core.physics.effects.gears import PlanetaryMesh
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
-from hmcvt_core.physics.effects.oil import OilTemperature
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from hmcvt_core.transmission.points import OperatingPoints
 
 STAGE = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
 BASE = hmcvt.EfficiencyModel(STAGE, hmcvt.HydraulicParameters(2e-11, 0.12, 0.2))
@@ -74,7 +74,7 @@ def with_column(samples, **columns):
 
 
 def fitted(samples, noise=NOISE, model=BASE):
-    return fitted_campaign(Transmission(model), observe(samples, noise))
+    return refit(Hypothesis(Transmission(model)), observe(samples, noise))
 
 
 BAND = (142.0, 160.0)  # rad/s

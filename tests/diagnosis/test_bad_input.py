@@ -22,15 +22,14 @@ def _sane(found):
     return found
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", [1, 4])
 def test_fewer_samples_than_can_tell(n):
     with pytest.raises(hmcvt.InputError, match=f"{n} samples .*at least 5"):
         hmcvt.diagnose(BASE, SAMPLES.select(np.arange(n)), noise=NOISE)
 
 
-@pytest.mark.parametrize("n", [5, 12])
-def test_few_samples_make_no_bold_claim(n):
-    found = _sane(hmcvt.diagnose(BASE, QUIET.select(np.arange(n)), noise=NOISE))
+def test_few_samples_make_no_bold_claim():
+    found = _sane(hmcvt.diagnose(BASE, QUIET.select(np.arange(5)), noise=NOISE))
     assert found.verdict == "no_gap"
 
 
@@ -77,7 +76,7 @@ def test_noise_that_cannot_be(noise):
 
 @pytest.mark.parametrize("noise", [1e-6, 0.2])
 def test_noise_at_the_ends_of_its_range(noise):
-    _sane(hmcvt.diagnose(BASE, SAMPLES, noise=noise))
+    _sane(hmcvt.diagnose(BASE, SAMPLES.select(np.arange(20)), noise=noise))
 
 
 def test_output_speed_in_another_unit_is_not_explained_away():

@@ -36,7 +36,7 @@ def diagnosis(name: str) -> Diagnosis:
     clear = replace(first, indistinguishable_from=())
     if name == "no_gap":
         return replace(
-            found, verdict=name, causes=(), where=(), next_tests=(), component=None,
+            found, verdict=name, causes=(), where=(), next_tests=(),
             gap=replace(found.gap, p_value=0.3, significant=False), residuals_after=(
                 found.residuals_before))
     if name == "cause_found":
@@ -46,7 +46,7 @@ def diagnosis(name: str) -> Diagnosis:
                 replace(second, together_with=first.effect, indistinguishable_from=("churning",)))
         return replace(found, causes=(*pair, *others))
     if name == "unexplained":
-        return replace(found, verdict=name, component=None, next_tests=())
+        return replace(found, verdict=name, next_tests=())
     if name == "holdout":
         return replace(found, shrinkage=replace(found.shrinkage, on="holdout"),
                        residuals_before=found.residuals_before[:30],
@@ -70,7 +70,7 @@ def hostile(found: Diagnosis) -> Diagnosis:
              NextTest(None, ("churning", "charge_pump"), 0.0, None))
     return replace(
         found, samples=replace(found.samples, source=HOSTILE), causes=(bad, *found.causes[1:]),
-        next_tests=tests, notes=(HOSTILE,), component=HOSTILE,
+        next_tests=tests, notes=(HOSTILE,),
         shrinkage=replace(found.shrinkage, interval=None))
 
 
@@ -79,7 +79,7 @@ def bare(found: Diagnosis) -> Diagnosis:
     stalled = replace(found.base, parameters=hmcvt.HydraulicParameters(9e-9, 0.1, 0.1))
     nothing = np.full(4, np.nan)
     return replace(
-        found, where=(), causes=(), next_tests=(), notes=(), component=None, base=stalled,
+        found, where=(), causes=(), next_tests=(), notes=(), base=stalled,
         shrinkage=ShrinkageSummary(0.01, 0.01, None, None, "holdout"), residuals_before=nothing,
         residuals_after=nothing)
 

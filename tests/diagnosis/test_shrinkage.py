@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import observe
-from hmcvt_core.diagnosis.candidates import Linear
-from hmcvt_core.diagnosis.evidence import evidence, gram
 from hmcvt_core.diagnosis.observations import replicate_groups
+from hmcvt_core.diagnosis.ranking import weigh
 from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, deals, folds, shrinkage
 
 from .campaigns import campaign, measure, random_points
@@ -20,9 +19,9 @@ def _observed(samples, trust=1e8):
     return replace(observed, readings=(replace(observed.readings[0], trust=trust),))
 
 
-def _linear(columns, target, spread, positive=None):
-    found = evidence(gram(columns, target)[None], target.shape[1], spread[None], np.array([1e8]))
-    return Linear(columns, target, spread, positive, float(found.log[0]), found)
+def _linear(observed, columns, target, spread, positive=None):
+    linear, = weigh(observed, columns, target, spread[None], positive)
+    return linear
 
 
 # --- folds ----------------------------------------------------------------------------------------
@@ -60,31 +59,21 @@ def test_folds_follow_the_seed_and_are_dealt_anew_where_that_matters():
 # --- the formula ----------------------------------------------------------------------------------
 
 
-def test_fraction_is_of_squares_above_noise():
-    before, after = np.array([0.02, -0.02] * 10), np.array([-0.01, 0.01] * 10)
-    found = shrinkage(before, after, np.array(0.005), "holdout", seed=0)
-    assert found.before == pytest.approx(np.sqrt(4e-4 - 0.25e-4))
-    assert found.after == pytest.approx(np.sqrt(1e-4 - 0.25e-4))
-    assert found.fraction == pytest.approx(0.8)
-    assert found.interval == pytest.approx((0.8, 0.8)), "all samples say the same"
+@pytest.mark.parametrize(("before", "after", "noise", "expected"), [
+    (np.array([0.02, -0.02] * 10), np.array([-0.01, 0.01] * 10), 0.005, 0.8),
+    (np.full(4, 0.02), np.full(4, 0.01), [0.0, 0.01, 0.0, 0.01], 1.0 - 0.5e-4 / 3.5e-4),
+    (np.full(30, 0.02), np.full(30, 1e-4), 0.005, 1.0),
+    (np.full(30, 0.02), np.full(30, 0.03), 0.005, 1.0 - 8.75 / 3.75),
+    (np.full(30, 0.02), np.full(30, 0.9), 0.005, -10.0),
+], ids=["above noise", "noise of each sample", "no more than all", "worse", "much worse"])
+def test_fraction(before, after, noise, expected):
+    found = shrinkage(before, after, np.array(noise), "holdout", seed=0)
+    gap = [max(np.mean(errors**2 - np.square(noise)), 0.0) ** 0.5 for errors in (before, after)]
+    assert [found.before, found.after] == pytest.approx(gap)
+    assert found.fraction == pytest.approx(expected)
     assert found.on == "holdout"
-
-
-def test_noise_may_differ_from_sample_to_sample():
-    before, after = np.full(4, 0.02), np.full(4, 0.01)
-    found = shrinkage(before, after, np.array([0.0, 0.01, 0.0, 0.01]), "cross-validation", seed=0)
-    assert found.fraction == pytest.approx(1.0 - 0.5e-4 / 3.5e-4)
-
-
-def test_below_the_noise_all_is_gone_and_no_more():
-    found = shrinkage(np.full(30, 0.02), np.full(30, 1e-4), np.array(0.005), "holdout", seed=0)
-    assert found.after == 0.0
-    assert found.fraction == 1.0
-
-
-def test_an_effect_that_makes_it_worse_shrinks_by_less_than_nothing():
-    found = shrinkage(np.full(30, 0.02), np.full(30, 0.03), np.array(0.005), "holdout", seed=0)
-    assert found.fraction == pytest.approx(1.0 - 8.75 / 3.75)
+    if np.ndim(noise) == 0:
+        assert found.interval == pytest.approx((expected, expected)), "all samples say the same"
 
 
 def test_interval_covers_the_fraction():
@@ -116,12 +105,11 @@ def _problem(seed=0, n=30, p=3):
 
 
 def test_errors_are_those_of_a_fit_to_the_others():
-    samples = campaign(n=30, seed=1)
-    observed = _observed(samples)
+    observed = _observed(campaign(n=30, seed=1))
     columns, target = _problem()
     spread = np.array([1.0, 2.0, 3.0])
     parts = folds(observed, seed=0)
-    errors = cross_validated_errors([_linear(columns, target, spread)], observed, parts)
+    errors = cross_validated_errors([_linear(observed, columns, target, spread)], observed, parts)
     for part in parts:
         others = np.setdiff1d(np.arange(30), part)
         own = columns[0, others]
@@ -132,15 +120,15 @@ def test_errors_are_those_of_a_fit_to_the_others():
 
 def test_the_rival_is_chosen_on_the_others():
     """An outlier that only a column of its own explains is not predicted by that column."""
-    samples = campaign(n=30, seed=1)
-    observed = _observed(samples)
+    observed = _observed(campaign(n=30, seed=1))
     columns, target = _problem()
     target = target.copy()
     target[0, 7] += 30.0
     spike = np.zeros((1, 30, 1))
     spike[0, 7] = 1.0
-    plain = _linear(columns, target, np.ones(3))
-    spiked = _linear(np.concatenate([columns, spike], axis=-1), target, np.array([1, 1, 1, 30.0]))
+    plain = _linear(observed, columns, target, np.ones(3))
+    spiked = _linear(observed, np.concatenate([columns, spike], axis=-1), target,
+                     np.array([1, 1, 1, 30.0]))
     assert spiked.log > plain.log
     parts = folds(observed, seed=0)
     errors = cross_validated_errors([plain, spiked], observed, parts)
@@ -148,14 +136,12 @@ def test_the_rival_is_chosen_on_the_others():
 
 
 def test_a_size_that_goes_negative_is_held_at_zero():
-    samples = campaign(n=30, seed=1)
-    observed = _observed(samples)
+    observed = _observed(campaign(n=30, seed=1))
     rng = np.random.default_rng(5)
     columns = rng.standard_normal((1, 30, 2))
     target = columns @ np.array([1.0, -3.0])
-    parts = folds(observed, seed=0)
-    held = cross_validated_errors([_linear(columns, target, np.ones(2), positive=1)], observed,
-                                  parts)
-    without = cross_validated_errors([_linear(columns[..., :1], target, np.ones(1))], observed,
-                                     parts)
+    held, without = (
+        cross_validated_errors([linear], observed, folds(observed, seed=0)) for linear in (
+            _linear(observed, columns, target, np.ones(2), positive=1),
+            _linear(observed, columns[..., :1], target, np.ones(1))))
     np.testing.assert_allclose(held, without, rtol=1e-5)

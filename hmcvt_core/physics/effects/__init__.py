@@ -23,12 +23,12 @@ __all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "ef
 def library() -> tuple[type[Effect], ...]:
     """Return every effect class known, sorted by name and form.
 
-    A subclass of an effect that states neither a name nor a form of its own is none of its own.
+    A class without a size, or a subclass with neither a name nor a form of its own, is none.
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
     found = [effect for effect in _subclasses(Effect)
-             if effect.name and not {"name", "form"}.isdisjoint(vars(effect))]
+             if effect.name and effect.sizes() and not {"name", "form"}.isdisjoint(vars(effect))]
     return tuple(sorted(found, key=lambda effect: (effect.name, effect.form)))
 
 

@@ -25,7 +25,6 @@ class ChargePump(Effect):
     torque: float = size("N m", 4.0, 0.0, 25.0, "torque on the pump shaft")
 
     def pump_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.torque
 
 
@@ -44,7 +43,6 @@ class BearingDrag(Effect):
     exponent: float = shape("-", (0.0, 0.67), "power of speed in the torque")
 
     def engine_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.torque * (state.engine_speed / _ENGINE_REFERENCE) ** self.exponent
 
 
@@ -62,7 +60,6 @@ class Churning(Effect):
     exponent: float = shape("-", (1.5, 1.75, 2.0), "power of speed in the torque")
 
     def engine_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.torque * (state.engine_speed / _ENGINE_REFERENCE) ** self.exponent
 
 
@@ -82,7 +79,6 @@ class OutputChurning(Effect):
     exponent: float = shape("-", (1.5, 1.75, 2.0), "power of speed in the torque")
 
     def output_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.torque * (state.output_speed / _OUTPUT_REFERENCE) ** self.exponent
 
 
@@ -106,6 +102,5 @@ class ClutchDrag(Effect):
                               "output speed at the peak")
 
     def output_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         x = state.output_speed / self.peak_speed
         return self.torque * 2.0 * x / (1.0 + x * x)

@@ -27,7 +27,6 @@ class GearEfficiency(Effect):
     loss: float = size("-", 0.004, -0.02, 0.05, "further part of the power lost in each pair")
 
     def gear_loss(self, power: Array, speed: Array) -> Value:
-        """See `Effect`."""
         return self.loss
 
 
@@ -48,7 +47,6 @@ class GearMesh(Effect):
     speed_exponent: float = shape("-", (0.0, 0.3), "falling power of the speed")
 
     def gear_loss(self, power: Array, speed: Array) -> Value:
-        """See `Effect`."""
         turning = np.maximum(np.abs(speed), 1.0)
         torque = np.abs(power) / turning
         # No pair can lose more than it carries, however far a fit strays.
@@ -71,7 +69,6 @@ class PlanetaryMesh(Effect):
     loss: float = size("-", 0.03, 0.0, 0.2, "part of the rolling power lost")
 
     def planetary_loss(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.loss
 
 
@@ -89,5 +86,4 @@ class PlanetaryRolling(Effect):
     loss: float = size("-", 0.03, 0.0, 0.2, "part of the rolling power lost")
 
     def engine_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.loss * state.sun_torque * np.abs(state.sun_speed) / state.engine_speed

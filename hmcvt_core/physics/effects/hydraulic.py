@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects inside the pump-motor pair: leakage, compressibility, friction, port losses."""
+"""Effects inside the pump-motor pair: swash actuator, leakage, friction, ports, and its oil."""
 
 from __future__ import annotations
 
@@ -12,6 +12,58 @@ from .base import Array, Effect, ShaftState, Value, shape, size
 _PRESSURE = 20e6  # Pa, sizes are stated at this pressure
 _REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
+_REFERENCE = 60.0  # deg C, viscosity ratio 1
+_KELVIN = 273.15
+_VG46 = (46.0, 6.8)  # mm2/s at 40 and 100 deg C
+
+
+class _Displacement(Effect):
+    name = "displacement_error"
+    component = "actuator"
+    remedy = "read the swash angle, or the output speed at no load"
+
+
+@dataclass(frozen=True)
+class DisplacementOffset(_Displacement):
+    """True ratio = commanded + offset."""
+
+    form = "offset"
+    summary = "the swash plate stands a constant angle off the one commanded"
+    source = "feedback zero of swash actuators"
+
+    offset: float = size("-", 0.015, -0.1, 0.1, "true minus commanded ratio")
+
+    def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
+        return displacement_ratio + self.offset
+
+
+@dataclass(frozen=True)
+class DisplacementGain(_Displacement):
+    """True ratio = commanded (1 + gain)."""
+
+    form = "gain"
+    summary = "the swash plate turns by another angle than commanded, in proportion"
+    source = "feedback gain of swash actuators"
+
+    gain: float = size("-", 0.02, -0.1, 0.1, "true / commanded ratio - 1")
+
+    def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
+        return displacement_ratio * (1.0 + self.gain)
+
+
+@dataclass(frozen=True)
+class DisplacementDeadBand(_Displacement):
+    """True ratio = commanded, less a dead band about zero."""
+
+    form = "dead band"
+    summary = "the swash plate does not answer small commands and lags larger ones"
+    source = "overlap of servo valves"
+
+    half_width: float = size("-", 0.02, 0.0, 0.15, "half width of the dead band")
+
+    def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
+        beyond = np.maximum(np.abs(displacement_ratio) - self.half_width, 0.0)
+        return np.sign(displacement_ratio) * beyond
 
 
 @dataclass(frozen=True)
@@ -28,7 +80,6 @@ class PressureLeakage(Effect):
     exponent: float = shape("-", (0.5, 1.0, 2.0, 3.0), "power of pressure in the further leakage")
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         opening = (np.abs(state.pressure) / _PRESSURE) ** self.exponent
         return self.leakage / state.viscosity_ratio * state.pressure * opening
 
@@ -47,7 +98,6 @@ class OrificeLeakage(Effect):
     flow: float = size("m3/s", 1.5e-4, 0.0, 2e-3, "flow lost at 20 MPa")
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         root = np.sqrt(np.abs(state.pressure) / _PRESSURE)
         return self.flow * np.sign(state.pressure) * root
 
@@ -67,7 +117,6 @@ class StrokeLeakage(Effect):
     exponent: float = shape("-", (1.0, 2.0), "power of the displacement ratio")
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         tilt = np.abs(state.displacement_ratio) ** self.exponent
         return self.leakage / state.viscosity_ratio * state.pressure * tilt
 
@@ -94,7 +143,6 @@ class Compressibility(Effect):
     softening: float = shape("MPa", (0.0, 5.0), "pressure below which the oil is softer")
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         pump = (self._pump_volume(state.displacement_ratio)) * state.pump_speed
         pumping = 0.5 * (1.0 - np.tanh(state.motor_speed / _REVERSAL))
         motor = (self.dead_volume + pumping) * np.abs(state.motor_speed)
@@ -133,34 +181,24 @@ class PressureFrictionStroke(Effect):
     coefficient: float = size("-", 0.02, 0.0, 0.15, "further friction torque / pressure torque")
 
     def pump_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         torque = np.abs(state.pressure * state.displacement_ratio) * state.displacement
         return self.coefficient * torque
 
     def motor_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.coefficient * np.abs(state.pressure) * state.displacement
 
 
 @dataclass(frozen=True)
-class PressureFrictionFull(Effect):
+class PressureFrictionFull(PressureFrictionStroke):
     """c dp V at full displacement in pump and motor: it does not vanish at eps = 0."""
 
-    name = "pressure_friction"
     form = "at full stroke"
-    component = "pump"
     summary = ("parts pressed together rub: friction torque grows with pressure, in the pump also "
                "at no stroke")
     source = "McCandlish & Dorey 1984: C_f dp D_max"
-    remedy = "measure the loop pressure"
-
-    coefficient: float = size("-", 0.02, 0.0, 0.15, "further friction torque / pressure torque")
 
     def pump_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         return self.coefficient * np.abs(state.pressure) * state.displacement
-
-    motor_drag = PressureFrictionStroke.motor_drag
 
 
 @dataclass(frozen=True)
@@ -178,12 +216,10 @@ class PressureFrictionStribeck(Effect):
     fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
 
     def pump_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         fade = np.exp(-state.pump_speed / self.fade_speed)
         return self.coefficient * fade * np.abs(state.pressure) * state.displacement
 
     def motor_drag(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         fade = np.exp(-np.abs(state.motor_speed) / self.fade_speed)
         return self.coefficient * fade * np.abs(state.pressure) * state.displacement
 
@@ -203,6 +239,32 @@ class PortPressureDrop(Effect):
     exponent: float = shape("-", (1.0, 1.75), "power of the flow")
 
     def pressure_drop(self, state: ShaftState) -> Value:
-        """See `Effect`."""
         x = state.motor_speed / 200.0
         return self.drop * np.sign(x) * np.abs(x) ** self.exponent
+
+
+def walther_log_viscosity(oil_temperature: Array) -> Array:
+    """ln of the kinematic viscosity of an ISO VG 46 oil, Walther (ASTM D341) [ln(mm2/s)]."""
+    warm, hot = (np.log10(np.log10(value + 0.7)) for value in _VG46)
+    slope = (warm - hot) / np.log10((100.0 + _KELVIN) / (40.0 + _KELVIN))
+    level = warm + slope * np.log10(40.0 + _KELVIN)
+    double = level - slope * np.log10(np.asarray(oil_temperature) + _KELVIN)
+    return np.asarray(np.log(10.0 ** (10.0**double) - 0.7))
+
+
+@dataclass(frozen=True)
+class OilTemperature(Effect):
+    """mu / mu_60 = (Walther ratio of VG 46)^strength; 1 is such an oil, 0 no dependence."""
+
+    name = "oil_temperature"
+    component = "oil"
+    summary = "oil temperature changes viscosity: hot oil leaks more and damps less"
+    source = "Walther / ASTM D341"
+    remedy = "log the oil temperature and sweep it"
+
+    strength: float = size("-", 1.0, 0.0, 2.5, "sensitivity / that of an ISO VG 46 oil")
+
+    def viscosity_ratio(self, oil_temperature: Array) -> Value:
+        change = (walther_log_viscosity(oil_temperature)
+                  - walther_log_viscosity(np.array(_REFERENCE)))
+        return np.asarray(np.exp(self.strength * change))

@@ -7,82 +7,63 @@ from dataclasses import dataclass
 
 from .base import Array, Effect, ShaftState, size
 
-_REMEDY = "check the meter's zero before and after the campaign; calibrate it with a dead weight"
-_SOURCE = "paper, section 2.2: meter error up to 10 N m; 0.12 % systematic"
-_PRIOR = 2.0  # a meter is wrong more often than any one part
+
+class _TorqueMeter(Effect):
+    name = "torque_sensor"
+    component = "sensor"
+    source = "paper, section 2.2: meter error up to 10 N m; 0.12 % systematic"
+    remedy = ("check the meter's zero before and after the campaign; calibrate it with a dead "
+              "weight")
+    prior = 2.0  # a meter is wrong more often than any one part
 
 
 @dataclass(frozen=True)
-class EngineTorqueZero(Effect):
+class EngineTorqueZero(_TorqueMeter):
     """The engine torque meter reads T + zero."""
 
-    name = "torque_sensor"
     form = "zero of the engine meter"
-    component = "sensor"
     summary = "the engine torque meter is off by a constant: light loads look wrong most"
-    source = _SOURCE
-    remedy = _REMEDY
-    prior = _PRIOR
 
     zero: float = size("N m", 3.0, -20.0, 20.0, "reading at no torque")
 
     def reading(self, efficiency: Array, state: ShaftState) -> Array:
-        """See `Effect`."""
         return efficiency / (1.0 + self.zero * efficiency * state.engine_speed / state.load_power)
 
 
 @dataclass(frozen=True)
-class EngineTorqueGain(Effect):
+class EngineTorqueGain(_TorqueMeter):
     """The engine torque meter reads T (1 + gain)."""
 
-    name = "torque_sensor"
     form = "gain of the engine meter"
-    component = "sensor"
     summary = "the engine torque meter is off in proportion: every efficiency looks wrong alike"
-    source = _SOURCE
-    remedy = _REMEDY
-    prior = _PRIOR
 
     gain: float = size("-", 0.012, -0.1, 0.1, "reading / torque - 1")
 
     def reading(self, efficiency: Array, state: ShaftState) -> Array:
-        """See `Effect`."""
         return efficiency / (1.0 + self.gain)
 
 
 @dataclass(frozen=True)
-class OutputTorqueZero(Effect):
+class OutputTorqueZero(_TorqueMeter):
     """The output torque meter reads T + zero."""
 
-    name = "torque_sensor"
     form = "zero of the output meter"
-    component = "sensor"
     summary = "the output torque meter is off by a constant: light loads look wrong most"
-    source = _SOURCE
-    remedy = _REMEDY
-    prior = _PRIOR
 
     zero: float = size("N m", 3.0, -20.0, 20.0, "reading at no torque")
 
     def true_load_power(self, load_power: Array, output_speed: Array) -> Array:
-        """See `Effect`."""
         return load_power - self.zero * output_speed
 
 
 @dataclass(frozen=True)
-class OutputTorqueGain(Effect):
+class OutputTorqueGain(_TorqueMeter):
     """The output torque meter reads T (1 + gain)."""
 
-    name = "torque_sensor"
     form = "gain of the output meter"
-    component = "sensor"
     summary = "the output torque meter is off in proportion: every efficiency looks wrong alike"
-    source = _SOURCE
-    remedy = _REMEDY
-    prior = _PRIOR
 
     gain: float = size("-", 0.012, -0.1, 0.1, "reading / torque - 1")
 
     def true_load_power(self, load_power: Array, output_speed: Array) -> Array:
-        """See `Effect`."""
         return load_power / (1.0 + self.gain)

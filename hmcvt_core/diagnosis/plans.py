@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""What operating points can tell apart: those of a plan, and those to measure next.
+
+For effects a, b of typical size with signatures d_a, d_b (in deviations of the readings, what the
+refit of the base parameters absorbs taken out):
+
+.. math:: L_a = \|d_a\|^2, \qquad L_{ab} = \|d_a\|^2 (1 - \cos^2\angle(d_a, d_b))
+
+L_a is how visible a is; L_ab how visible it stays when b may mimic it. Below nine (three standard
+deviations) it is not.
+
+What to measure next are the points at which the surviving causes disagree most.
+For two refitted causes f and g the gain of a set of points is what a test there would say against g
+if f were true, after g has bent its free parameters to the new readings too:
+
+.. math:: gain = \sum_i \frac{(f(x_i) - g_{i-1}(x_i))^2}{1 + v_{g,i-1}(x_i)}
+
+in squared deviations of the readings, g being conditioned on each point in turn (Buzzi-Ferraris &
+Forzatti 1983, with refit). Points are chosen one after another; both directions are averaged.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .hypothesis import Fit, Hypothesis, linearise
+from .observations import Observations, Reading
+from .ranking import Candidate, Ranking, screen
+from .result import NextTest
+from .system import Channel, System
+from .words import plain
+
+Array = NDArray[np.float64]
+
+ALIVE = 0.03
+"""Causes less probable than this are not worth a test."""
+
+DECISIVE = 9.0
+"""What settles a question: three standard deviations, squared."""
+
+_TESTS = 6
+_CAUSES = 4
+_CHANNEL_PAYS = 3.0
+_WIDTH = 100
+_MOST_REPEATS = 20
+
+
+class Confusion(NamedTuple):
+    """An effect that a plan can see and not tell from its twins.
+
+    Reading a further channel too would tell it from those `by_channel`; `remedies` are
+    measurements that settle it against the rest.
+    """
+
+    effect: str
+    twins: tuple[str, ...]
+    by_channel: tuple[str, ...]
+    remedies: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Isolability:
+    """What a plan can tell apart.
+
+    Attributes:
+        effects: names, sorted.
+        detectability: L of each at its typical size, shape (k,).
+        separation: row a, column b: L of a when b may mimic it, shape (k, k); the diagonal is
+            `detectability`.
+        samples: points in the plan.
+        noise: standard deviation of the first channel; `noise_source` says by whom.
+        channels: what is read, the first channel first.
+        further: name of the channel that a bench may read besides.
+        remedies: measurement that settles each effect when no operating point does, by name.
+        with_further: `separation` if the further channel were read too; None where it is.
+    """
+
+    effects: tuple[str, ...]
+    detectability: Array
+    separation: Array
+    samples: int
+    noise: float
+    noise_source: str
+    channels: tuple[Channel, ...]
+    further: str
+    remedies: Mapping[str, str]
+    with_further: Array | None = None
+
+    def confused(self) -> tuple[Confusion, ...]:
+        """Visible effects that another may mimic, visible at its own typical size or not."""
+        found = []
+        for i, name in enumerate(self.effects):
+            twins = self.twins(name) if self.detectability[i] >= DECISIVE else ()
+            by_channel = () if self.with_further is None else tuple(
+                other for other in twins
+                if self.with_further[i, self.effects.index(other)] >= DECISIVE)
+            left = [other for other in twins if other not in by_channel]
+            remedies = dict.fromkeys(self.remedies[each] for each in (name, *left) if left)
+            if twins:
+                found.append(Confusion(name, twins, by_channel, tuple(filter(None, remedies))))
+        return tuple(found)
+
+    def twins(self, effect: str) -> tuple[str, ...]:
+        """Effects that the plan cannot tell from one that it can see."""
+        i = self.effects.index(effect)
+        return tuple(other for j, other in enumerate(self.effects)
+                     if j != i and self.separation[i, j] < DECISIVE)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON."""
+        return {
+            "samples": self.samples, "noise": self.noise,
+            "noise_source": self.noise_source,
+            "channels": [channel.name for channel in self.channels],
+            "threshold": DECISIVE,
+            "effects": [{
+                "effect": name, "detectability": float(self.detectability[i]),
+                "visible": bool(self.detectability[i] >= DECISIVE),
+                "indistinguishable_from": list(self.twins(name)),
+            } for i, name in enumerate(self.effects)],
+            "confused": [{
+                "effect": item.effect, "indistinguishable_from": list(item.twins),
+                f"told_by_{self.further}": list(item.by_channel), "remedies": list(item.remedies),
+            } for item in self.confused()],
+            "separation": self.separation.tolist(),
+        }
+
+    def report(self, matrix: bool = False) -> str:
+        """Return what can be told apart, and what would help, as text for a person.
+
+        Args:
+            matrix: whether to print `separation` too.
+        """
+        confused, first = self.confused(), self.channels[0]
+        levels = dict(zip(self.effects, self.detectability.tolist(), strict=True))
+        told = [name for name, level in levels.items() if level >= DECISIVE
+                and name not in {item.effect for item in confused}]
+        lines = [f"{self.samples} points; read: "
+                 f"{', '.join(channel.name for channel in self.channels)}",
+                 f"noise of the {plain(first.name)}: {first.factor * self.noise:.2g} "
+                 f"{first.unit}, {self.noise_source}", "",
+                 *_listed("told from all others: ", told or ["none"])]
+        if confused:
+            lines += ["", "seen, but not told from:"]
+        for item in confused:
+            lines += _listed(f"  {item.effect}: ", item.twins)
+            if item.by_channel:
+                lines += _listed(f"    reading the {plain(self.further)} too tells it from ",
+                                 item.by_channel)
+            if item.remedies:
+                lines += _listed("    to settle it: ", ["; or ".join(item.remedies)])
+        hidden = []
+        for name, level in levels.items():
+            if level < DECISIVE:
+                times = DECISIVE / max(level, 1e-9)
+                hidden.append(name + (f" ({math.ceil(times)})" if times <= _MOST_REPEATS else ""))
+        lines += ["", *_listed("not visible at their typical size (number: runs of the whole plan "
+                               "that would show it): ", hidden or ["none"])]
+        return "\n".join([*lines, *(self._matrix() if matrix else ())])
+
+    def _matrix(self) -> list[str]:
+        width = max(len(name) for name in self.effects)
+        lines = ["", "squared deviations that the row's effect, at its typical size, leaves after "
+                 "the refit of the", "base parameters when the column's effect may mimic it; "
+                 f"visible from {DECISIVE:g}:",
+                 " " * (width + 3) + " ".join(f"{j + 1:>6}" for j in range(len(self.effects)))]
+        for i, name in enumerate(self.effects):
+            row = " ".join(f"{min(value, 99999.0):6.0f}" for value in self.separation[i])
+            lines.append(f"{i + 1:>2} {name:<{width}} {row}")
+        return lines
+
+
+def isolability(
+    system: System, plan: Observations, base: Array, fuller: Observations | None = None
+) -> Isolability:
+    """Tell which effects a set of operating points can show and tell apart.
+
+    Args:
+        system: what is to stand on the bench.
+        plan: what is to be read; the readings themselves are not used.
+        base: scaled base parameters.
+        fuller: the same plan with a further channel read; None where there is none.
+    """
+    found = _of_plan(system, plan, base)
+    if fuller is None:
+        return found
+    both = _of_plan(system, fuller, base)
+    # Read alone, a channel may show effects that the plan cannot.
+    index = [both.effects.index(name) for name in found.effects]
+    return replace(found, with_further=both.separation[np.ix_(index, index)])
+
+
+def _of_plan(system: System, plan: Observations, base: Array) -> Isolability:
+    # Nothing is read yet to which base parameters could be fitted.
+    fit = linearise(Hypothesis(system), plan, np.append(base, np.zeros(len(system.nuisances))),
+                    np.ones(len(plan.readings)))
+    data, prior = fit.absorbed
+    screened = screen(fit)
+    rows = np.array([change for _, _, change in screened])
+    shadow = np.einsum("mcn,cnp->mp", rows, data)
+    left = np.concatenate([
+        (rows - np.einsum("mp,cnp->mcn", shadow, data)).reshape(len(rows), -1),
+        -shadow @ prior.T], axis=1)
+    effects = tuple(sorted({form.name for _, form, _ in screened}))
+    index = np.array([effects.index(form.name) for _, form, _ in screened])
+    squares = np.sum(left**2, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.nan_to_num((left @ left.T) ** 2 / squares[None, :])
+    alone = np.maximum(squares[:, None] - part, 0.0)
+    # The worst case over the forms of each effect.
+    members = [np.flatnonzero(index == i) for i in range(len(effects))]
+    detectability = np.array([squares[own].min() for own in members])
+    separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
+                           for own in members])
+    np.fill_diagonal(separation, detectability)
+    read = len(plan.readings)
+    return Isolability(
+        effects, detectability, separation, len(plan), plan.usual_noise, plan.noise_source,
+        system.channels[:read], system.channels[min(read, len(system.channels) - 1)].name,
+        {form.name: form.remedy for _, form, _ in screened})
+
+
+def _listed(title: str, names: Iterable[str]) -> list[str]:
+    return textwrap.wrap(title + ", ".join(names), _WIDTH, subsequent_indent="      ",
+                         break_on_hyphens=False)
+
+
+# --- what to measure next -------------------------------------------------------------------------
+
+
+class _Rival(NamedTuple):
+    """A cause on the pool of possible tests, linear in its free parameters.
+
+    Attributes:
+        predicted: in deviations of the readings, shape (points, channels).
+        columns: shape (points, channels, p).
+        covariance: of the free parameters, shape (p, p).
+    """
+
+    predicted: Array
+    columns: Array
+    covariance: Array
+
+    def reads(self, channels: int) -> _Rival:
+        """Return the same where only the first channels are read."""
+        return self._replace(predicted=self.predicted[:, :channels],
+                             columns=self.columns[:, :channels])
+
+    def gains(self, truth: Array) -> Array:
+        """Squared surprise at each point if `truth` is read there, shape (points,)."""
+        variance = np.einsum("icp,pq,ieq->ice", self.columns, self.covariance, self.columns)
+        variance += np.eye(truth.shape[1])
+        miss = truth - self.predicted
+        surprise = np.linalg.solve(variance, miss[..., None])[..., 0]
+        return np.asarray(np.einsum("ic,ic->i", miss, surprise))
+
+    def given(self, index: int, reading: Array) -> _Rival:
+        """Return the same conditioned on a reading at one point (Kalman update)."""
+        own = self.columns[index]
+        gain = self.covariance @ own.T @ np.linalg.inv(
+            own @ self.covariance @ own.T + np.eye(len(own)))
+        change = gain @ (reading - self.predicted[index])
+        return self._replace(predicted=self.predicted + self.columns @ change,
+                             covariance=self.covariance - gain @ own @ self.covariance)
+
+
+def next_tests(base: Fit, ranking: Ranking) -> tuple[NextTest, ...]:
+    """Choose tests that separate the leading cause from each other one alive."""
+    names = [name for name, p in ranking.probability.items() if p >= ALIVE][:_CAUSES]
+    if len(names) < 2:
+        return ()
+    pool = _pool(base)
+    rivals = {name: _rival(ranking.best[name], pool) for name in names}
+    read = len(base.observed.readings)
+    tests: list[NextTest] = []
+    for name in names[1:]:
+        pair, most = (names[0], name), _TESTS if name == names[1] else 2
+        both = [rivals[each] for each in pair]
+        chosen, measure = _choose([each.reads(read) for each in both], most), None
+        if read < len(pool.readings):
+            fuller = _choose(both, most)
+            if sum(fuller.values()) > _CHANNEL_PAYS * max(sum(chosen.values()), 1.0):
+                chosen = fuller
+                measure = ", ".join(item.channel.name for item in pool.readings[read:])
+        tests += [NextTest({axis.name: float(pool.points[axis.name][i]) for axis in pool.steered},
+                           pair, gain, measure)
+                  for i, gain in chosen.items() if gain > 0.1 * DECISIVE / most]
+        if sum(chosen.values()) < DECISIVE:
+            # No operating point decides: say what does.
+            remedies = {effect.remedy for each in pair for effect in ranking.best[each].effects
+                        if effect.name == each}
+            tests += [NextTest(None, pair, 0.0, remedy) for remedy in sorted(remedies) if remedy]
+    return tuple(tests)
+
+
+def _pool(base: Fit) -> Observations:
+    """Possible tests, in every channel that there is, as if read with the present noise."""
+    observed, system = base.observed, base.hypothesis.system
+    points = system.candidates(observed.points, base.base)
+    predicted = system.predict(base.base, (), points)
+    readings = []
+    for i, (channel, values) in enumerate(zip(system.channels, predicted, strict=True)):
+        deviation = channel.uncertainty * values if channel.relative else np.full(
+            len(values), np.median(observed.scale[i]) * np.sqrt(base.noise[i]))
+        readings.append(Reading(channel, values, deviation, 1.0))
+    return replace(observed, points=points, readings=tuple(readings),
+                   number=np.arange(predicted.shape[1]))
+
+
+def _rival(item: Candidate, pool: Observations) -> _Rival:
+    there = linearise(item.fit.hypothesis, pool, item.fit.theta, item.fit.noise)
+    p = len(item.fit.theta)
+    return _Rival(-there.whitened.T, np.moveaxis(there.jacobian, 0, 1),
+                  item.linear.covariance[:p, :p])
+
+
+def _choose(rivals: Sequence[_Rival], most: int) -> dict[int, float]:
+    """Pick points one after another; each with its mean gain over both directions."""
+    first, second = rivals
+    one, other = second, first  # each adapts itself to what the other one foretells
+    chosen: dict[int, float] = {}
+    for _ in range(most):
+        gains = (one.gains(first.predicted) + other.gains(second.predicted)) / 2.0
+        gains[list(chosen)] = -1.0
+        best = int(gains.argmax())
+        chosen[best] = float(gains[best])
+        one = one.given(best, first.predicted[best])
+        other = other.given(best, second.predicted[best])
+    return chosen
