@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from rclpy.utilities import remove_ros_args
 
     from hmcvt_core import HmcvtError
-    from hmcvt_core.fleet.threads import ONE_BLAS_THREAD
+    from hmcvt_core.fleet import ONE_BLAS_THREAD
 
     from .node import EfficiencyNode
     from .parameters import usage

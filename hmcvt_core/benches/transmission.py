@@ -26,6 +26,7 @@ from ..physics.effects.base import Effect
 from ..physics.effects.gears import GearEfficiency
 from ..physics.effects.sensor import EngineTorqueGain
 from ..transmission.parameters import (
+    PAPER_EFFICIENCY_UNCERTAINTY,
     PARAMETER_NAMES,
     PARAMETER_RANGES,
     PRIOR_MEAN,
@@ -44,7 +45,6 @@ from ..transmission.ranges import (
     REQUIRED_COLUMNS,
     RPM,
 )
-from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 
 Array = NDArray[np.float64]
 
@@ -274,8 +274,7 @@ def read_plan(
     Raises:
         InputError: as `read_bench`, or the model has no answer at a point.
     """
-    found = read_columns(path, _POINT)
-    known = found.known
+    known, _, found = read_columns(path, _POINT)
     ratio, speed, torque = (known[name] for name in _POINT)
     points = OperatingPoints(ratio, speed, torque, known.get("oil_temperature"))
     efficiency, read_speed = model.answer_at(points)

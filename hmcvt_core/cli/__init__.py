@@ -116,9 +116,7 @@ def run_command(command: click.Command, name: str, arguments: list[str] | None =
     except click.UsageError as error:
         see = f"; see {error.ctx.command_path} --help" if error.ctx else ""
         _fail(error.format_message().rstrip(".") + see, 2)
-    except click.ClickException as error:
-        _fail(error.format_message(), 2)
-    except HmcvtError as error:
+    except (click.ClickException, HmcvtError) as error:
         _fail(str(error), 2)
     except BrokenPipeError:
         # The reader (head, say) has seen enough; what is still buffered has nowhere to go.

@@ -18,9 +18,7 @@ Examples:
 @common.picture_option
 @common.params_option
 @common.json_option
-def command(
-    given: tuple[float | None, ...], picture: str | None, params: str | None, as_json: bool
-) -> None:
+def command(picture: str | None, params: str | None, as_json: bool, **given: float | None) -> None:
     """Show where the watts go at one operating point; the picture goes over all strokes."""
     point = common.required(given)
     model = common.model_from(params).without_meters()

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 import os
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
+from ..files.bench import BenchSamples
 from ..files.resources import data_path
 from ..files.strict_json import plain
 from ..model.model import FORMULATIONS, EfficiencyModel
@@ -39,36 +39,26 @@ class OutputFile(click.ParamType):  # type: ignore[type-arg]
         path = Path(value)
         if path.is_dir():
             self.fail(f"{value}: is a folder", param, ctx)
-        if path.exists() and not path.is_file():
-            return str(value)  # such as /dev/null
-        if not path.parent.is_dir():
-            self.fail(f"{value}: {path.parent} is not a folder", param, ctx)
-        if not os.access(path.parent, os.W_OK):
-            self.fail(f"{value}: folder {path.parent} cannot be written", param, ctx)
+        if path.is_file() or not path.exists():  # not such as /dev/null
+            if not path.parent.is_dir():
+                self.fail(f"{value}: {path.parent} is not a folder", param, ctx)
+            if not os.access(path.parent, os.W_OK):
+                self.fail(f"{value}: folder {path.parent} cannot be written", param, ctx)
         return str(value)
 
 
-class PictureFile(OutputFile):
-    """A picture to write; its ending names the format."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str:
-        """Return the path."""
+def _check_picture(_: click.Context, __: click.Parameter, path: str | None) -> str | None:
+    if path is not None:
         from ..report.style import picture_format
 
-        picture_format(str(value))
-        return super().convert(value, param, ctx)
+        picture_format(path)
+    return path
 
 
 def quantity(text: str | float, units: Mapping[str, float], name: str, example: str) -> float:
-    """Read a number in the SI unit, or in one of the units written behind it.
+    """Read a number in the SI unit, or in one of the `units` (by size) written behind it.
 
-    Args:
-        text: number with or without unit.
-        units: size of each unit in the SI unit; one that ends like another stands before it.
-        name: what it is called.
-        example: how to write it.
+    A unit that ends like another stands before it; a complaint says `name` and `example`.
     """
     given = str(text).strip().lower()
     unit = next(filter(given.endswith, units), "")
@@ -92,10 +82,10 @@ def _fractions(text: str) -> list[float]:
 
 
 picture_option = click.option(
-    "--picture", type=PictureFile(), default=None, metavar="FILE",
+    "--picture", type=OutputFile(), callback=_check_picture, metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
 params_option = click.option(
-    "--params", "params", metavar="P.yaml", default=None,
+    "--params", "params", metavar="P.yaml",
     help="Parameter file of the model; the shipped params/hm4.yaml when left out.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value and nothing else on stdout.")
@@ -103,7 +93,7 @@ seed_option = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True,
     help="Of the random numbers.")
 noise_option = click.option(
-    "--noise", type=float, default=None, metavar="STD",
+    "--noise", type=float, metavar="STD",
     help="Standard deviation of the efficiency, a fraction (0.004 for 0.4 points).  [default: "
          "column efficiency_std, else repeated points, else 1.12 % of the efficiency]")
 
@@ -124,10 +114,9 @@ def model_options(function: Function) -> Function:
         click.option("--gear-efficiency", "gears", type=_fractions, multiple=True,
                      metavar="0.98[,0.97...]", callback=lambda *given: list(chain(*given[-1])),
                      help="Of every gear pair; several are compared and the best is kept."),
-        click.option("--transmission", default=None, metavar="T.yaml",
+        click.option("--transmission", metavar="T.yaml",
                      help="Gear train; the paper's when left out."),
-        click.option("--stage", default=None, metavar="NAME",
-                     help="Stage of the transmission file."))
+        click.option("--stage", metavar="NAME", help="Stage of the transmission file."))
 
 
 class Point(NamedTuple):
@@ -139,28 +128,22 @@ class Point(NamedTuple):
     oil_temperature: float | None = None
 
 
-def point_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options of one operating point, which the command gets as a tuple `given`."""
-    @functools.wraps(function)
-    def command(**options: Any) -> None:
-        function(given=tuple(options.pop(name) for name in Point._fields), **options)
-
+def point_options(function: Function) -> Function:
+    """Add the options of one operating point: fields of `Point`, None where left out."""
     return add_options(
-        command,
+        function,
         click.option("--displacement-ratio", type=float, help="Pump stroke, -1 to 1."),
         click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
         click.option("--load-torque", type=float, help="Output power / engine speed in N m."),
         click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
 
 
-def required(given: Sequence[float | None]) -> Point:
+def required(given: Mapping[str, Any]) -> Point:
     """Return the point given, or raise a usage error that names the options left out."""
-    ratio, engine_speed, load_torque, oil_temperature = given
-    if ratio is None or engine_speed is None or load_torque is None:
-        missing = [f"--{name.replace('_', '-')}" for name, value in
-                   zip(Point._fields[:3], given, strict=False) if value is None]
+    missing = [f"--{name.replace('_', '-')}" for name in Point._fields[:3] if given[name] is None]
+    if missing:
         raise click.UsageError(f"{', '.join(missing)} is needed")
-    return Point(ratio, engine_speed, load_torque, oil_temperature)
+    return Point(**given)
 
 
 def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:
@@ -218,22 +201,70 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
                      for line in lines)
 
 
-def number(value: float, form: str, unit: str = "") -> str:
-    """Return a number as text, `-` for NaN."""
+def _number(value: float, form: str, unit: str = "") -> str:
     return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
-class Progress:
-    """A line on stderr for work that takes over two seconds, on a terminal only."""
+def sample_records(
+    model: EfficiencyModel, samples: BenchSamples, numbers: Sequence[int] = ()
+) -> list[dict[str, Any]]:
+    """Return one record per sample; `error` is (predicted - measured) / measured.
 
-    def __init__(self, what: str) -> None:
-        self.what, self.start, self.shown = what, time.monotonic(), False
+    `numbers` are those of the samples in their file; 1, 2, ... when left out.
+    """
+    found = model.predict(samples.displacement_ratio, samples.engine_speed, samples.load_torque,
+                          samples.oil_temperature)
+    error = (found.efficiency - samples.efficiency) / samples.efficiency
+    return [{
+        "sample": numbers[i] if numbers else i + 1,
+        "displacement_ratio": float(samples.displacement_ratio[i]),
+        "engine_speed": float(samples.engine_speed[i]),
+        "load_torque": float(samples.load_torque[i]),
+        "measured": float(samples.efficiency[i]),
+        "predicted": float(found.efficiency[i]),
+        "standard_error": float(found.standard_error[i]),
+        # None, not false, for a model that does not say what data it comes from.
+        "inside_domain": None if model.domain is None else bool(found.inside_domain[i]),
+        "error": float(error[i]),
+    } for i in range(len(samples))]
+
+
+def sample_table(records: Sequence[dict[str, Any]]) -> str:
+    """Return the records as a table; `-` where the model has no answer."""
+    domain = {True: "inside", False: "outside", None: "unknown"}
+    head = ("sample", "ratio [-]", "engine [rad/s]", "load [N m]", "measured", "predicted",
+            "std error", "error", "domain")
+    return table(head, [(
+        str(entry["sample"]), f"{entry['displacement_ratio']:.3f}",
+        f"{entry['engine_speed']:.2f}", f"{entry['load_torque']:.2f}",
+        f"{entry['measured']:.4f}", _number(entry["predicted"], ".4f"),
+        _number(entry["standard_error"], ".4f"), _number(100 * entry["error"], "+.2f", " %"),
+        domain[entry["inside_domain"]]) for entry in records])
+
+
+class Progress:
+    """A line on stderr for work that takes over two seconds.
+
+    On a terminal only, unless `every` so many seconds a line is told elsewhere too.
+    """
+
+    def __init__(self, what: str, every: float = math.inf) -> None:
+        self.what, self.every, self.shown = what, every, False
+        self.start = self.told = time.monotonic()
+
+    def seconds(self) -> float:
+        """Return how long the work has taken."""
+        return time.monotonic() - self.start
 
     def __call__(self, text: str) -> None:
         """Show how far the work is."""
-        if sys.stderr.isatty() and time.monotonic() - self.start > _QUIET:
-            click.echo(f"\r\033[K{self.what}: {text}", err=True, nl=False)
-            self.shown = True
+        if sys.stderr.isatty():
+            if self.seconds() > _QUIET:
+                click.echo(f"\r\033[K{self.what}: {text}", err=True, nl=False)
+                self.shown = True
+        elif time.monotonic() - self.told > self.every:
+            self.told = time.monotonic()
+            click.echo(f"{self.what}: {text}", err=True)
 
     def close(self) -> None:
         """Clear the line."""

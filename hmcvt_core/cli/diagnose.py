@@ -21,12 +21,12 @@ Examples:
   hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""")
 @click.argument("bench", metavar="BENCH.csv")
 @common.params_option
-@click.option("--holdout", default=None, metavar="H.csv",
+@click.option("--holdout", metavar="H.csv",
               help="Samples to measure the shrinkage on; cross-validation when left out.")
 @common.noise_option
-@click.option("--report", "report", type=common.OutputFile(), default=None, metavar="R.html",
+@click.option("--report", "report", type=common.OutputFile(), metavar="R.html",
               help="Write the report page.")
-@click.option("--save-model", type=common.OutputFile(), default=None, metavar="P.yaml",
+@click.option("--save-model", type=common.OutputFile(), metavar="P.yaml",
               help="Write the model with the leading cause in it.")
 @common.seed_option
 @common.json_option

@@ -5,20 +5,18 @@ from __future__ import annotations
 
 import math
 import os
-import sys
-import time
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 from ..files.resources import data_path
-from ..fleet.executors import Place, on_cluster, on_processes
-from ..fleet.results import find_logs, locked
-from ..fleet.run import Entry, run, split
+from ..fleet.executors import on_cluster, on_processes
+from ..fleet.run import run
 from ..fleet.study import Settings
-from ..fleet.summary import GAP, LEAST_LOGS, QUANTITIES, THRESHOLD, BrokenLog, Row, Summary
+from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
 from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect
 from . import common
@@ -78,108 +76,82 @@ def command(
     # Cores that this process may use, which in a container are fewer than there are.
     place = (partial(on_processes, processes or len(os.sched_getaffinity(0)))
              if scheduler is None else partial(on_cluster, scheduler))
-    found = _run(Path(logs), Path(out), settings, place)
+    with closing(_Counter()) as counter:
+        found = run(Path(logs), Path(out), settings, place, counter)
     if as_json:
-        common.print_json(found.to_dict())
+        common.print_json(found)
     else:
         click.echo(_report(found))
-    ctx.exit(SOME_BROKEN if found.broken else 0)
-
-
-def _run(logs: Path, out: Path, settings: Settings, place: Place) -> Summary:
-    # Before the folder for the results is made: a misspelt LOGS_DIR shall leave nothing behind.
-    found = find_logs(logs, out)
-    with locked(out):
-        todo, done = split(found, settings)
-        with closing(_Counter(len(todo))) as counter:
-            entries = run(todo, settings, place, counter)
-    return Summary.of(done, entries)
+    ctx.exit(SOME_BROKEN if found["broken"] else 0)
 
 
 class _Counter:
     """Tells on stderr how far the fleet is, and at once which log is broken."""
 
-    def __init__(self, logs: int) -> None:
-        self.logs, self.finished, self.broken = logs, 0, 0
-        self.start = self.told = time.monotonic()
-        self.line = common.Progress("fleet")
+    def __init__(self) -> None:
+        self.finished = self.broken = 0
+        self.line = common.Progress("fleet", _REPORT_EVERY)
 
-    def __call__(self, entry: Entry) -> None:
-        """Count a log."""
-        if isinstance(entry, BrokenLog):
+    def __call__(self, entry: Entry, logs: int) -> None:
+        """Count one of so many logs."""
+        if "error" in entry:
             self.broken += 1
             self.line.close()
-            click.echo(f"hmcvt: broken: {entry.error}", err=True)
+            click.echo(f"hmcvt: broken: {entry['error']}", err=True)
         else:
             self.finished += 1
-        now = time.monotonic()
-        if sys.stderr.isatty():
-            self.line(self._text(now))
-        elif now - self.told > _REPORT_EVERY:
-            self.told = now
-            click.echo(f"fleet: {self._text(now)}", err=True)
+        gone = self.finished + self.broken
+        left = self.line.seconds() / gone * (logs - gone)
+        self.line(f"{gone} of {logs} logs, {self.broken} broken, "
+                  f"about {math.ceil(left / 60.0)} min left")
 
     def close(self) -> None:
         """Tell the rate reached."""
         self.line.close()
         if self.finished:
-            seconds = time.monotonic() - self.start
+            seconds = self.line.seconds()
             click.echo(f"fleet: {self.finished} logs finished in {seconds:.1f} s, "
                        f"{self.finished / seconds:.2f} logs/s", err=True)
 
-    def _text(self, now: float) -> str:
-        gone = self.finished + self.broken
-        left = (now - self.start) / gone * (self.logs - gone)
-        return (f"{gone} of {self.logs} logs, {self.broken} broken, "
-                f"about {math.ceil(left / 60.0)} min left")
 
-
-def _report(found: Summary) -> str:
+def _report(found: dict[str, Any]) -> str:
     parts = []
-    if found.rows:
-        parts += [_rows(found), _fleet(found)]
-    if found.broken:
-        parts.append("\n".join(["broken", *(f"  {entry.error}" for entry in found.broken)]))
-    parts.append(_counts(found))
+    if found["logs"]:
+        head = ("log", "leakage [m3/(s Pa)]", "motor damping [N m s/rad]",
+                "pump damping [N m s/rad]", "gap [points]", "verdict", "leading cause",
+                "outlier (z)")
+        parts += [common.table(head, map(_row, found["logs"])), _fleet(found["fleet"])]
+    if found["broken"]:
+        parts.append("\n".join(["broken", *(f"  {entry['error']}" for entry in found["broken"])]))
+    parts.append(_counts(found["counts"]))
     return "\n\n".join(parts)
 
 
-def _rows(found: Summary) -> str:
-    head = ("log", "leakage [m3/(s Pa)]", "motor damping [N m s/rad]", "pump damping [N m s/rad]",
-            "gap [points]", "verdict", "leading cause", "outlier (z)")
-    return common.table(head, [_row(row, found.outlying(place))
-                               for place, row in enumerate(found.rows)])
+def _row(log: Entry) -> tuple[str, ...]:
+    cause = "-" if log["cause"] is None else f"{log['cause']} ({100 * log['probability']:.0f} %)"
+    leakage, *dampings = (entry["value"] for entry in log["parameters"].values())
+    return (log["log"], f"{leakage:.3e}", *(f"{damping:.4f}" for damping in dampings),
+            "-" if log[GAP] is None else f"{100 * log[GAP]:.2f}", log["verdict"] or "-", cause,
+            ", ".join(f"{name} {log['z'][name]:+.1f}" for name in log["outlier"]) or "-")
 
 
-def _row(row: Row, outlying: dict[str, float]) -> tuple[str, ...]:
-    cause = "-" if row.cause is None else f"{row.cause} ({100 * (row.probability or 0.0):.0f} %)"
-    apart = ", ".join(f"{name} {z:+.1f}" for name, z in outlying.items())
-    values = row.values
-    return (row.log, f"{values['leakage']:.3e}", f"{values['motor_damping']:.4f}",
-            f"{values['pump_damping']:.4f}", common.number(100 * values.get(GAP, math.nan), ".2f"),
-            row.verdict or "-", cause, apart or "-")
-
-
-def _fleet(found: Summary) -> str:
+def _fleet(quantities: dict[str, dict[str, Any]]) -> str:
     rows = []
-    for name, scores in found.scores.items():
-        factor, unit = (100.0, "points") if name == GAP else (1.0, QUANTITIES[name])
-        rows.append((name, f"{factor * scores.median:.4g} {unit}",
-                     f"{factor * scores.deviation:.3g} "
-                     + ("decades" if scores.logarithmic else unit),
-                     "yes" if math.isfinite(scores.z[0]) else "no"))
+    for name, entry in quantities.items():
+        factor, unit = (100.0, "points") if name == GAP else (1.0, entry["unit"])
+        scatter = "decades" if entry["scale"] == "log10" else unit
+        rows.append((name, f"{factor * entry['median']:.4g} {unit}",
+                     f"{factor * entry['deviation']:.3g} {scatter}",
+                     "yes" if entry["judged"] else "no"))
     return (common.table(("fleet", "median", "1.4826 MAD", "judged"), rows) + "\n"
             f"outlier: |z| > {THRESHOLD}, z = (value - median) / (1.4826 MAD), leakage by its "
             f"logarithm;\nnot judged: fewer than {LEAST_LOGS} logs, or at least half of them equal")
 
 
-def _counts(found: Summary) -> str:
-    counts = found.counts()
+def _counts(counts: dict[str, Any]) -> str:
     lines = [f"{counts['logs']} logs: {counts['finished_now']} finished now, "
              f"{counts['finished_before']} before, {counts['broken']} broken; "
              f"{counts['outliers']} outliers"]
-    for kind in ("verdicts", "causes"):
-        if counts[kind]:
-            lines.append(f"{kind}: " + ", ".join(f"{word} {count}"
-                                                 for word, count in counts[kind].items()))
+    lines += [f"{kind}: " + ", ".join(f"{word} {count}" for word, count in counts[kind].items())
+              for kind in ("verdicts", "causes") if counts[kind]]
     return "\n".join(lines)

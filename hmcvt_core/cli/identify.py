@@ -4,29 +4,18 @@
 from __future__ import annotations
 
 from contextlib import closing
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 import numpy as np
 
 from ..errors import InputError
-from ..files.bench import BenchSamples, read_bench
+from ..files.bench import read_bench
 from ..files.resources import data_path
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingState
 from ..model.parameter_file import load_stage
 from . import common
-from .samples import sample_records, sample_table
-
-
-class _Split(NamedTuple):
-    """Samples to fit and those held back, both with their numbers in the file."""
-
-    fitted: BenchSamples
-    fitted_numbers: tuple[int, ...]
-    held: BenchSamples | None = None
-    held_numbers: tuple[int, ...] = ()
-
 
 _MOST_SAMPLES = 1_000_000
 
@@ -56,13 +45,12 @@ Examples:
   hmcvt identify data/simulated.csv --hold-back 0.3
   hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""")
 @click.argument("bench", metavar="BENCH.csv")
-@click.option("--fit", type=_sample_numbers, default=None, metavar="1,2,4-6",
+@click.option("--fit", type=_sample_numbers, metavar="1,2,4-6",
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
-@click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True), default=None,
+@click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True),
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
 @common.model_options
-@click.option("--out", type=common.OutputFile(), default=None, metavar="P.yaml",
-              help="Write the parameter file.")
+@click.option("--out", type=common.OutputFile(), metavar="P.yaml", help="Write the parameter file.")
 @common.picture_option
 @common.seed_option
 @common.json_option
@@ -79,70 +67,60 @@ def command(
         raise click.UsageError("--fit and --hold-back both choose the samples: give one")
     common.keep_inputs([bench, transmission], [out, picture])
     samples = read_bench(bench)
-    split = _split(samples, fit if hold_back is None else _drawn(len(samples), hold_back, seed))
+    if fit is None:
+        fit = _drawn(len(samples), hold_back, seed)
+    elif max(fit) > len(samples):
+        raise InputError(f"--fit names sample {max(fit)}; {samples.source} holds {len(samples)}")
+    rest = sorted({*range(1, len(samples) + 1)}.difference(fit))
+    fitted = samples.select(np.array(fit) - 1)
+    held = samples.select(np.array(rest) - 1) if rest else None
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
     with closing(common.Progress("annealing")) as progress:
         def show(state: AnnealingState) -> None:
             progress(f"step {state.generation}, objective {state.value:.6g}")
 
-        found = [identify(split.fitted, stage=train, formulation=formulation,
-                          gear_efficiency=value, validation=split.held, seed=seed, progress=show)
+        found = [identify(fitted, stage=train, formulation=formulation, gear_efficiency=value,
+                          validation=held, seed=seed, progress=show)
                  for value in gears or (None,)]
+
+    def predicted(item: Identification) -> list[dict[str, Any]]:
+        return [] if held is None else common.sample_records(item.model, held, rest)
+
     best = min(found, key=lambda item: item.objective)
     if out is not None:
         best.save(out)
     if picture is not None:
         from ..report import draw_fit, save
 
-        save(lambda figure: draw_fit(figure, best, split.held), picture)
+        save(lambda figure: draw_fit(figure, best, held), picture)
     if as_json:
-        tried = [_record(item, split) for item in found]
+        tried = [{**item.to_dict(), "held_back": predicted(item)} for item in found]
         common.print_json(tried[0] if len(tried) == 1
                           else {"best": tried[found.index(best)], "tried": tried})
         return
     if len(found) > 1:
         click.echo(_comparison(found))
-    click.echo(best.report(split.fitted_numbers))
-    if split.held is not None:
+    click.echo(best.report(fit))
+    if held is not None:
         click.echo("held back:")
-        click.echo(sample_table(sample_records(best.model, split.held, split.held_numbers)))
+        click.echo(common.sample_table(predicted(best)))
     if out is not None:
         click.echo(f"written to {out}")
 
 
-def _drawn(count: int, part: float, seed: int) -> list[int]:
+def _drawn(count: int, part: float | None, seed: int) -> list[int]:
     """Numbers of the samples that are left to fit, from 1."""
+    if part is None:
+        return list(range(1, count + 1))
     held = min(count - 1, max(1, round(part * count)))
     order = np.random.default_rng(seed).permutation(count)
     return sorted((order[held:] + 1).tolist())
 
 
-def _split(samples: BenchSamples, fit: list[int] | None) -> _Split:
-    if fit is None:
-        return _Split(samples, tuple(range(1, len(samples) + 1)))
-    if max(fit) > len(samples):
-        raise InputError(f"--fit names sample {max(fit)}; {samples.source} holds {len(samples)}")
-    chosen = np.array(fit) - 1
-    rest = np.setdiff1d(np.arange(len(samples)), chosen)
-    held = samples.select(rest) if len(rest) else None
-    return _Split(samples.select(chosen), tuple(fit), held, tuple((rest + 1).tolist()))
-
-
-def _record(found: Identification, split: _Split) -> dict[str, Any]:
-    held = ([] if split.held is None
-            else sample_records(found.model, split.held, split.held_numbers))
-    return {**found.to_dict(), "gear_efficiency": _gear_efficiency(found), "held_back": held}
-
-
-def _gear_efficiency(found: Identification) -> list[float]:
-    return sorted({pair.efficiency for pair in found.model.stage.gear_pairs})
-
-
 def _comparison(found: list[Identification]) -> str:
-    rows = []
-    for item in found:
-        held = "" if item.prediction_error is None else f"{100 * item.prediction_error:.2f} %"
-        rows.append((f"{_gear_efficiency(item)[0]:g}", f"{item.objective:.6g}",
-                     f"{100 * item.fit_error:.2f} %", held))
     head = ("gear efficiency", found[0].objective_name, "fit error", "prediction error")
-    return common.table(head, rows)
+    return common.table(head, [
+        (f"{item.model.stage.gear_pairs[0].efficiency:g}", f"{item.objective:.6g}",
+         f"{100 * item.fit_error:.2f} %",
+         "" if item.prediction_error is None else f"{100 * item.prediction_error:.2f} %")
+        for item in found])

@@ -15,23 +15,19 @@ from . import common
 
 _TEXTS = {
     "displacement_ratio": "Pump stroke.",
-    "engine_speed": "",
-    "output_speed": "",
     "engine_torque": "With output torque and speed it tells the efficiency.",
     "output_torque": "At the output shaft.",
     "load_torque": "Output power / engine speed.",
-    "efficiency": "",
     "efficiency_std": "Standard deviation of the efficiency.",
-    "oil_temperature": "",
     "stamp": "Time of the test.",
 }
 
 
 def _column_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return common.add_options(function, *(
-        click.option(f"--{quantity.replace('_', '-')}", quantity, default=None,
-                     metavar="COLUMN[:UNIT]", help=f"{text} [{', '.join(UNITS[quantity])}]".strip())
-        for quantity, text in _TEXTS.items()))
+        click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
+                     help=f"{_TEXTS.get(quantity, '')} [{', '.join(units)}]".strip())
+        for quantity, units in UNITS.items()))
 
 
 @click.command("import-csv", epilog="""\b
@@ -45,7 +41,7 @@ Examples:
 @click.option("--out", type=common.OutputFile(), required=True, metavar="BENCH.csv",
               help="Write the bench samples.")
 @_column_options
-@click.option("--header-row", type=click.IntRange(1, 10_000), default=None, metavar="LINE",
+@click.option("--header-row", type=click.IntRange(1, 10_000), metavar="LINE",
               help="Line of the header, from 1; lines above it are left out.")
 @common.json_option
 def command(

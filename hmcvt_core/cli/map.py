@@ -39,13 +39,12 @@ Examples:
               help="Lowest and highest.  [default: 750rpm 2200rpm]")
 @click.option("--load-torque-limits", type=float, nargs=2, default=(50.0, 400.0),
               show_default=True, help="Lowest and highest in N m.")
-@click.option("--out", type=common.OutputFile(), default=None, metavar="MAP.csv",
+@click.option("--out", type=common.OutputFile(), metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
 @common.picture_option
-@click.option("--power", type=power, default=None,
+@click.option("--power", type=power,
               help="Output power of the picture, in W or like 40kW.  [default: 40kW]")
-@click.option("--bench", default=None, metavar="BENCH.csv",
-              help="Bench tests to mark in the picture.")
+@click.option("--bench", metavar="BENCH.csv", help="Bench tests to mark in the picture.")
 @common.params_option
 @common.json_option
 def command(
@@ -73,7 +72,10 @@ def command(
 
         samples = None if bench is None else read_bench(bench)
         shown = _PICTURE_POWER if power is None else power
-        _require_load(shown, engine_speed_limits)
+        for speed in engine_speed_limits:
+            if not LOAD_TORQUE.contains(shown / speed):
+                raise InputError(f"--power {1e-3 * shown:g}kW at {speed / RPM:.0f} r/min is a load "
+                                 f"torque of {shown / speed:.4g} N m; allowed {LOAD_TORQUE}")
         save(lambda figure: draw_surface(figure, model, shown, engine_speed_limits, samples),
              picture)
         if out is None and not as_json:
@@ -90,14 +92,6 @@ def command(
                            "efficiency": found.efficiency, "inside_domain": found.inside_domain})
     elif out is None:
         click.echo(_csv(found), nl=False)
-
-
-def _require_load(power: float, engine_speeds: tuple[float, float]) -> None:
-    for engine_speed in engine_speeds:
-        load = power / engine_speed
-        if not LOAD_TORQUE.contains(load):
-            raise InputError(f"--power {1e-3 * power:g}kW at {engine_speed / RPM:.0f} r/min is a "
-                             f"load torque of {load:.4g} N m; allowed {LOAD_TORQUE}")
 
 
 def _csv(found: EfficiencyMap) -> str:

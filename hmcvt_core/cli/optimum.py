@@ -9,7 +9,7 @@ from dataclasses import asdict
 import click
 
 from ..errors import HmcvtError
-from ..model.optimum import HOLDS, Optimum
+from ..model.optimum import HOLDS
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
 
@@ -29,7 +29,7 @@ Examples:
 @click.option("--displacement-ratio", type=float,
               help="Now; tells the output speed to hold and what there is to gain.")
 @click.option("--output-speed", type=common.speed, help="To hold: rad/s or 1400rpm.")
-@click.option("--engine-speed-limits", type=common.speed, nargs=2, default=None,
+@click.option("--engine-speed-limits", type=common.speed, nargs=2,
               help="Lowest and highest engine speed.  [default: 750rpm 2200rpm]")
 @common.params_option
 @common.json_option
@@ -64,15 +64,7 @@ def command(
     if as_json:
         common.print_json({**asdict(best), "efficiency_now": now,
                            "inside_domain": common.inside_domain(model, point)})
-    else:
-        _print(best, now)
-        common.print_domain(model, point)
-        if displacement_ratio is not None and model.domain is not None:
-            point = common.Point(displacement_ratio, engine_speed, load_torque)
-            common.print_domain(model, point, "now ")
-
-
-def _print(best: Optimum, now: float) -> None:
+        return
     click.echo(f"displacement ratio  {best.displacement_ratio:+.4f}")
     click.echo(f"efficiency          {best.efficiency:.4f}"
                + ("" if math.isnan(now) else f" (now {now:.4f})"))
@@ -82,3 +74,7 @@ def _print(best: Optimum, now: float) -> None:
     click.echo(f"output speed        {best.output_speed:.2f} rad/s")
     if best.limit is not None:
         click.echo(f"limited by          {best.limit}")
+    common.print_domain(model, point)
+    if displacement_ratio is not None and model.domain is not None:
+        point = common.Point(displacement_ratio, engine_speed, load_torque)
+        common.print_domain(model, point, "now ")

@@ -11,7 +11,6 @@ from ..files.bench import read_bench
 from ..model.agreement import RelativeError, predicted_at
 from ..model.model import EfficiencyModel
 from . import common
-from .samples import sample_records, sample_table
 
 
 @click.command("predict", epilog="""\b
@@ -23,14 +22,12 @@ Examples:
 @common.point_options
 @common.params_option
 @common.json_option
-def command(
-    bench: str | None, given: tuple[float | None, ...], params: str | None, as_json: bool
-) -> None:
+def command(bench: str | None, params: str | None, as_json: bool, **given: float | None) -> None:
     """Predict the efficiency at one point, or at every sample of a file."""
     if bench is None:
         # At a point there is no bench whose meters could read wrong.
         _predict_point(common.required(given), common.model_from(params).without_meters(), as_json)
-    elif any(value is not None for value in given):
+    elif any(value is not None for value in given.values()):
         raise click.UsageError("give a file or the options of one point, not both")
     else:
         _predict_file(common.model_from(params), bench, as_json)
@@ -57,11 +54,11 @@ def _predict_point(point: common.Point, model: EfficiencyModel, as_json: bool) -
 
 def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
     samples = read_bench(bench)
-    records = sample_records(model, samples)
+    records = common.sample_records(model, samples)
     if as_json:
         common.print_json(records)
         return
-    click.echo(sample_table(records))
+    click.echo(common.sample_table(records))
     error = RelativeError.of(predicted_at(model, samples), samples.efficiency)
     if error.without_answer < len(records):
         click.echo(f"mean |error|  {100 * error.mean:.2f} %")

@@ -77,9 +77,7 @@ class BenchSamples:
 
     def select(self, index: ArrayLike) -> BenchSamples:
         """Return the samples at an index array or mask, in that order."""
-        chosen = np.asarray(index)
-        if chosen.dtype == bool:
-            chosen = np.flatnonzero(chosen)
+        chosen = np.arange(len(self))[np.asarray(index)]
         values: dict[str, Any] = {
             column.name: None if (value := getattr(self, column.name)) is None
             else value[chosen] for column in BENCH_COLUMNS}
@@ -94,20 +92,16 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
         InputError: the file is missing, empty, too large or not CSV, a column is missing or
             doubled, or a value is not a number or outside its range; file, row and field are named.
     """
-    found = read_columns(path, REQUIRED_COLUMNS)
-    values: dict[str, Any] = found.known
-    return BenchSamples(**values, extra=found.extra, source=found.source, sha256=found.sha256)
+    values, extra, cells = read_columns(path, REQUIRED_COLUMNS)
+    return BenchSamples(**values, extra=extra, source=cells.source, sha256=cells.sha256)
 
 
 def write_bench(path: str | os.PathLike[str], samples: BenchSamples) -> None:
     """Write bench samples as CSV, whole or not at all; `read_bench` gives the same values."""
-    names = [column.name for column in BENCH_COLUMNS if getattr(samples, column.name) is not None]
+    columns = {column.name: map(repr, values.tolist()) for column in BENCH_COLUMNS
+               if (values := getattr(samples, column.name)) is not None}
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow([*names, *samples.extra])
-    for i in range(len(samples)):
-        values = [repr(float(getattr(samples, name)[i])) for name in names]
-        writer.writerow([*values, *(column[i] for column in samples.extra.values())])
+    writer.writerow([*columns, *samples.extra])
+    writer.writerows(zip(*columns.values(), *samples.extra.values(), strict=True))
     write_atomically(Path(path), buffer.getvalue())
-
-

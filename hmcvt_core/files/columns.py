@@ -9,6 +9,7 @@ import io
 import os
 import re
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,46 +41,56 @@ class Cells(NamedTuple):
     source: str
     sha256: str
 
+    def numbers(self, name: str, optional: bool = False) -> Array:
+        """Return the numbers of a column; an `InputError` names the row of what is none."""
+        values = np.empty(len(self.rows))
+        for i, cell in enumerate(self.columns[name]):
+            try:
+                if "_" in cell:  # Python reads 2_99 as 299
+                    raise ValueError
+                values[i] = float(cell)
+            except ValueError:
+                what = f"{cell!r} is not a number" if cell else "is empty"
+                if "," in cell:
+                    what += ": write a decimal point, and nothing between thousands"
+                elif not cell and optional:
+                    what += ": fill it in, or leave the column out"
+                raise InputError(
+                    f"{self.source}: row {self.rows[i]}: {name} {what}") from None
+        return values
 
-class Columns(NamedTuple):
-    """What a bench file holds.
-
-    Attributes:
-        known: columns that hmcvt knows, by name, shape (n,) each.
-        extra: the others, as text.
-        rows: line of each sample in the file, from 1.
-        source, sha256: of the file.
-    """
-
-    known: dict[str, Array]
-    extra: dict[str, tuple[str, ...]]
-    rows: list[int]
-    source: str
-    sha256: str
+    def require_range(self, values: Array, limits: Range, remark: str = "") -> None:
+        """Raise an `InputError` that names the row of the first value outside its range."""
+        outside = np.flatnonzero(~limits.contains(values))
+        if len(outside):
+            raise InputError(f"{self.source}: row {self.rows[outside[0]]}: "
+                             f"{limits.complaint(values[outside[0]])}{remark}")
 
 
-def read_columns(path: str | os.PathLike[str], required: Sequence[str]) -> Columns:
+def read_columns(
+    path: str | os.PathLike[str], required: Sequence[str]
+) -> tuple[dict[str, Array], dict[str, tuple[str, ...]], Cells]:
     """Read the columns of a bench file; the names of known ones may have capitals and spaces.
+
+    Returns:
+        Those that hmcvt knows, by name, shape (n,) each; the others, as text; the cells.
 
     Raises:
         InputError: as `read_cells`; or a column stands there twice or a value is no number or
             outside its range.
     """
     cells = decimal_points(read_cells(path, required, column_name), _NAMES)
-    columns, rows, source = dict(cells.columns), cells.rows, cells.source
-    first = [columns[name][0] for name in required]
+    first = [cells.columns[name][0] for name in required]
     if holds_units(first):
-        raise InputError(f"{source}: row {rows[0]}: {', '.join(first)} are no numbers; remove a "
-                         f"row of units ({required[1]} is in rad/s, {required[2]} in N m)")
+        raise InputError(f"{cells.source}: row {cells.rows[0]}: {', '.join(first)} are no numbers; "
+                         f"remove a row of units ({required[1]} is in rad/s, {required[2]} in N m)")
     known = {}
     for column in BENCH_COLUMNS:
-        if column.name in columns:
-            values = numbers(columns.pop(column.name), rows, column.name, source,
-                             optional=column.name not in REQUIRED_COLUMNS)
-            require_range(values, column, rows, source)
-            known[column.name] = values
-    extra = {name: tuple(column) for name, column in columns.items()}
-    return Columns(known, extra, rows, source, cells.sha256)
+        if column.name in cells.columns:
+            known[column.name] = cells.numbers(column.name, column.name not in REQUIRED_COLUMNS)
+            cells.require_range(known[column.name], column)
+    extra = {name: tuple(column) for name, column in cells.columns.items() if name not in known}
+    return known, extra, cells
 
 
 def read_cells(
@@ -119,17 +130,6 @@ def read_cells(
     columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
     return Cells(columns, [number for number, _ in body], separator, str(path),
                  hashlib.sha256(raw).hexdigest())
-
-
-def require_range(
-    values: Array, limits: Range, rows: Sequence[int], source: str, remark: str = ""
-) -> None:
-    """Raise an `InputError` that names the row of the first value outside its range."""
-    inside = limits.contains(values)
-    if not inside.all():
-        first = int(np.flatnonzero(~inside)[0])
-        raise InputError(
-            f"{source}: row {rows[first]}: {limits.complaint(values[first])}{remark}")
 
 
 def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
@@ -212,32 +212,8 @@ def column_name(cell: str) -> str:
 
 def holds_units(cells: Sequence[str]) -> bool:
     """Whether a row, the cells of number columns, holds words alone: it names their units."""
-    return any(cells) and not any(map(_is_number, cells))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def numbers(
-    cells: Sequence[str], rows: Sequence[int], name: str, source: str, *, optional: bool = False
-) -> Array:
-    """Return the numbers of a column; the row of what is none is named by an `InputError`."""
-    values = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        try:
-            if "_" in cell:  # Python reads 2_99 as 299
-                raise ValueError
-            values[i] = float(cell)
-        except ValueError:
-            what = f"{cell!r} is not a number" if cell else "is empty"
-            if "," in cell:
-                what += ": write a decimal point, and nothing between thousands"
-            elif not cell and optional:
-                what += ": fill it in, or leave the column out"
-            raise InputError(f"{source}: row {rows[i]}: {name} {what}") from None
-    return values
+    for cell in cells:
+        with suppress(ValueError):
+            float(cell.replace(",", "."))
+            return False
+    return any(cells)

@@ -15,15 +15,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, EFFICIENCY, LOAD_TORQUE, RPM, Range
 from .bench import BenchSamples
-from .columns import (
-    Cells,
-    column_name,
-    decimal_points,
-    holds_units,
-    numbers,
-    read_cells,
-    require_range,
-)
+from .columns import Cells, column_name, decimal_points, holds_units, read_cells
 
 Array = NDArray[np.float64]
 
@@ -93,11 +85,11 @@ def read_raw_bench(
     cells = decimal_points(cells, names)
     values = {}
     for quantity, column in chosen.items():
-        values[quantity] = column.factor * numbers(
-            cells.columns[column.name], cells.rows, column.name, cells.source)
-        require_range(values[quantity], _RANGES[quantity], cells.rows, cells.source,
-                      f"; column {column.name!r} is taken as {column.unit}: another unit is "
-                      f"written {column.name}:UNIT, one of {', '.join(UNITS[quantity])}")
+        values[quantity] = column.factor * cells.numbers(column.name)
+        cells.require_range(
+            values[quantity], _RANGES[quantity],
+            f"; column {column.name!r} is taken as {column.unit}: another unit is written "
+            f"{column.name}:UNIT, one of {', '.join(UNITS[quantity])}")
     _derive(values, cells)
     extra = {name if column_name(name) not in _KEPT else f"raw {name}": tuple(column)
              for name, column in cells.columns.items() if name not in names}
@@ -157,7 +149,7 @@ def _derive(values: dict[str, Array], cells: Cells) -> None:
     if "load_torque" not in values:
         values["load_torque"] = (
             values["output_torque"] * values["output_speed"] / values["engine_speed"])
-        require_range(values["load_torque"], LOAD_TORQUE, cells.rows, cells.source, told)
+        cells.require_range(values["load_torque"], LOAD_TORQUE, told)
     if "efficiency" not in values:
         values["efficiency"] = values["load_torque"] / values["engine_torque"]
-        require_range(values["efficiency"], EFFICIENCY, cells.rows, cells.source, told)
+        cells.require_range(values["efficiency"], EFFICIENCY, told)

@@ -3,7 +3,15 @@
 
 study       one log: samples and settings in, outcome out
 executors   many logs side by side, on this machine or on a Dask cluster
-results     which logs there are, the files of a finished one; one run at a time in a folder
-run         from logs to results
+run         from a folder of logs to their results; one run at a time in a folder
 summary     the table over the fleet, with robust z scores
 """
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+ONE_BLAS_THREAD: Mapping[str, str] = MappingProxyType(dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+"""Environment of a process whose threads would fight with those of its neighbours."""

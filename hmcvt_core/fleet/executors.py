@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import HmcvtError, InputError
 from ..version import __version__
-from .study import Broken, Outcome, Settings, Task, internal_failure, study
-from .threads import ONE_BLAS_THREAD
+from . import ONE_BLAS_THREAD
+from .study import Outcome, Settings, Task, internal_failure, study
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -68,7 +68,7 @@ def study_all(
     # Each alone, so that it is known which of them kills; and last, when that hurts fewest.
     for suspect in suspects:
         for task, outcome in _with_one_crew(iter([suspect]), settings, place):
-            yield task.name, outcome or Broken("killed its worker 2 times (memory, most likely)")
+            yield task.name, outcome or "killed its worker 2 times (memory, most likely)"
 
 
 def _with_one_crew(
@@ -116,8 +116,8 @@ def _outcome(future: futures.Future[Outcome]) -> Outcome | None:
                          "on") from None
     except Exception as error:  # `study` raises none: the place failed over this log
         failures = getattr(error, "allowed_failures", None)  # of distributed.KilledWorker
-        return Broken(internal_failure(error) if failures is None else
-                      f"killed its worker {failures + 1} times (as often as the cluster allows)")
+        return internal_failure(error) if failures is None else (
+            f"killed its worker {failures + 1} times (as often as the cluster allows)")
 
 
 @contextmanager

@@ -1,71 +1,214 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From logs to results: logs are read, studied elsewhere, and their files written here."""
+"""From a folder of bench logs to the two files of each finished one.
+
+Logs are read, studied elsewhere, and their files written here: the parameter file first, the
+result last. A result that names the SHA-256 of the log, of the settings and of the parameter file
+beside it proves that the log is finished.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
 
 from ..errors import HmcvtError, InputError
+from ..files.atomic import write_atomically
 from ..files.bench import read_bench
+from ..files.strict_json import plain
+from ..model.parameter_file import save_model
 from .executors import Place, study_all
-from .results import Log, finished, save
-from .study import Broken, Settings, Task
-from .summary import BrokenLog, Row
+from .study import Settings, Study, Task
+from .summary import Entry, record, summarise
 
-Entry = Row | BrokenLog
+SCHEMA = "hmcvt-fleet-result/1"
+_LOCK = ".hmcvt-fleet.lock"
 
 
-def split(logs: Iterable[Log], settings: Settings) -> tuple[list[Log], list[Row]]:
-    """Tell the logs to be studied from those finished before with the same data and settings.
+@dataclass(frozen=True)
+class Log:
+    """A bench log and its files.
 
-    Returns:
-        The first, in their order, and the rows of the others.
+    Attributes:
+        name: path below the folder of logs, parts separated by "/".
+        path: of the log.
+        parameters: path of its parameter file.
+        result: path of its result.
     """
-    rows = {log: finished(log, settings) for log in logs}
-    return ([log for log, row in rows.items() if row is None],
-            [row for row in rows.values() if row is not None])
+
+    name: str
+    path: Path
+    parameters: Path
+    result: Path
+
+
+def find_logs(folder: Path, out: Path) -> list[Log]:
+    """Return the .csv files of a folder and of the folders in it, by name.
+
+    Hidden files and folders are left out, and links to folders are not followed. The files of a
+    log lie under `out` as the log lies under `folder`.
+
+    Raises:
+        InputError: the folder is missing or holds no .csv file, is `out` itself, or two logs
+            would have the same files.
+        OSError: a folder cannot be read.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: " + ("is not a folder" if folder.exists()
+                                          else "No such file or directory"))
+    if folder.resolve() == out.resolve():
+        # A logger may leave files of the same names beside its logs.
+        raise InputError(f"{out}: holds the logs; the results need a folder of their own")
+    found: dict[Path, Log] = {}
+    for path in _csv_files(folder):
+        below = path.relative_to(folder)
+        log = Log(below.as_posix(), path, (out / below).with_suffix(".yaml"),
+                  (out / below).with_suffix(".json"))
+        other = found.setdefault(log.result, log)
+        if other is not log:
+            raise InputError(f"{other.path} and {path} would share {log.result}: rename one")
+    if not found:
+        raise InputError(f"{folder}: holds no .csv file")
+    return sorted(found.values(), key=lambda log: log.name)
+
+
+def _csv_files(folder: Path) -> list[Path]:
+    def stop(error: OSError) -> NoReturn:
+        raise error  # os.walk would pass over a folder that it cannot read
+
+    found = []
+    for place, folders, files in os.walk(folder, onerror=stop):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += [Path(place, name) for name in files
+                  if name.lower().endswith(".csv") and not name.startswith(".")]
+    return found
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make the folder and hold it for this run alone; a run that dies lets it go.
+
+    Raises:
+        InputError: another run holds it.
+        OSError: it cannot be made or written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / _LOCK).open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder}: another hmcvt fleet writes there now") from None
+        yield
 
 
 def run(
-    todo: Sequence[Log], settings: Settings, place: Place, progress: Callable[[Entry], None]
-) -> list[Entry]:
-    """Study logs and write the files of each as soon as it is finished.
+    folder: Path, out: Path, settings: Settings, place: Place,
+    progress: Callable[[Entry, int], None],
+) -> dict[str, Any]:
+    """Study the logs of a folder and write the files of each as soon as it is finished.
 
-    An interrupt loses the logs in hand, none that was finished.
+    Logs finished before with the same data and settings are left as they are. An interrupt loses
+    the logs in hand, none that was finished.
 
     Args:
-        todo: logs to be studied.
-        settings: for all of them.
+        folder: holds the logs.
+        out: for the files.
+        settings: for all logs.
         place: where the work is done.
-        progress: called with each entry once its files are written.
+        progress: called with each entry once its files are written, and how many there will be.
+
+    Returns:
+        The fleet, see `summarise`.
 
     Raises:
+        InputError: see `find_logs` and `locked`.
         OSError: the results cannot be written.
         HmcvtError: the work cannot be done there, whatever the log.
     """
-    entries: list[Entry] = []
-    logs = {log.name: log for log in todo}
+    # Before the folder for the results is made: a misspelt one shall leave nothing behind.
+    logs = {log.name: log for log in find_logs(folder, out)}
+    with locked(out):
+        known = {name: finished(log, settings) for name, log in logs.items()}
+        todo = [logs[name] for name, entry in known.items() if entry is None]
+        entries: list[Entry] = []
 
-    def finish(entry: Entry) -> None:
-        entries.append(entry)
-        progress(entry)
+        def finish(entry: Entry) -> None:
+            entries.append(entry)
+            progress(entry, len(todo))
 
-    def tasks() -> Iterator[Task]:
-        for log in todo:
-            try:
-                task = _read(log)
-            except HmcvtError as error:
-                finish(_broken(log, str(error)))
-            else:
-                yield task
+        def tasks() -> Iterator[Task]:
+            for log in todo:
+                try:
+                    task = _read(log)
+                except HmcvtError as error:
+                    finish(_broken(log, str(error)))
+                else:
+                    yield task
 
-    with closing(study_all(tasks(), settings, place)) as outcomes:
-        for name, outcome in outcomes:
-            log = logs[name]
-            finish(_broken(log, outcome.reason) if isinstance(outcome, Broken)
-                   else save(log, outcome, settings))
-    return entries
+        with closing(study_all(tasks(), settings, place)) as outcomes:
+            for name, outcome in outcomes:
+                finish(_broken(logs[name], outcome) if isinstance(outcome, str)
+                       else save(logs[name], outcome, settings))
+    return summarise([entry for entry in known.values() if entry is not None], entries)
+
+
+def save(log: Log, study: Study, settings: Settings) -> Entry:
+    """Write both files, each whole or not at all; return the record.
+
+    Raises:
+        OSError: the folder cannot be written or is full.
+    """
+    log.parameters.parent.mkdir(parents=True, exist_ok=True)
+    if _result(log).get("parameters_sha256") == sha256(log.parameters):
+        # One that an earlier run wrote and nobody has touched: no copy of it is kept.
+        fresh = log.parameters.with_name(f".{log.parameters.name}.new")
+        fresh.unlink(missing_ok=True)
+        save_model(study.model, fresh)
+        fresh.replace(log.parameters)
+    else:
+        save_model(study.model, log.parameters)  # keeps what a person may have put there
+    result: dict[str, Any] = plain({
+        "schema": SCHEMA, "log": log.name, "log_sha256": study.log_sha256,
+        "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),
+        "identification": study.identification, "diagnosis": study.diagnosis})
+    write_atomically(log.result, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    return record(result)
+
+
+def finished(log: Log, settings: Settings) -> Entry | None:
+    """Return the record of a finished log; None if damaged, or of other data or settings."""
+    result = _result(log)
+    proof = {"schema": SCHEMA, "settings_sha256": settings.sha256, "log_sha256": sha256(log.path),
+             "parameters_sha256": sha256(log.parameters)}
+    if any(not value or result.get(name) != value for name, value in proof.items()):
+        return None
+    try:
+        return record(result)
+    except (KeyError, TypeError, IndexError):
+        return None  # edited by hand
+
+
+def _result(log: Log) -> dict[str, Any]:
+    try:
+        result = json.loads(log.result.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return result if isinstance(result, dict) else {}
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file; empty when there is none that can be read."""
+    try:
+        # A pipe would be read for ever.
+        return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    except OSError:
+        return ""
 
 
 def _read(log: Log) -> Task:
@@ -76,10 +219,10 @@ def _read(log: Log) -> Task:
     return Task(log.name, read_bench(log.path))
 
 
-def _broken(log: Log, reason: str) -> BrokenLog:
+def _broken(log: Log, reason: str) -> Entry:
     path = str(log.path)
     reason = reason if reason.startswith(path) else f"{path}: {reason}"
-    return BrokenLog(_printable(log.name), _printable(reason))
+    return {"log": _printable(log.name), "error": _printable(reason)}
 
 
 def _printable(text: str) -> str:

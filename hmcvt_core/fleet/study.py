@@ -84,14 +84,8 @@ class Study:
     diagnosis: dict[str, Any] | None
 
 
-@dataclass(frozen=True)
-class Broken:
-    """A log without outcome, and why in one line."""
-
-    reason: str
-
-
-Outcome = Study | Broken
+Outcome = Study | str
+"""Of a log; the text says in one line why there is none."""
 
 
 def study(samples: BenchSamples, settings: Settings) -> Outcome:
@@ -99,9 +93,9 @@ def study(samples: BenchSamples, settings: Settings) -> Outcome:
     try:
         return _study(samples, settings)
     except HmcvtError as error:
-        return Broken(str(error))
+        return str(error)
     except Exception as error:  # one log must not stop thousands
-        return Broken(internal_failure(error))
+        return internal_failure(error)
 
 
 def internal_failure(error: BaseException) -> str:
@@ -120,6 +114,4 @@ def _study(samples: BenchSamples, settings: Settings) -> Study:
     if settings.diagnosed:
         diagnosis = diagnose(found.model, samples, noise=settings.noise,
                              seed=settings.seed).to_dict()
-    gears = sorted({pair.efficiency for pair in found.model.stage.gear_pairs})
-    identification = {**found.to_dict(), "gear_efficiency": gears}
-    return Study(samples.sha256, found.model, identification, diagnosis)
+    return Study(samples.sha256, found.model, found.to_dict(), diagnosis)

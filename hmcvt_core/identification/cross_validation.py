@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from ..files.bench import BenchSamples
 from ..model.agreement import predicted_at, relative_errors
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PARAMETER_NAMES
-from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
 from .annealing import Schedule
 
 Array = NDArray[np.float64]
@@ -109,11 +108,9 @@ def folds(displacement_ratio: Array, seed: int) -> Iterator[NDArray[np.intp]]:
     count = len(displacement_ratio)
     number = min(count, FOLDS)
     rng = np.random.default_rng(seed)
-    order = np.argsort(displacement_ratio, kind="stable")
     fold = np.empty(count, dtype=int)
-    for start in range(0, count, number):
-        block = order[start:start + number]
-        fold[block] = rng.permutation(number)[:len(block)]
+    fold[np.argsort(displacement_ratio, kind="stable")] = np.concatenate(
+        [rng.permutation(number) for _ in range(0, count, number)])[:count]
     for label in range(number):
         yield np.flatnonzero(fold == label)
 

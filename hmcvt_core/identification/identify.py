@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +79,11 @@ def identify(
         InputError: an argument is out of range.
         IdentificationError: no parameters give an answer at every sample.
     """
-    model = EfficiencyModel(_stage(stage, gear_efficiency), PAPER_PARAMETERS[0.98], formulation,
-                            tuple(effects))
+    if stage is None:
+        stage = load_stage(data_path("params/transmission.yaml"))
+    if gear_efficiency is not None:
+        stage = stage.with_gear_efficiency(gear_efficiency)
+    model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], formulation, tuple(effects))
     problem = Problem(model, samples)
     schedule = SIDE_BY_SIDE if schedule is None else schedule
     roots: list[HydraulicRoots] = []
@@ -97,35 +99,41 @@ def identify(
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
             "sample: check stage, units and load torque")
-    found, predicted = precision(problem, scaled), problem.predict(scaled)
+    standard_errors, correlation = precision(problem, scaled)
+    predicted = problem.predict(scaled)
     fit_error = RelativeError.of(predicted, samples.efficiency).mean
     remark = output_speed_remark(model.stage, samples)
-    warnings = [*findings(samples, scaled, found), *([] if remark is None else [remark])]
-    provenance = _provenance(problem, seed, value, fit_error)
+    warnings = [*findings(samples, scaled, standard_errors, correlation),
+                *([] if remark is None else [remark])]
+    provenance: dict[str, Any] = {
+        "source": f"hmcvt identify, version {__version__}",
+        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "data": Path(samples.source).name,
+        "data_sha256": samples.sha256,
+        "samples": len(samples),
+        "seed": seed,
+        "objective": OBJECTIVES[formulation],
+        "objective_value": float(f"{value:.9g}"),
+        "fit_error": float(f"{fit_error:.6g}"),
+    }
     if validation is not None:
         held = Problem(model, validation)
         error = RelativeError.of(held.predict(scaled), validation.efficiency)
-        provenance |= _validation(validation, error)
+        if np.isfinite(error.mean):
+            provenance["prediction_error"] = float(f"{error.mean:.6g}")
+        provenance["validation_samples"] = len(validation)
+        if error.without_answer:
+            provenance["validation_without_answer"] = error.without_answer
         warnings += unchecked(held, error, samples)
     identified = replace(
         model, parameters=HydraulicParameters(*from_scaled(scaled).tolist()),
-        standard_errors=found.standard_errors, correlation=found.correlation,
-        domain=Domain.of(samples), provenance=provenance)
+        standard_errors=standard_errors, correlation=correlation, domain=Domain.of(samples),
+        provenance=provenance)
     return Identification(
         identified, samples, predicted - samples.efficiency, fit_error,
         provenance.get("prediction_error"), value, float(problem.objective(annealed.x)),
         OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
         annealed.stop_reason, seed, tuple(warnings), tuple(roots))
-
-
-def _stage(stage: Stage | None, gear_efficiency: float | None) -> Stage:
-    stage = _paper_stage() if stage is None else stage
-    return stage if gear_efficiency is None else stage.with_gear_efficiency(gear_efficiency)
-
-
-@cache
-def _paper_stage() -> Stage:
-    return load_stage(data_path("params/transmission.yaml"))
 
 
 def _thinned(samples: BenchSamples) -> BenchSamples:
@@ -141,30 +149,3 @@ def _filled(starts: Array, chains: int, seed: int | None) -> Array:
     low, high = SEARCH_BOUNDS.T
     fill = np.random.default_rng(seed).uniform(low, high, (chains, len(low)))
     return np.concatenate([starts[: max(1, chains // 2)], fill])[:chains]
-
-
-def _provenance(
-    problem: Problem, seed: int | None, value: float, fit_error: float
-) -> dict[str, Any]:
-    samples = problem.samples
-    return {
-        "source": f"hmcvt identify, version {__version__}",
-        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "data": Path(samples.source).name,
-        "data_sha256": samples.sha256,
-        "samples": len(samples),
-        "seed": seed,
-        "objective": OBJECTIVES[problem.model.formulation],
-        "objective_value": float(f"{value:.9g}"),
-        "fit_error": float(f"{fit_error:.6g}"),
-    }
-
-
-def _validation(samples: BenchSamples, error: RelativeError) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    if np.isfinite(error.mean):
-        found["prediction_error"] = float(f"{error.mean:.6g}")
-    found["validation_samples"] = len(samples)
-    if error.without_answer:
-        found["validation_without_answer"] = error.without_answer
-    return found

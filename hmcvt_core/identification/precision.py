@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,25 +29,18 @@ _TIED = 0.95  # a correlation above this leaves only a combination
 _LEAST_SCATTER = 1e-3  # of the residuals: samples without any would promise certainty
 
 
-class Precision(NamedTuple):
-    """Linearised precision of the parameters.
+def precision(problem: Problem, scaled: Array) -> tuple[dict[str, float], Array]:
+    """Standard errors by name, each in its unit, and correlation (3, 3), both linearised.
 
-    Attributes:
-        standard_errors: by name, in the unit of the parameter.
-        correlation: shape (3, 3).
+    From the Jacobian of the weighted residuals at the best point. The width of the bounds enters as
+    prior knowledge, so that a direction the samples do not see gets the error of that width rather
+    than infinity.
     """
-
-    standard_errors: dict[str, float]
-    correlation: Array
-
-
-def precision(problem: Problem, scaled: Array) -> Precision:
-    """Covariance at the best point, from the Jacobian of the weighted residuals.
-
-    The width of the bounds enters as prior knowledge, so that a direction the samples do not see
-    gets the error of that width rather than infinity.
-    """
-    residuals, jacobian = _linearised(problem, scaled)
+    step = np.diag(1e-6 * _WIDTH)
+    low = np.maximum(scaled - step, SEARCH_BOUNDS[:, 0])
+    high = np.minimum(scaled + step, SEARCH_BOUNDS[:, 1])
+    residuals, *found = problem.residuals(np.vstack([scaled, low, high]))
+    jacobian = np.nan_to_num(np.subtract(found[3:], found[:3]) / np.diag(high - low)[:, None]).T
     free = len(residuals) - len(scaled)
     scatter = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
     if problem.samples.efficiency_std is not None:
@@ -58,23 +50,18 @@ def precision(problem: Problem, scaled: Array) -> Precision:
     covariance = np.linalg.inv(jacobian.T @ jacobian / scale**2 + prior)
     spread = np.sqrt(np.diag(covariance))
     natural = spread * np.array([np.log(10.0) * 10.0 ** scaled[0], 1.0, 1.0])
-    return Precision(dict(zip(PARAMETER_NAMES, natural.tolist(), strict=True)),
-                     covariance / np.outer(spread, spread))
+    return (dict(zip(PARAMETER_NAMES, natural.tolist(), strict=True)),
+            covariance / np.outer(spread, spread))
 
 
-def _linearised(problem: Problem, scaled: Array) -> tuple[Array, Array]:
-    """Weighted residuals (n,) and their Jacobian (n, 3)."""
-    step = np.diag(1e-6 * _WIDTH)
-    low = np.maximum(scaled - step, SEARCH_BOUNDS[:, 0])
-    high = np.minimum(scaled + step, SEARCH_BOUNDS[:, 1])
-    found = problem.residuals(np.vstack([scaled, low, high]))
-    slopes = (found[4:] - found[1:4]) / np.diag(high - low)[:, None]
-    return found[0], np.nan_to_num(slopes).T
-
-
-def findings(samples: BenchSamples, scaled: Array, found: Precision) -> Iterator[str]:
+def findings(
+    samples: BenchSamples, scaled: Array, standard_errors: Mapping[str, float], correlation: Array
+) -> Iterator[str]:
     """Say in plain sentences what the samples leave open."""
-    points, rows = _distinct(samples)
+    columns = [column.tolist() for item in BENCH_COLUMNS
+               if (column := getattr(samples, item.name)) is not None]
+    points = len(set(zip(*columns[:3], strict=True)))
+    rows = len(set(zip(*columns, *samples.extra.values(), strict=True)))
     if rows < len(samples):
         yield (f"{len(samples) - rows} of {len(samples)} samples copy another one in "
                "every column: they count as measurements, and the standard errors are "
@@ -88,38 +75,21 @@ def findings(samples: BenchSamples, scaled: Array, found: Precision) -> Iterator
         if not (samples.displacement_ratio * sign > 0.0).any():
             yield f"no sample has a {word} displacement ratio: the model is unchecked there"
     for i, name in enumerate(PARAMETER_NAMES):
-        yield from _looseness(name, scaled[i], SEARCH_BOUNDS[i], from_scaled(scaled)[i],
-                              found.standard_errors[name])
+        error, unit, value = standard_errors[name], PARAMETER_UNITS[name], from_scaled(scaled)[i]
+        distance = np.abs(SEARCH_BOUNDS[i] - scaled[i])
+        side = int(distance.argmin())
+        if distance[side] < 1e-4 * _WIDTH[i]:
+            yield (f"{name} is not determined by these samples: its best value lies at the "
+                   f"{('lower', 'upper')[side]} bound {from_scaled(SEARCH_BOUNDS.T)[side, i]:g} "
+                   f"{unit}")
+        elif error > _LOOSE * value:
+            yield (f"{name} is not determined by these samples: {value:.3g} with a standard error "
+                   f"of {error:.2g} {unit}")
     for i, j in itertools.combinations(range(len(PARAMETER_NAMES)), 2):
-        tie = found.correlation[i, j]
+        tie = correlation[i, j]
         if abs(tie) > _TIED:
             yield (f"{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]} are tied "
                    f"(correlation {tie:.2f}): only a combination is determined")
-
-
-def _distinct(samples: BenchSamples) -> tuple[int, int]:
-    """Number of working points that differ, and of rows that differ in any column."""
-    columns = [column.tolist() for item in BENCH_COLUMNS
-               if (column := getattr(samples, item.name)) is not None]
-    return (len(set(zip(*columns[:3], strict=True))),
-            len(set(zip(*columns, *samples.extra.values(), strict=True))))
-
-
-def _looseness(
-    name: str, scaled: float, bounds: Array, value: float, error: float
-) -> Iterator[str]:
-    nearest = int(np.abs(bounds - scaled).argmin())
-    unit = PARAMETER_UNITS[name]
-    if abs(scaled - bounds[nearest]) < 1e-4 * (bounds[1] - bounds[0]):
-        yield (f"{name} is not determined by these samples: its best value lies at the "
-               f"{('lower', 'upper')[nearest]} bound {_bound_text(name, nearest)} {unit}")
-    elif error > _LOOSE * value:
-        yield (f"{name} is not determined by these samples: {value:.3g} with a standard error "
-               f"of {error:.2g} {unit}")
-
-
-def _bound_text(name: str, side: int) -> str:
-    return f"{from_scaled(SEARCH_BOUNDS.T)[side, PARAMETER_NAMES.index(name)]:g}"
 
 
 def unchecked(held: Problem, error: RelativeError, fitted: BenchSamples) -> Iterator[str]:

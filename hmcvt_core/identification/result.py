@@ -97,6 +97,7 @@ class Identification:
             "seed": self.seed,
             "residuals": self.residuals.tolist(),
             "warnings": list(self.warnings),
+            "gear_efficiency": sorted({pair.efficiency for pair in self.model.stage.gear_pairs}),
         }
 
     def report(self, numbers: Sequence[int] | None = None) -> str:
@@ -105,14 +106,10 @@ class Identification:
         Args:
             numbers: of the samples in their file; 1, 2, ... when left out.
         """
-        doubled = sum(1 for entry in self.roots if entry.rejected)
-        lines = [*self._parameter_lines(), *self._error_lines(), *self._sample_lines(numbers)]
-        if doubled:
-            lines.append(f"  {doubled} samples have a second root for eta_H, beyond the pole of "
-                         "eq. (11); it was rejected")
-        return "\n".join([*lines, *(f"  note: {sentence}" for sentence in self.warnings)])
+        return "\n".join([*self._result_lines(), *self._sample_lines(numbers),
+                          *(f"  note: {sentence}" for sentence in self.warnings)])
 
-    def _parameter_lines(self) -> Iterator[str]:
+    def _result_lines(self) -> Iterator[str]:
         model = self.model
         yield (f"{model.formulation}, stage {model.stage.name}: fitted to {len(self.samples)} "
                f"samples, {self.objective_name} = {self.objective:.6g}")
@@ -123,8 +120,6 @@ class Identification:
                    f"{self.standard_errors[name]:.2g} {PARAMETER_UNITS[name]}")
         yield ("  (leakage holds for a displacement of "
                f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)")
-
-    def _error_lines(self) -> Iterator[str]:
         yield (f"  error of the fit         {100 * self.fit_error:6.2f} % "
                "(mean |predicted - measured| / measured)")
         held_back = self.model.provenance.get("validation_samples")
@@ -145,3 +140,7 @@ class Identification:
             yield (f"  {names[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
                    f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
                    f"{measured:10.4f} {measured + self.residuals[i]:10.4f}")
+        doubled = sum(bool(entry.rejected) for entry in self.roots)
+        if doubled:
+            yield (f"  {doubled} samples have a second root for eta_H, beyond the pole of "
+                   "eq. (11); it was rejected")

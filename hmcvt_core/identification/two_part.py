@@ -45,28 +45,26 @@ def hydraulic_roots(stage: Stage, samples: BenchSamples) -> list[HydraulicRoots]
         One entry per sample; empty where no eta_H can give the measured value (as at eps = 0,
         where eta_H does not enter).
     """
-    return [_roots(stage, float(eps), float(eta)) for eps, eta in
+    return [_roots(stage, stroke, float(measured)) for stroke, measured in
             zip(samples.displacement_ratio, samples.efficiency, strict=True)]
 
 
-def _roots(stage: Stage, displacement_ratio: float, efficiency: float) -> HydraulicRoots:
+def _roots(stage: Stage, stroke: Array, efficiency: float) -> HydraulicRoots:
     from scipy.optimize import brentq
 
-    consistent: list[float] = []
-    rejected: list[float] = []
-    stroke = np.array(displacement_ratio)
-
     def gap(hydraulic: Array | float) -> Array:
-        return published.efficiencies(stage, stroke, np.asarray(hydraulic)).total - efficiency
+        total = published.efficiencies(stage, stroke, np.asarray(hydraulic)).total
+        return np.nan_to_num(total, nan=np.finfo(float).max) - efficiency  # no number at the pole
 
+    roots: dict[bool, list[float]] = {True: [], False: []}
     values = gap(_GRID)
     change = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0)
-    for i in change if displacement_ratio != 0.0 else ():
+    for i in change if stroke != 0.0 else ():
         root = brentq(gap, _GRID[i], _GRID[i + 1], xtol=1e-15)
         if abs(gap(root)) < 1e-6:  # a sign change through the pole is no root
             found = published.efficiencies(stage, stroke, np.array(root))
-            (consistent if published.is_consistent(found, stroke) else rejected).append(root)
-    return HydraulicRoots(tuple(consistent), tuple(rejected))
+            roots[bool(published.is_consistent(found, stroke))].append(root)
+    return HydraulicRoots(tuple(roots[True]), tuple(roots[False]))
 
 
 def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:

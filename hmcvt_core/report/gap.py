@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import REGION_SIGNIFICANCE
+from ..model.agreement import predicted_at
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import RPM
 from .style import BLUE, INK, ORANGE, Figures, few_ticks, icon, styled, to_svg
@@ -45,10 +46,7 @@ def shared(found: Diagnosis, model: EfficiencyModel) -> float:
 
 
 def _errors(found: Diagnosis, model: EfficiencyModel) -> Array:
-    samples = found.samples
-    return np.asarray(samples.efficiency - model.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque,
-        samples.oil_temperature))
+    return found.samples.efficiency - predicted_at(model, found.samples)
 
 
 def _of_samples(found: Diagnosis) -> bool:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -64,13 +64,9 @@ def scale(*balances: Mapping[str, Array]) -> tuple[float, float]:
 def stack(
     axes: Any, displacement_ratio: Array, balance: Mapping[str, Array], parts: Sequence[str]
 ) -> None:
-    """Draw parts of a balance above each other, gains below zero; the `gid` is the part.
+    """Draw parts of a balance above each other, lowest first and gains below zero.
 
-    Args:
-        axes: matplotlib's.
-        displacement_ratio: shape (k,) [-], ascending.
-        balance: each part of shape (k,), in any unit.
-        parts: lowest first.
+    The `gid` is the part. `displacement_ratio` ascends and has shape (k,) like each part.
     """
     lost = gained = np.zeros(len(displacement_ratio))
     for part in (part for part in parts if part in balance):
@@ -89,16 +85,12 @@ def stack(
 
 
 def draw_losses(
-    figure: Any,
-    model: EfficiencyModel,
-    engine_speed: float,
-    load_torque: float,
+    figure: Any, model: EfficiencyModel, engine_speed: float, load_torque: float,
     displacement_ratio: float | None = None,
 ) -> None:
-    """Draw the lost part of the input power, part by part, on a matplotlib figure.
+    """Draw the lost part of the input power, part by part, on an empty matplotlib figure.
 
     Args:
-        figure: empty.
         model: of formulation `power_balance`.
         engine_speed: [rad/s].
         load_torque: [N m].
@@ -121,12 +113,7 @@ def draw_losses(
 def before_and_after(
     displacement_ratio: Array, before: Mapping[str, Array], after: Mapping[str, Array]
 ) -> Figures:
-    """Draw two balances on one scale, or one if they are the same object.
-
-    Args:
-        displacement_ratio: shape (k,) [-], ascending.
-        before, after: of `lost_power`.
-    """
+    """Draw two balances of `lost_power` on one scale, or one if they are the same object."""
     parts = worth_drawing(before, after)
     panels = {"Base model, refitted": before}
     if after is not before:
@@ -145,15 +132,13 @@ def before_and_after(
             drawings.append(to_svg(
                 figure, f"watts-{index}",
                 f"{title}: power lost in each part over displacement ratio", tips))
-    legend = [(part, icon(f"part-{i}", partial(_fill, part=part))) for i, part in enumerate(parts)]
+    legend = [(part, icon(f"part-{i}", methodcaller(
+        "fill_between", (0.05, 0.95), 0.05, 0.95, **loss_style(part))))
+        for i, part in enumerate(parts)]
     notes = [] if after is before or after.keys() - before.keys() else [
         "The effect takes no share of its own: it acts through the parts shown, or on the "
         "readings of the bench."]
     return Figures(drawings, legend[::-1], notes)
-
-
-def _fill(axes: Any, part: str) -> None:
-    axes.fill_between((0.05, 0.95), 0.05, 0.95, **loss_style(part))
 
 
 def means(

@@ -16,7 +16,7 @@ from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
 from .gap import gap_map, residuals, shared
 from .losses import before_and_after, lost_power, means
-from .template import render
+from .style import render
 
 _STROKES = 41
 

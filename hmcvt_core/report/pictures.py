@@ -16,12 +16,11 @@ from ..files.bench import BenchSamples
 from ..identification import Identification
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from ..transmission.stage import speed_ratio
-from ..transmission.uncertainty import PAPER_EFFICIENCY_UNCERTAINTY
 from .losses import draw_losses
-from .style import BLUE, ORANGE, picture_format, styled, to_png, to_svg
-from .template import render
+from .style import BLUE, ORANGE, picture_format, render, styled, to_png, to_svg
 
 __all__ = ["draw_fit", "draw_losses", "draw_surface", "save"]
 
@@ -58,19 +57,16 @@ def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
 
 
 def draw_fit(figure: Any, found: Identification, held_back: BenchSamples | None = None) -> None:
-    """Draw measured over predicted efficiency, with the uncertainty of both.
+    """Draw measured over predicted efficiency on an empty matplotlib figure.
 
-    Args:
-        figure: of matplotlib, empty.
-        found: the identification.
-        held_back: samples that it did not see.
+    Both with their uncertainty; `held_back` are samples that the identification did not see.
     """
     figure.set_size_inches(7.6, 8.2)
     axes = figure.subplots()
     sets = [("fitted", found.samples, "o", BLUE)]
     if held_back is not None:
         sets.append(("held back", held_back, "s", ORANGE))
-    ends = [np.inf, -np.inf]
+    seen: list[Array] = []
     for name, samples, marker, colour in sets:
         predicted = found.model.predict(samples.displacement_ratio, samples.engine_speed,
                                         samples.load_torque, samples.oil_temperature)
@@ -80,10 +76,10 @@ def draw_fit(figure: Any, found: Identification, held_back: BenchSamples | None 
             100.0 * predicted.efficiency, 100.0 * samples.efficiency,
             xerr=100.0 * np.nan_to_num(predicted.standard_error), yerr=100.0 * deviation,
             fmt=marker, ms=10, color=colour, capsize=4, lw=1.6, label=f"{name} ({len(samples)})")
-        both = np.concatenate([predicted.efficiency, samples.efficiency])
-        ends = [min(ends[0], np.nanmin(both)), max(ends[1], np.nanmax(both))]
-    margin = max(0.15 * (ends[1] - ends[0]), 0.01)
-    line = 100.0 * np.array([ends[0] - margin, ends[1] + margin])
+        seen += [predicted.efficiency, samples.efficiency]
+    low, high = np.nanmin(np.concatenate(seen)), np.nanmax(np.concatenate(seen))
+    margin = max(0.15 * (high - low), 0.01)
+    line = 100.0 * np.array([low - margin, high + margin])
     axes.plot(line, line, color="0.35", lw=1.4, zorder=0)
     axes.fill_between(line, line * 0.98, line * 1.02, color="0.9", lw=0, zorder=-1,
                       label="2 % of measured")
@@ -97,11 +93,8 @@ def draw_fit(figure: Any, found: Identification, held_back: BenchSamples | None 
 
 
 def draw_surface(
-    figure: Any,
-    model: EfficiencyModel,
-    power: float,
-    engine_speeds: tuple[float, float] = ENGINE_SPEED_LIMITS,
-    samples: BenchSamples | None = None,
+    figure: Any, model: EfficiencyModel, power: float,
+    engine_speeds: tuple[float, float] = ENGINE_SPEED_LIMITS, samples: BenchSamples | None = None,
 ) -> None:
     """Draw the efficiency at a load power over engine speed and transmission ratio.
 
@@ -178,9 +171,8 @@ def _draw_samples(axes: Any, model: EfficiencyModel, samples: BenchSamples) -> N
     numbered = len(samples) <= 30  # more numbers than that the eye cannot part
     axes.plot(samples.engine_speed / RPM, ratio, "o", ms=9, mfc="w", mec="k", mew=1.8, ls="none",
               clip_on=False, label="bench, measured - predicted" if numbered else "bench")
-    if not numbered:
-        return
-    for x, y, gap in zip(samples.engine_speed / RPM, ratio, residual, strict=True):
+    marks = zip(samples.engine_speed / RPM, ratio, residual, strict=True)
+    for x, y, gap in marks if numbered else ():
         axes.annotate(f"{gap:+.1f}", (x, y), xytext=(8, 6), textcoords="offset points",
                       fontsize=12, bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "none",
                                          "alpha": 0.85})

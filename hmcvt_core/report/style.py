@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How everything drawn looks, on pages and in files: letters, colours, SVG.
+"""How everything drawn looks, on pages and in files: letters, colours, SVG, templates.
 
 Readable in grey and on a projector: large letters, dark lines, and marks or hatches wherever colour
 tells things apart.
@@ -55,6 +55,7 @@ _STYLE: Any = {
 }
 _SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _ICON = 20.0 / 72.0
+_TEMPLATES = Path(__file__).parent / "templates"
 _LENGTHS, _NUMBER = frozenset(("d", "x", "y")), re.compile(r"-?\d+\.\d{3,}")
 
 
@@ -195,3 +196,32 @@ def icon(name: str, draw: Callable[[Any], None]) -> str:
         axes.set_axis_off()
         draw(axes)
         return to_svg(figure, name)
+
+
+def render(template: str, folder: Path = _TEMPLATES, /, **context: Any) -> str:
+    """Return a page; everything that a template prints is escaped, and nothing is loaded.
+
+    Args:
+        template: its name; it may extend `base.html.j2` and include what stands beside that.
+        folder: where it lies.
+        context: what it names. `Markup` and SVG of `to_svg` go in as they are.
+
+    Raises:
+        InputError: Jinja2 or matplotlib is missing.
+    """
+    check_drawable()
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader([folder, _TEMPLATES]), autoescape=True, undefined=StrictUndefined,
+        finalize=_printable, extensions=["jinja2.ext.do"], trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True)
+    return environment.get_template(template).render(colours=COLOURS, **context)
+
+
+def _printable(value: Any) -> Any:
+    """Replace what no page may hold, such as control characters in the name of a file."""
+    if not isinstance(value, str) or hasattr(value, "__html__"):
+        return value
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
+                   for letter in value)

@@ -85,3 +85,6 @@ PAPER_PARAMETERS = {
     0.97: HydraulicParameters(2.43e-12, 0.0311, 0.2934),
 }
 """The triples printed in section 4.2, by gear efficiency. They do not reproduce Table 4."""
+
+PAPER_EFFICIENCY_UNCERTAINTY = 0.0112
+"""Total relative uncertainty of the paper's efficiency readings, eq. (3) [-]."""

@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.report import template
+from hmcvt_core.report import style
 from studies.page import render, table
 
 from . import comparison, gear_choice, intervals, paper, subsets, surfaces, tables
@@ -54,7 +54,7 @@ def write(found: Reproduction, folder: Path, command: str) -> list[Path]:
                      for name, items in groupby(found.items, key=lambda item: item.group)]}
     write_atomically(folder / MARKDOWN, render(
         "report.md.j2", _FOLDER, table=table, items_table=_items_table, **context))
-    write_atomically(folder / HTML, template.render(
+    write_atomically(folder / HTML, style.render(
         "report.html.j2", _FOLDER, marks=_MARKS, **context))
     return [folder / HTML, folder / MARKDOWN]
 

@@ -38,19 +38,6 @@ def test_paper_split(hmcvt, formulation, fit, prediction):
                for warning in value["warnings"]) is (formulation == "published")
 
 
-def test_shipped_file_is_what_the_command_writes(fitted):
-    _, out = fitted
-    made, shipped = hmcvt_library.load_model(out), hmcvt_library.load_model(HM4)
-    assert made.parameters.to_array() == pytest.approx(shipped.parameters.to_array(), rel=1e-3)
-    assert made.stage == shipped.stage and made.domain == shipped.domain
-    assert made.formulation == shipped.formulation == "power_balance"
-    assert set(made.provenance) == set(shipped.provenance)
-    for name, value in made.provenance.items():
-        if name != "date":
-            expected = pytest.approx(value, rel=1e-4) if isinstance(value, float) else value
-            assert shipped.provenance[name] == expected, name
-
-
 def test_file_holds_what_json_says(fitted):
     value, out = fitted
     model = hmcvt_library.load_model(out)
@@ -100,12 +87,6 @@ def test_samples_held_back_where_none_was_fitted_are_told(hmcvt, tmp_path):
     assert "outside the range" not in hmcvt("identify", SIMULATED, "--fit", "1-64").out
 
 
-def test_all_samples_without_fit(hmcvt):
-    value = hmcvt("identify", TABLE2, "--json").json
-    assert value["samples"] == 8
-    assert value["prediction_error"] is None and value["held_back"] == []
-
-
 def test_gear_efficiencies_are_compared(hmcvt, tmp_path):
     out = tmp_path / "best.yaml"
     asked = ("identify", TABLE2, *SPLIT, "--out", out, "--gear-efficiency", "1,0.98",
@@ -128,4 +109,6 @@ def test_other_transmission(hmcvt, tmp_path):
     value = hmcvt("identify", TABLE2, "--transmission", made, "--stage", "LOW", "--json").json
     assert value["stage"] == "LOW"
     shipped = hmcvt("identify", TABLE2, "--json").json
+    assert shipped["samples"] == 8
+    assert shipped["prediction_error"] is None and shipped["held_back"] == []
     assert value["parameters"] != shipped["parameters"]

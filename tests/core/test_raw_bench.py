@@ -37,6 +37,13 @@ def test_units_and_shaft_torques_give_what_the_reader_would_work_out(tmp_path):
         [140.0 * 1890.0 / (250.0 * 1400.0), 250.0 * 600.0 / (200.0 * 1000.0)])
 
 
+def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
+    path = raw(tmp_path, "eps,n,M,M_e\n0.5,146,200,250\n")
+    columns = {name: text for name, text in PLAIN.items() if name != "efficiency"}
+    found = read_raw_bench(path, columns | {"engine_torque": "M_e"})
+    assert found.efficiency.tolist() == [0.8]
+
+
 def test_other_columns_are_kept(tmp_path):
     found = read_raw_bench(raw(tmp_path), SHAFTS)
     assert found.extra == {"no": ("1", "2"), "remark": ("warm", "")}
@@ -86,27 +93,17 @@ def test_a_row_without_values_is_no_row_of_units(tmp_path, row):
 
 def test_text_of_a_german_table_calculation(tmp_path):
     path = tmp_path / "raw.csv"
-    text = ("Hub;n;M;eta;\u00d6ltemperatur [\u00b0C]\n%;1/min.;Nm;%;\n"
-            "50;1400,5;200,25;80,5;60,5\n")
+    text = ("Hub;n;M;eta;std;\u00d6ltemperatur [\u00b0C]\n%;1/min.;Nm;%;%;\n"
+            "50;1400,5;200,25;80,5;0,3;60,5\n")
     path.write_bytes(text.encode("cp1252"))
     found = read_raw_bench(path, {
         "displacement_ratio": "Hub:%", "engine_speed": "n:U/min", "load_torque": "M:nm",
-        "efficiency": "eta:%", "oil_temperature": "\u00d6ltemperatur [\u00b0C]:\u00b0c"})
-    assert found.oil_temperature.tolist() == [60.5]
-    assert found.engine_speed.tolist() == pytest.approx([1400.5 * RPM])
-
-
-def test_measured_efficiency_and_load(tmp_path):
-    path = raw(tmp_path, "eps;n;M;eta;std;T\n0,5;146,6;200,5;79,4;0,3;55\n")
-    found = read_raw_bench(path, {
-        "displacement_ratio": "eps", "engine_speed": "n",
-        "load_torque": "M", "efficiency": "eta:%",
-        "efficiency_std": "std:%",
-        "oil_temperature": "T"})
-    assert found.efficiency.tolist() == pytest.approx([0.794])
+        "efficiency": "eta:%", "efficiency_std": "std:%",
+        "oil_temperature": "\u00d6ltemperatur [\u00b0C]:\u00b0c"})
+    assert found.efficiency.tolist() == pytest.approx([0.805])
     assert found.efficiency_std.tolist() == pytest.approx([0.003])
-    assert (found.engine_speed[0], found.load_torque[0]) == (146.6, 200.5)
-    assert found.oil_temperature.tolist() == [55.0]
+    assert found.engine_speed.tolist() == pytest.approx([1400.5 * RPM])
+    assert (found.load_torque[0], found.oil_temperature[0]) == (200.25, 60.5)
 
 
 def test_the_first_unit_is_the_one_that_is_kept():
@@ -173,10 +170,3 @@ def test_what_is_missing_is_named(tmp_path, left, message):
 def test_a_bad_row_is_named(tmp_path, row, message):
     with pytest.raises(hmcvt.InputError, match=message):
         read_raw_bench(raw(tmp_path, f"{HEADER}{row}\n"), SHAFTS)
-
-
-def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
-    path = raw(tmp_path, "eps,n,M,M_e\n0.5,146,200,250\n")
-    found = read_raw_bench(path, {"displacement_ratio": "eps", "engine_speed": "n",
-                                  "load_torque": "M", "engine_torque": "M_e"})
-    assert found.efficiency.tolist() == [0.8]

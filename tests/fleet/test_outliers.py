@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 
 from hmcvt_core.cli.fleet import _Counter, _report
-from hmcvt_core.fleet.summary import (
-    LEAST_LOGS,
-    THRESHOLD,
-    BrokenLog,
-    Row,
-    Summary,
-    robust_scores,
-)
+from hmcvt_core.fleet.summary import LEAST_LOGS, THRESHOLD, record, robust_scores, summarise
+
+BROKEN = {"log": "x.csv", "error": "x.csv: is empty"}
 
 
 def test_scores_by_hand():
@@ -51,26 +46,29 @@ def test_fleet_without_scatter_is_not_judged(values):
 
 def _row(number, leakage=1e-11, gap=0.004, verdict="no_gap", cause=None):
     spread = 1.0 + 0.01 * (number % 5)
-    return Row(f"{number:02d}.csv", {"leakage": leakage * spread, "motor_damping": 0.2 * spread,
-                                     "pump_damping": 0.1 * spread, "gap": gap * spread},
-               {"leakage": 1e-12, "motor_damping": 0.01, "pump_damping": 0.01}, verdict, cause,
-               None if cause is None else 0.9)
+    values = {"leakage": leakage, "motor_damping": 0.2, "pump_damping": 0.1}
+    return record({
+        "log": f"{number:02d}.csv",
+        "identification": {"parameters": {
+            name: {"value": value * spread, "unit": "", "standard_error": 0.1 * value}
+            for name, value in values.items()}},
+        "diagnosis": {"verdict": verdict, "gap": {"rmse": gap * spread},
+                      "causes": [{"effect": cause, "probability": 0.9}]}})
 
 
 def test_summary():
     rows = [_row(number) for number in range(10)]
     rows[3] = _row(3, leakage=2e-11)
     rows[7] = _row(7, gap=0.02, verdict="cause_found", cause="charge_pump")
-    found = Summary.of(rows[:4], [*rows[:3:-1], BrokenLog("x.csv", "x.csv: is empty")])
-    assert [row.log for row in found.rows] == [f"{number:02d}.csv" for number in range(10)]
-    assert [list(found.outlying(place)) for place in range(10)] == [
+    found = summarise(rows[:4], [*rows[:3:-1], BROKEN])
+    assert [log["log"] for log in found["logs"]] == [f"{number:02d}.csv" for number in range(10)]
+    assert [log["outlier"] for log in found["logs"]] == [
         [], [], [], ["leakage"], [], [], [], ["gap"], [], []]
-    assert found.counts() == {
+    assert found["counts"] == {
         "logs": 11, "finished_now": 6, "finished_before": 4, "broken": 1, "outliers": 2,
         "verdicts": {"no_gap": 9, "cause_found": 1}, "causes": {"charge_pump": 1}}
-    data = found.to_dict()
-    assert data["logs"][3]["outlier"] == ["leakage"] and data["logs"][3]["z"]["leakage"] > 3.5
-    assert data["broken"] == [{"log": "x.csv", "error": "x.csv: is empty"}]
+    assert found["logs"][3]["z"]["leakage"] > 3.5 and found["logs"][3]["cause"] is None
+    assert found["broken"] == [BROKEN]
     text = _report(found)
     assert re.search(r"\n00\.csv +1\.000e-11 +0\.2000 +0\.1000 +0\.40 +no_gap +- +-\n", text)
     assert re.search(r"07\.csv .* 2\.04 +cause_found +charge_pump \(90 %\) +gap \+\d", text)
@@ -81,8 +79,8 @@ def test_summary():
 
 
 def test_fleet_of_broken_logs_has_a_table_too():
-    found = Summary.of([], [BrokenLog("x.csv", "x.csv: is empty")])
-    assert found.to_dict()["logs"] == [] and found.counts()["broken"] == 1
+    found = summarise([], [BROKEN])
+    assert found["logs"] == [] and found["counts"]["broken"] == 1
     assert _report(found).startswith("broken\n  x.csv: is empty\n\n1 logs: 0 finished now")
 
 
@@ -95,13 +93,11 @@ class _Terminal(io.StringIO):
 def test_progress(monkeypatch, terminal):
     stream = _Terminal() if terminal else io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
-    counter = _Counter(30)
-    for told in ("start", "told"):
-        setattr(counter, told, getattr(counter, told) - 600.0)
-    counter.line.start -= 600.0
+    counter = _Counter()
+    counter.line.start = counter.line.told = counter.line.start - 600.0
     for number in range(9):
-        counter(_row(number))
-    counter(BrokenLog("x.csv", "x.csv: is empty"))
+        counter(_row(number), 30)
+    counter(BROKEN, 30)
     counter.close()
     shown = stream.getvalue()
     assert "hmcvt: broken: x.csv: is empty\n" in shown
