@@ -46,10 +46,8 @@ _SHAPES: dict[str, _Draw] = {
     "churning": lambda r: {"exponent": r.uniform(2.6, 3.0)},
     "output_churning": lambda r: {"exponent": r.uniform(2.6, 3.0)},
     "clutch_drag": lambda r: {
-        "slip_ratio": r.uniform(0.6, 1.2),
-        "peak_slip": r.uniform(70.0, 160.0),
-        "decay": r.uniform(1.4, 2.2),
-    },
+        "slip_ratio": r.uniform(0.6, 1.2), "peak_slip": r.uniform(70.0, 160.0),
+        "decay": r.uniform(1.4, 2.2)},
     "planetary_mesh": lambda r: {"bearing": r.uniform(0.05, 0.25)},
     "pressure_leakage": lambda r: {"exponent": r.uniform(1.6, 2.2)},
     "pressure_friction": lambda r: {
@@ -65,10 +63,8 @@ _SHAPES: dict[str, _Draw] = {
     "torsional_resonance": lambda r: {
         "centre": r.uniform(105.0, 200.0), "damping": r.uniform(0.03, 0.05)},
     "casing_deflection": lambda r: {
-        "stroke_edge": r.uniform(0.35, 0.6),
-        "load_edge": r.uniform(270.0, 340.0),
-        "sense": _sense(r),
-    },
+        "stroke_edge": r.uniform(0.35, 0.6), "load_edge": r.uniform(270.0, 340.0),
+        "sense": _sense(r)},
     "swash_chatter": lambda r: {
         "centre": _sense(r) * r.uniform(0.3, 0.75), "half_width": r.uniform(0.12, 0.18)},
     "clutch_microslip": lambda r: {"capacity": r.uniform(330.0, 420.0)},

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from studies.blind.conditions import REFERENCE
 from studies.blind.trial import DETECTABLE
@@ -17,17 +18,6 @@ from studies.page import render, table
 Record = dict[str, Any]
 _SET_SIZE = 3
 _FIRST_GOAL = 0.85
-_Z = 1.959964  # two-sided 95 %
-
-
-def wilson(hits: int, total: int) -> tuple[float, float]:
-    """95 % interval of a rate (Wilson 1927); (0, 1) without trials."""
-    if total == 0:
-        return 0.0, 1.0
-    rate, z2 = hits / total, _Z**2
-    middle = (rate + z2 / (2 * total)) / (1 + z2 / total)
-    half = _Z * np.sqrt(rate * (1 - rate) / total + z2 / (4 * total**2)) / (1 + z2 / total)
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))
 
 
 def rate(records: Sequence[Record], hit: Callable[[Record], bool]) -> str:
@@ -42,7 +32,7 @@ def _count(records: Sequence[Record], hit: Callable[[Record], bool]) -> tuple[in
 def _rate(hits: int, total: int) -> str:
     if total == 0:
         return "none"
-    low, high = wilson(hits, total)
+    low, high = binomtest(hits, total).proportion_ci(method="wilson")
     return f"{hits}/{total} = {100 * hits / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 
 

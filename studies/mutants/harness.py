@@ -43,29 +43,29 @@ class Reach:
 
 
 class Copies:
-    """As many copies of the project as trials run side by side."""
+    """As many copies of the project as trials run side by side.
+
+    Attributes:
+        state: twelve digits of all Python files: results of another state do not count.
+    """
 
     def __init__(self, folder: Path, count: int) -> None:
         listed = subprocess.run(
             ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True)
-        self._files = [name for name in listed.stdout.decode().split("\0")
-                       if name and (ROOT / name).is_file()]
+        files = [name for name in listed.stdout.decode().split("\0")
+                 if name and (ROOT / name).is_file()]
+        told = hashlib.sha256()
+        for name in sorted(name for name in files if name.endswith((".py", ".toml"))):
+            told.update(name.encode() + (ROOT / name).read_bytes())
+        self.state = told.hexdigest()[:12]
         self._free: SimpleQueue[Path] = SimpleQueue()
         for number in range(count):
             copy = folder / f"copy-{number}"
             shutil.rmtree(copy, ignore_errors=True)
-            for name in self._files:
+            for name in files:
                 (copy / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, copy / name)
             self._free.put(copy)
-
-    @property
-    def state(self) -> str:
-        """Twelve digits of all Python files: results of another state do not count."""
-        found = hashlib.sha256()
-        for name in sorted(name for name in self._files if name.endswith((".py", ".toml"))):
-            found.update(name.encode() + (ROOT / name).read_bytes())
-        return found.hexdigest()[:12]
 
     @contextmanager
     def one(self) -> Iterator[Path]:

@@ -106,68 +106,58 @@ def items(found: dict[str, Summary]) -> list[Item]:
     return [*_numbers(found), *_order(found), *_global(found), *_ablation(found)]
 
 
-def _paper_measures() -> dict[str, float]:
-    """Errors that the paper's own Table 4 has, by the measures that could be meant."""
-    measured = table2().efficiency
-    estimated = np.array(paper.TABLE_4[0.98]) / 100.0
-    off = (estimated - measured)[FITTED]
-    return {"1 - RSQ (21)": float(determination_loss(estimated[FITTED], measured[FITTED])),
-            "mean square": float(np.mean(off**2)),
-            "mean |error|": float(np.mean(np.abs(off)))}
-
-
 def _numbers(found: dict[str, Summary]) -> list[Item]:
-    made = []
-    measures = _paper_measures()
+    # Errors that the paper's own Table 4 has, by the measures that could be meant.
+    measured, estimated = table2().efficiency[FITTED], np.array(paper.TABLE_4[0.98])[FITTED] / 100.0
+    measures = {"1 - RSQ (21)": float(determination_loss(estimated, measured)),
+                "mean square": float(np.mean((estimated - measured) ** 2)),
+                "mean |error|": float(np.mean(np.abs(estimated - measured)))}
     meant = ", ".join(f"{name} {value:.2g}" for name, value in measures.items())
     known = any(f"{value:.5f}" == f"{paper.FIGURE_6[IMPROVED_SA].error:.5f}"
                 for value in measures.values())
+    made = []
     for name, printed in paper.FIGURE_6.items():
         low, middle, high = found[name].quartiles("value")
+        evaluations, seconds = (found[name].quartiles(of)[1] for of in ("evaluations", "seconds"))
         same = f"{middle:.2g}" == f"{printed.error:.2g}"
-        made.append(Item(
-            FIGURE_6, f"error reached, {name} (median and quartiles of 1 - RSQ)", printed.error,
-            f"{middle:.5f} ({low:.5f} to {high:.5f})",
-            REPRODUCED if same else DIFFERS if known else NOT_REPRODUCIBLE,
-            "" if same else "the measure is not named; the paper's own Table 4 has "
-            f"{meant} on the five tests", ".2g"))
-        made.append(_spent(found[name], printed))
+        made += [
+            Item(FIGURE_6, f"error reached, {name} (median and quartiles of 1 - RSQ)",
+                 printed.error, f"{middle:.5f} ({low:.5f} to {high:.5f})",
+                 REPRODUCED if same else DIFFERS if known else NOT_REPRODUCIBLE,
+                 "" if same else "the measure is not named; the paper's own Table 4 has "
+                 f"{meant} on the five tests", ".2g"),
+            Item(FIGURE_6, f"effort, {name}",
+                 f"{printed.iterations} iterations, {printed.seconds:g} s",
+                 f"{evaluations / paper.PARTICLES:.0f} x {paper.PARTICLES} points, "
+                 f"{seconds:.2f} s", NOT_REPRODUCIBLE,
+                 "another computer; medians of processor time, which alone change from run to "
+                 "run")]
     return made
-
-
-def _spent(summary: Summary, printed: paper.Search) -> Item:
-    evaluations, seconds = (summary.quartiles(name)[1] for name in ("evaluations", "seconds"))
-    return Item(
-        FIGURE_6, f"effort, {summary.algorithm}",
-        f"{printed.iterations} iterations, {printed.seconds:g} s",
-        f"{evaluations / paper.PARTICLES:.0f} x {paper.PARTICLES} points, {seconds:.2f} s",
-        NOT_REPRODUCIBLE, "another computer; medians of processor time, which alone change from "
-        "run to run")
 
 
 def _order(found: dict[str, Summary]) -> list[Item]:
     made = [item for name in (GA, PSO, STANDARD_SA) for ours in (IMPROVED_SA, COOLER)
-            for item in _against(found, ours, name)]
-    return [*made, *(_time(found, name) for name in (GA, PSO))]
+            for item in _against(found[ours], found[name])]
+    seconds = {name: found[name].quartiles("seconds")[1] for name in (IMPROVED_SA, GA, PSO)}
+    spent = seconds.pop(IMPROVED_SA)
+    return [*made, *(
+        claim(FIGURE_6, f"time, improved SA takes less than {rival}", "holds",
+              f"{spent:.2f} against {theirs:.2f} s", spent < theirs,
+              why="one chain asks for one point at a time, the others for twenty at once")
+        for rival, theirs in seconds.items())]
 
 
-def _time(found: dict[str, Summary], rival: str) -> Item:
-    ours, theirs = (found[name].quartiles("seconds")[1] for name in (IMPROVED_SA, rival))
-    return claim(FIGURE_6, f"time, improved SA takes less than {rival}", "holds",
-                 f"{ours:.2f} against {theirs:.2f} s", ours < theirs,
-                 why="one chain asks for one point at a time, the others for twenty at once")
-
-
-def _against(found: dict[str, Summary], name: str, rival: str) -> list[Item]:
-    lower, fewer = f"{name} ends lower than {rival}", f"{name} needs fewer evaluations than {rival}"
-    ours, theirs, said = found[name], found[rival], _said(rival)
+def _against(ours: Summary, theirs: Summary) -> list[Item]:
+    name, rival = ours.algorithm, theirs.algorithm
+    # What the paper says of the improved SA against the standard one follows from (1)-(4).
+    said = "implied by (1)-(4)" if rival == STANDARD_SA else "holds"
     spent = ours.until_met, theirs.until_met
     chance = cheaper(ours, theirs, *spent)
     return [
-        claim(FIGURE_6, lower, said, f"{ours.median:.5f} against {theirs.median:.5f}",
-              ours.median < theirs.median,
+        claim(FIGURE_6, f"{name} ends lower than {rival}", said,
+              f"{ours.median:.5f} against {theirs.median:.5f}", ours.median < theirs.median,
               why=f"{theirs.reached_text} seeds end near the optimum against {ours.reached_text}"),
-        claim(FIGURE_6, fewer, said,
+        claim(FIGURE_6, f"{name} needs fewer evaluations than {rival}", said,
               f"{ours.cost(spent[0])} against {theirs.cost(spent[1])}", chance >= _SURE,
               why=_chance(chance), remark=_chance(chance)),
     ]
@@ -190,11 +180,6 @@ def cheaper(one: Summary, other: Summary, spent: list[int], elsewhere: list[int]
     return float(np.mean(costs[0] < costs[1]))
 
 
-def _said(name: str) -> str:
-    """What the paper says of the improved SA against another algorithm."""
-    return "implied by (1)-(4)" if name == STANDARD_SA else "holds"
-
-
 def _global(found: dict[str, Summary]) -> list[Item]:
     near = f"within {100 * (NEAR - 1):.0f} %"
     lines = ((IMPROVED_SA, "adaptive cooling ends runs while the disturbance is still wide"),
@@ -213,25 +198,17 @@ def _ablation(found: dict[str, Summary]) -> list[Item]:
     for number, name in WITHOUT.items():
         part = found[name]
         chance = cheaper(whole, part, whole.whole, part.whole)
-        what = name.split(") ", 1)[1]
-        ours = (f"{whole.reached_text} seeds, {whole.cost(whole.whole)} evaluations with; "
-                f"{part.reached_text}, {part.cost(part.whole)} without")
+        unclear = f"no clear difference: cheaper in {100.0 * chance:.0f} % of resampled seeds"
         made.append(claim(
-            ABLATION, f"improvement ({number}), {what}, helps", "helps", ours,
-            chance >= _SURE, why=_why_not(chance), remark=_chance(chance)))
-    return [*made, _valley(whole, found[WITHOUT[4]])]
-
-
-def _valley(whole: Summary, part: Summary) -> Item:
-    """What part 1 is for: a start in the right valley."""
-    return claim(
+            ABLATION, f"improvement ({number}), {name.split(') ', 1)[1]}, helps", "helps",
+            f"{whole.reached_text} seeds, {whole.cost(whole.whole)} evaluations with; "
+            f"{part.reached_text}, {part.cost(part.whole)} without", chance >= _SURE,
+            why=unclear if chance > 1.0 - _SURE else "the optimum comes dearer with it than "
+            "without", remark=_chance(chance)))
+    # What part 1 is for: a start in the right valley.
+    part = found[WITHOUT[4]]
+    return [*made, claim(
         ABLATION, "improvement (4), two-part start, keeps out of local minima", "no prematurity",
         f"{whole.astray} of {len(whole.runs)} seeds end at twice the lowest or above with; "
         f"{part.astray} without", whole.astray == 0 and part.astray > 0,
-        why="runs without it stay out too" if whole.astray == 0 else "not all runs with it do")
-
-
-def _why_not(chance: float) -> str:
-    if chance > 1.0 - _SURE:
-        return f"no clear difference: cheaper in {100.0 * chance:.0f} % of resampled seeds"
-    return "the optimum comes dearer with it than without"
+        why="runs without it stay out too" if whole.astray == 0 else "not all runs with it do")]

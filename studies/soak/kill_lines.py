@@ -133,11 +133,6 @@ def _refit(folder: Path, number: int) -> None:
     store.adopt(path)
 
 
-def _two_refits(folder: Path) -> None:
-    _refit(folder, 0)
-    _refit(folder, 1)
-
-
 def _in_service(folder: Path, *allowed: int) -> bool:
     store = ModelStore(BASE, folder)
     for path in folder.glob("models/*.yaml"):
@@ -161,7 +156,8 @@ STEPS = {
         lambda folder: _saved(folder, 0, 1)),
     "refit adopted": Step(lambda folder: _refit(folder, 0), lambda folder: _refit(folder, 1),
                           lambda folder: _in_service(folder, 0, 1)),
-    "refit reverted": Step(_two_refits, lambda folder: ModelStore(BASE, folder).revert(),
+    "refit reverted": Step(lambda folder: [_refit(folder, number) for number in (0, 1)],
+                           lambda folder: ModelStore(BASE, folder).revert(),
                            lambda folder: _in_service(folder, 0, 1)),
 }
 

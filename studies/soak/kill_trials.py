@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from studies.page import table
+
 from . import kill_lines, processes
 
 
@@ -44,39 +46,33 @@ def main() -> int:
 
 
 def _lines(folder: Path) -> list[str]:
-    print("Kills before every line of the code that writes:\n")
-    _row("killed", "kills", "problems")
-    _row(*["---"] * 3)
-    problems: list[str] = []
+    rows, problems = [], []
     for name in kill_lines.STEPS:
         count, found = kill_lines.kill_everywhere(name, folder / name.replace(" ", "-"))
-        _row(name, count, len(found))
+        rows.append((name, count, len(found)))
         problems += found
+    print("Kills before every line of the code that writes:\n")
+    print(table(("killed", "kills", "problems"), rows), flush=True)
     return problems
 
 
 def _random(count: int, folder: Path, seed: int) -> list[str]:
     from . import kill_node
 
-    print("\nKills at random moments:\n")
-    _row("killed", "kills", "amid an operation", "temporary files left", "acknowledged",
-         "problems")
-    _row(*["---"] * 6)
     rng = np.random.default_rng(seed)
-    problems: list[str] = []
+    rows, problems = [], []
     for i, kind in enumerate(kill_node.KINDS):
         share = count // len(kill_node.KINDS) + (i < count % len(kill_node.KINDS))
         found = list(kill_node.trials(kind, share, folder, rng)) if share else []
         wrong = [problem for outcome in found for problem in outcome.problems]
-        _row(kind, share, sum(outcome.midway for outcome in found),
-             sum(outcome.leftovers > 0 for outcome in found),
-             sum(outcome.acknowledged for outcome in found), len(wrong))
+        rows.append((kind, share, sum(outcome.midway for outcome in found),
+                     sum(outcome.leftovers > 0 for outcome in found),
+                     sum(outcome.acknowledged for outcome in found), len(wrong)))
         problems += wrong
+    print("\nKills at random moments:\n")
+    print(table(("killed", "kills", "amid an operation", "temporary files left", "acknowledged",
+                 "problems"), rows))
     return problems
-
-
-def _row(*cells: object) -> None:
-    print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -89,8 +89,8 @@ def _time_table(loaded: Loaded) -> str:
     rows = [("node, steady", node), ("relay, steady", relay), ("node, during refits", busy),
             ("relay, quiet turns between", quiet),
             ("relay, beside refits", _beside(loaded.refitting))]
-    figures = (_first_latency(50), _first_latency(99), latency(50), latency(99), latency(100),
-               lambda segment: segment.cpu)
+    figures = (latency(50, "efficiency"), latency(99, "efficiency"), latency(50), latency(99),
+               latency(100), lambda segment: segment.cpu)
     head = ("", "first answer p50", "p99", "both answers p50", "p99", "longest", "processor")
     return table(head, [
         [name, *(spread([figure(segment) for segment in segments]).text() for figure in figures)]
@@ -147,13 +147,10 @@ def _share(part: int, whole: int) -> str:
     return "all" if part == whole else f"{100 * part / whole:.2f} %"
 
 
-def latency(percentile: float) -> Figure:
-    """Return what gives the latency of the whole answer, both outputs [ms]."""
-    return lambda segment: float(np.percentile(segment.optimum_latency, percentile))
-
-
-def _first_latency(percentile: float) -> Figure:
-    return lambda segment: float(np.percentile(segment.efficiency_latency, percentile))
+def latency(percentile: float, outputs: str = "optimum") -> Figure:
+    """Return what gives the latency of the whole answer, both outputs, or of the first [ms]."""
+    return lambda segment: float(np.percentile(
+        getattr(segment, f"{outputs}_latency"), percentile))
 
 
 def ratio(figure: Figure, above: Sequence[Segment], below: Sequence[Segment]) -> Spread:
