@@ -123,10 +123,6 @@ class EfficiencyModel:
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
-        return self._of_transmission
-
-    @cached_property
-    def _of_transmission(self) -> EfficiencyModel:
         physical = tuple(effect for effect in self.effects if effect.component != "sensor")
         return self if len(physical) == len(self.effects) else replace(self, effects=physical)
 
@@ -262,14 +258,6 @@ class EfficiencyModel:
                  for i in range(0, max(count, 1), _CHUNK)]
         return Answer(*(np.concatenate(column).reshape(shape)
                         for column in zip(*parts, strict=True)))
-
-    def efficiency_at(self, points: OperatingPoints) -> Array:
-        """Efficiency at checked points of one shape [-]."""
-        return self.answer_at(points).efficiency
-
-    def output_speed_at(self, points: OperatingPoints) -> Array:
-        """Output speed at checked points of one shape [rad/s]."""
-        return self.answer_at(points).output_speed
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with other parameters than the model's own, for many candidates at once [-].

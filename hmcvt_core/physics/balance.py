@@ -13,14 +13,14 @@ steps from that solution then find u, in each regime of the motor.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Candidates, Parameters
 from ..transmission.points import Answer, OperatingPoints
-from ..transmission.stage import Path, Stage, member_speed_coefficients
+from ..transmission.stage import Stage, member_speed_coefficients
 from .effects.base import Effect, ShaftState, Value
 from .steady_state import ArraySolver
 
@@ -31,41 +31,27 @@ _TOLERANCE = 1e-12  # of the unknown, relative to its scale
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
 
 
-@dataclass(frozen=True)
-class _Torques:
-    """What one pass over the shafts finds for an assumed motor speed; see `PowerFlow`."""
-
-    state: ShaftState
-    output_power: Array
-    output_torque: Array
-    row_motor_torque: Array
-    row_mechanical_torque: Array
-    mechanical_torque: Array
-    pump_pressure: Array
-    leakage_flow: Array
-
-
-@dataclass(frozen=True)
-class PowerFlow(_Torques):
+class PowerFlow(NamedTuple):
     """Steady state at operating points; arrays of one shape, NaN where there is none.
 
     Attributes:
         state: speeds and pressure, and the power that the bench reads at the output.
+        direction: +1 where power flows from motor to row, -1 back, between where it stands.
         output_power: power that really leaves [W].
-        output_torque: torque on the output shaft including drag [N m].
-        row_motor_torque: torque of the row on the motor path, referred to the motor [N m].
-        row_mechanical_torque: torque of the row on the mechanical path, referred to the engine.
-        mechanical_torque: torque of the engine on the mechanical path [N m].
         pump_pressure: pressure over the pump [Pa].
         leakage_flow: flow that does not reach the motor [m3/s].
-        pump_torque: T_p of eq. (15) with every drag [N m]; negative where it drives the engine.
-        engine_power: power that the engine gives [W].
-        direction: +1 where power flows from motor to row, -1 back, between where it stands.
+        torques: by path, before and after each gear pair from the output end back, referred to the
+            shaft at that end (output, motor) or to the engine [N m].
+        engine_power: power that the engine gives [W]; NaN as long as the pump is left out.
     """
 
-    pump_torque: Array
-    engine_power: Array
+    state: ShaftState
     direction: Array
+    output_power: Array
+    pump_pressure: Array
+    leakage_flow: Array
+    torques: dict[str, list[Array]]
+    engine_power: Value = np.nan
 
 
 class BalanceSolver(ArraySolver):
@@ -93,7 +79,7 @@ class BalanceSolver(ArraySolver):
         """The whole power flow of eqs (4), (13)-(15); NaN where the load cannot be carried."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             shafts = _Shafts(*self._given, points)
-            return shafts.flow_at(*shafts.motor_speed())
+            return shafts.with_pump(*shafts.motor_speed())
 
     def displacement_ratio(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
@@ -202,7 +188,7 @@ class _Shafts:
 
         return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
 
-    def _flow(self, found: _Torques) -> Array:
+    def _flow(self, found: PowerFlow) -> Array:
         """Motor speed that the flow gives, eq. (13)."""
         delivered = abs(self.solver.full_flow) * found.state.displacement_ratio * self.engine_speed
         return np.asarray(
@@ -212,7 +198,7 @@ class _Shafts:
 
     def torques(
         self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
-    ) -> _Torques:
+    ) -> PowerFlow:
         """Go from the load back to the pressure and from it to the leakage."""
         ratio, hydraulic = self.solver.mechanical_ratio, self.solver.hydraulic_ratio
         output_speed = ratio * self.engine_speed + hydraulic * speed  # (4)
@@ -224,20 +210,20 @@ class _Shafts:
             pressure = self._pressure(power / output_speed * hydraulic, speed, direction)
         state = self._state(speed, output_speed, stroke, pressure)
         output_torque = power / output_speed + self._sum("output_drag", state)
-        row_torque = self._geared(self.stage.output, output_torque, output_speed, 1.0)
+        output = self._geared("output", output_torque, output_speed, 1.0)
         # Ideal row: virtual work shares the output torque by the speed ratios.
-        row_motor, row_mechanical = row_torque * hydraulic, row_torque * ratio
         motor_share, mechanical_share = self._row_shares(state)
-        row_motor, row_mechanical = row_motor * motor_share, row_mechanical * mechanical_share
-        motor_torque = self._geared(self.stage.motor, row_motor, speed, direction)
-        mechanical = self._geared(self.stage.mechanical, row_mechanical, self.engine_speed, 1.0)
+        motor = self._geared("motor", output[-1] * hydraulic * motor_share, speed, direction)
+        mechanical = self._geared(
+            "mechanical", output[-1] * ratio * mechanical_share, self.engine_speed, 1.0)
         drag = self._sum("motor_drag", state)
-        pressure = self._pressure(motor_torque + drag * direction, speed, direction)
+        pressure = self._pressure(motor[-1] + drag * direction, speed, direction)
         state = state._replace(pressure=pressure)
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         lost = self.leakage * pressure + self._sum("leakage_flow", state)
-        return _Torques(state, power, output_torque, row_motor, row_mechanical, mechanical,
-                        pressure + self._sum("pressure_drop", state), np.asarray(lost))
+        return PowerFlow(state, direction, power, pressure + self._sum("pressure_drop", state),
+                         np.asarray(lost),
+                         {"output": output, "motor": motor, "mechanical": mechanical})
 
     def _state(
         self, speed: Array, output_speed: Array, stroke: Array, pressure: Array
@@ -263,8 +249,17 @@ class _Shafts:
             total = total + getattr(effect, hook)(state)
         return total
 
-    def _geared(self, path: Path, torque: Array, speed: Array, direction: Value) -> Array:
-        return through_gears(path, torque, speed, direction, self.effects)[-1]
+    def _geared(
+        self, path: str, torque: Array, speed: Array, direction: Value
+    ) -> list[Array]:
+        """Torques of a path back from `torque` at its output end, for the shaft at `speed`."""
+        torques = [torque]
+        for pair in reversed(getattr(self.stage, path).gear_pairs):
+            passed: Value = pair.efficiency
+            for effect in self.effects:
+                passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
+            torques.append(np.asarray(torques[-1] / passed**direction))
+        return torques
 
     def _row_shares(self, state: ShaftState) -> tuple[Value, Value]:
         """Torque of motor and mechanical member against an ideal row, with mesh loss."""
@@ -285,7 +280,7 @@ class _Shafts:
 
     # --- the answer -----------------------------------------------------------------------------
 
-    def flow_at(self, speed: Array, direction: Array) -> PowerFlow:
+    def with_pump(self, speed: Array, direction: Array) -> PowerFlow:
         """Return the whole power flow at a motor speed found."""
         found = self.torques(speed, direction, self.stroke)
         for _ in range(_ITERATIONS if self.effects else 0):
@@ -299,12 +294,12 @@ class _Shafts:
         # Eq. (15) in the steady state, with friction that takes torque.
         pump_torque = (ideal + units.pump_friction * np.abs(ideal)
                        + self.pump_damping * self.pump_speed + self._sum("pump_drag", state))
-        at_engine = self._geared(self.stage.pump, pump_torque / self.stage.pump.ratio,
-                                 self.engine_speed, np.sign(pump_torque))
-        torque = at_engine + found.mechanical_torque + self._sum("engine_drag", state)
+        pump = self._geared("pump", np.asarray(pump_torque / self.stage.pump.ratio),
+                            self.engine_speed, np.sign(pump_torque))
+        torque = pump[-1] + found.torques["mechanical"][-1] + self._sum("engine_drag", state)
         power = np.asarray(torque * self.engine_speed)
-        return PowerFlow(**vars(found), pump_torque=np.asarray(pump_torque),
-                         engine_power=np.where(power > 0.0, power, np.nan), direction=direction)
+        return found._replace(torques={**found.torques, "pump": pump},
+                              engine_power=np.where(power > 0.0, power, np.nan))
 
 
 def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value) -> Array:
@@ -322,27 +317,6 @@ def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value)
         previous, shortfall = x, error
         x = np.where(open_, x - error / slope, x)
     return np.where(open_ & (np.abs(error) > _SETTLED * scale), np.nan, x)
-
-
-def through_gears(
-    path: Path, torque: Array, speed: Array, direction: Value, effects: Sequence[Effect]
-) -> list[Array]:
-    """Torque before and after each gear pair of a path, from its output end back [N m].
-
-    Args:
-        path: pairs that lose power.
-        torque: at the output end, referred to the shaft that turns at `speed`.
-        speed: of that shaft [rad/s].
-        direction: +1 where power flows towards the output end, -1 where back, between at rest.
-        effects: what adds to the mesh loss.
-    """
-    torques = [torque]
-    for pair in reversed(path.gear_pairs):
-        passed: Value = pair.efficiency
-        for effect in effects:
-            passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
-        torques.append(np.asarray(torques[-1] / passed**direction))
-    return torques
 
 
 def _sun_against_carrier(stage: Stage, engine_speed: Array, motor_speed: Array) -> Array:

@@ -121,7 +121,7 @@ def test_published_formulas_follow_the_members(tmp_path):
     assert published.hydraulic_split_ratio(stage, np.array([-0.5]))[0] == pytest.approx(0.04)
     flow = BalanceSolver(stage, hmcvt.HydraulicParameters(1e-16, 0.0, 0.0)).flow(
         OperatingPoints(np.array([-0.5]), np.array([100.0]), np.array([50.0])))
-    share = flow.row_motor_torque * flow.state.motor_speed / flow.output_power
+    share = flow.torques["motor"][0] * flow.state.motor_speed / flow.output_power
     assert share[0] == pytest.approx(0.04, rel=1e-6)
 
 

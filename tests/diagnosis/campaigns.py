@@ -43,11 +43,11 @@ def measure(points, effects=(), seed=0, noise=NOISE, speed_noise=SPEED_NOISE, lo
     """What a bench reads at points; `loss(points)` is taken from the efficiency besides."""
     rng = np.random.default_rng([seed, 7])
     truth = replace(BASE, effects=tuple(effects))
-    efficiency = truth.efficiency_at(points)
+    efficiency = truth.answer_at(points).efficiency
     efficiency = efficiency + noise * rng.standard_normal(efficiency.shape)
     if loss is not None:
         efficiency = efficiency - loss(points)
-    speed = truth.output_speed_at(points)
+    speed = truth.answer_at(points).output_speed
     speed = speed * (1.0 + (speed_noise or 0.0) * rng.standard_normal(speed.shape))
     carried = np.isfinite(efficiency)
     return hmcvt.BenchSamples(

@@ -95,7 +95,7 @@ def test_oil_temperature_is_seen_only_where_it_is_swept():
 def test_points_planned_twice_do_not_state_the_noise():
     """Filled-in readings agree to the last digit; that is no noise of a bench."""
     points = random_points(1, 12)
-    once = hmcvt.BenchSamples(*points[:3], BASE.efficiency_at(points))
+    once = hmcvt.BenchSamples(*points[:3], BASE.answer_at(points).efficiency)
     thrice = once.select(np.repeat(np.arange(12), 3))
     single, triple = (hmcvt.separable(BASE, plan) for plan in (once, thrice))
     assert triple.noise == pytest.approx(single.noise)
