@@ -12,14 +12,16 @@ steps from that solution then find u, in each regime of the motor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Candidates, Parameters
-from ..transmission.points import Answer, OperatingPoints
+from ..transmission.ranges import Answer, OperatingPoints
 from ..transmission.stage import Stage, member_speed_coefficients
 from .effects.base import Effect, ShaftState, Value
 from .steady_state import ArraySolver
@@ -54,6 +56,23 @@ class PowerFlow(NamedTuple):
     engine_power: Value = np.nan
 
 
+@dataclass(frozen=True)
+class Breakdown:
+    """Power in, power out and every loss between them [W]; arrays of one shape.
+
+    Attributes:
+        input_power: from the engine.
+        output_power: to the load.
+        losses: by part: `gear_pair_<name>`, `leakage`, `pump_damping`, `pump_friction`,
+            `motor_damping`, `motor_friction`, `planetary_row`, and the name of each effect that
+            drags a shaft. Their sum is input_power - output_power.
+    """
+
+    input_power: Array
+    output_power: Array
+    losses: Mapping[str, Array]
+
+
 class BalanceSolver(ArraySolver):
     """The steady state with effects, each acting at its own place; as `ArraySolver`."""
 
@@ -63,35 +82,76 @@ class BalanceSolver(ArraySolver):
         super().__init__(stage, parameters)
         self._given = stage, parameters, tuple(effects)
 
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed that a bench reads, through its meters."""
         flow = self.flow(points)
         state, speed = flow.state, flow.state.output_speed
-        with np.errstate(invalid="ignore", divide="ignore"):
-            efficiency = np.asarray(state.load_power / flow.engine_power)
-            # Of powers, not of meters: an effect on a meter comes after.
-            for effect in self._given[-1]:
-                efficiency = effect.reading(efficiency, state)
-                speed = effect.output_speed_reading(speed)
+        efficiency = np.asarray(state.load_power / flow.engine_power)
+        # Of powers, not of meters: an effect on a meter comes after.
+        for effect in self._given[-1]:
+            efficiency = effect.reading(efficiency, state)
+            speed = effect.output_speed_reading(speed)
         return Answer(efficiency, speed)
 
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(self, points: OperatingPoints) -> PowerFlow:
         """The whole power flow of eqs (4), (13)-(15); NaN where the load cannot be carried."""
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            shafts = _Shafts(*self._given, points)
-            return shafts.with_pump(*shafts.motor_speed())
+        shafts = _Shafts(*self._given, points)
+        return shafts.with_pump(*shafts.motor_speed())
 
+    def breakdown(self, points: OperatingPoints) -> Breakdown:
+        """Share the lost power among the parts that take it."""
+        (stage, parameters, effects), flow = self._given, self.flow(points)
+        state, units = flow.state, stage.pump_motor
+        delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
+        taken = units.motor_displacement * state.motor_speed
+        viscosity = state.viscosity_ratio
+        losses = {
+            # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all
+            # flow passes.
+            "leakage": state.pressure * (delivered - taken),
+            "pump_damping": parameters.pump_damping * viscosity * state.pump_speed**2,
+            "pump_friction": units.pump_friction * np.abs(flow.pump_pressure * delivered),
+            "motor_damping": parameters.motor_damping * viscosity * state.motor_speed**2,
+            "motor_friction": units.motor_friction * np.abs(state.pressure * taken),
+        }
+        drop = (flow.pump_pressure - state.pressure) * delivered
+        if drop.any():
+            losses["pressure_drop"] = drop
+        speeds = {"output": state.output_speed, "motor": state.motor_speed,
+                  "mechanical": state.engine_speed, "pump": state.engine_speed}
+        for path, speed in speeds.items():
+            pairs = reversed(getattr(stage, path).gear_pairs)
+            for pair, (after, before) in zip(pairs, pairwise(flow.torques[path]), strict=True):
+                name = f"gear_pair_{pair.name}"
+                # A pair that serves two paths loses on both.
+                losses[name] = losses.get(name, 0.0) + (before - after) * speed
+        losses["planetary_row"] = (flow.torques["motor"][0] * state.motor_speed
+                                   + flow.torques["mechanical"][0] * state.engine_speed
+                                   - flow.torques["output"][-1] * state.output_speed)
+        for effect in effects:
+            watts = np.asarray(
+                effect.engine_drag(state) * state.engine_speed
+                + effect.pump_drag(state) * state.pump_speed
+                + effect.motor_drag(state) * np.abs(state.motor_speed)
+                + effect.output_drag(state) * state.output_speed
+            )
+            if watts.any():
+                losses[effect.name] = losses.get(effect.name, 0.0) + watts
+        return Breakdown(np.asarray(flow.engine_power), flow.output_power, losses)
+
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def displacement_ratio(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
     ) -> Array:
         """Displacement ratio that makes an output speed, as `ArraySolver.displacement_ratio`."""
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            first = super().displacement_ratio(engine_speed, output_speed, load_torque)
-            shafts = _Shafts(*self._given, OperatingPoints(first, engine_speed, load_torque))
-            return shafts.stroke_for(output_speed)
+        first = super().displacement_ratio(engine_speed, output_speed, load_torque)
+        shafts = _Shafts(*self._given, OperatingPoints(first, engine_speed, load_torque))
+        return shafts.stroke_for(output_speed)
 
 
-class _Shafts:
+class _Shafts(ArraySolver):
     """One call's constants; the functions of the unknown read them."""
 
     def __init__(
@@ -106,11 +166,10 @@ class _Shafts:
         if points.oil_temperature is not None:
             for effect in effects:
                 self.viscosity = self.viscosity * effect.viscosity_ratio(points.oil_temperature)
-        self.leakage = parameters.leakage / self.viscosity
-        self.pump_damping = parameters.pump_damping * self.viscosity
-        self.solver = ArraySolver(
-            stage, Candidates(self.leakage, parameters.motor_damping * self.viscosity,
-                              self.pump_damping))
+        self.given = Candidates(
+            parameters.leakage / self.viscosity, parameters.motor_damping * self.viscosity,
+            parameters.pump_damping * self.viscosity)
+        super().__init__(stage, self.given)
         self.engine_speed = points.engine_speed
         self.pump_speed = points.engine_speed / stage.pump.ratio
         self.load_power = points.load_torque * points.engine_speed
@@ -129,13 +188,13 @@ class _Shafts:
 
     def motor_speed(self) -> tuple[Array, Array]:
         """Return motor speed and direction (the part of friction in use where it stands)."""
-        solver, engine_speed = self.solver, self.engine_speed
-        motoring, pumping, _ = solver.motor_speeds(
-            solver.full_flow * self.stroke, engine_speed, self.points.load_torque)
+        engine_speed = self.engine_speed
+        motoring, pumping, _ = self.motor_speeds(
+            self.full_flow * self.stroke, engine_speed, self.points.load_torque)
         motoring, pumping = motoring * engine_speed, pumping * engine_speed
         if self.effects:
             motoring, pumping = self._with_effects(motoring, pumping)
-        speed = solver.selected(motoring, pumping, self.points.load_torque / engine_speed)
+        speed = self.selected(motoring, pumping, self.points.load_torque / engine_speed)
         standing = speed == 0.0
         held = self._holding(speed) if standing.any() else 0.0
         return speed, np.where(standing, held, np.sign(speed))
@@ -173,9 +232,8 @@ class _Shafts:
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
-        solver = self.solver
-        speed = (output_speed - solver.mechanical_ratio * self.engine_speed) / (
-            solver.hydraulic_ratio)  # (4)
+        speed = (output_speed - self.mechanical_ratio * self.engine_speed) / (
+            self.hydraulic_ratio)  # (4)
         direction = np.where(speed > 0.0, 1.0, -1.0)
         pressure = None
 
@@ -184,13 +242,13 @@ class _Shafts:
             found = self.torques(speed, direction, self.true_stroke(commanded), pressure)
             pressure = found.state.pressure
             excess = self._flow(found) - speed
-            return np.asarray(commanded - excess / (solver.full_flow * self.engine_speed))
+            return np.asarray(commanded - excess / (self.full_flow * self.engine_speed))
 
         return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
 
     def _flow(self, found: PowerFlow) -> Array:
         """Motor speed that the flow gives, eq. (13)."""
-        delivered = abs(self.solver.full_flow) * found.state.displacement_ratio * self.engine_speed
+        delivered = abs(self.full_flow) * found.state.displacement_ratio * self.engine_speed
         return np.asarray(
             delivered - found.leakage_flow / self.stage.pump_motor.motor_displacement)
 
@@ -200,7 +258,7 @@ class _Shafts:
         self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
     ) -> PowerFlow:
         """Go from the load back to the pressure and from it to the leakage."""
-        ratio, hydraulic = self.solver.mechanical_ratio, self.solver.hydraulic_ratio
+        ratio, hydraulic = self.mechanical_ratio, self.hydraulic_ratio
         output_speed = ratio * self.engine_speed + hydraulic * speed  # (4)
         output_speed = np.where(output_speed > 0.0, output_speed, np.nan)
         power = self.load_power
@@ -220,7 +278,7 @@ class _Shafts:
         pressure = self._pressure(motor[-1] + drag * direction, speed, direction)
         state = state._replace(pressure=pressure)
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
-        lost = self.leakage * pressure + self._sum("leakage_flow", state)
+        lost = self.given.leakage * pressure + self._sum("leakage_flow", state)
         return PowerFlow(state, direction, power, pressure + self._sum("pressure_drop", state),
                          np.asarray(lost),
                          {"output": output, "motor": motor, "mechanical": mechanical})
@@ -239,7 +297,7 @@ class _Shafts:
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
-        units, torque = self.stage.pump_motor, torque + self.solver.motor_damping * speed
+        units, torque = self.stage.pump_motor, torque + self.motor_damping * speed
         friction = units.motor_friction * direction * np.sign(torque)
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 
@@ -293,7 +351,7 @@ class _Shafts:
         ideal = found.pump_pressure * units.pump_displacement * state.displacement_ratio
         # Eq. (15) in the steady state, with friction that takes torque.
         pump_torque = (ideal + units.pump_friction * np.abs(ideal)
-                       + self.pump_damping * self.pump_speed + self._sum("pump_drag", state))
+                       + self.given.pump_damping * self.pump_speed + self._sum("pump_drag", state))
         pump = self._geared("pump", np.asarray(pump_torque / self.stage.pump.ratio),
                             self.engine_speed, np.sign(pump_torque))
         torque = pump[-1] + found.torques["mechanical"][-1] + self._sum("engine_drag", state)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .mapping import get, number, section
+from .ranges import Range
 
 MEMBERS = ("sun", "ring", "carrier")
 _PATHS = ("mechanical", "pump", "motor", "output")
@@ -41,10 +42,8 @@ class GearPair:
     efficiency: float = 0.98
 
     def __post_init__(self) -> None:
-        _require(math.isfinite(self.ratio) and 0.01 <= self.ratio <= 100.0,
-                 f"gear_pairs.{self.name}", self.ratio, "0.01 to 100")
-        _require(0.5 <= self.efficiency <= 1.0,
-                 f"gear_efficiency.{self.name}", self.efficiency, "0.5 to 1")
+        Range(f"gear_pairs.{self.name}", 0.01, 100.0, "-").check(self.ratio)
+        Range(f"gear_efficiency.{self.name}", 0.5, 1.0, "-").check(self.efficiency)
 
 
 @dataclass(frozen=True)
@@ -88,12 +87,10 @@ class PumpMotor:
     motor_friction: float = 0.01
 
     def __post_init__(self) -> None:
-        for name in ("pump_displacement", "motor_displacement"):
-            value = getattr(self, name)
-            _require(1e-7 <= value <= 1e-3, f"pump_motor.{name}", value, "1e-7 to 1e-3 m3/rad")
-        for name in ("pump_friction", "motor_friction"):
-            value = getattr(self, name)
-            _require(0.0 <= value <= 0.5, f"pump_motor.{name}", value, "0 to 0.5")
+        for unit in ("pump", "motor"):
+            for limits in (Range(f"{unit}_displacement", 1e-7, 1e-3, "m3/rad"),
+                           Range(f"{unit}_friction", 0.0, 0.5, "-")):
+                limits.check(getattr(self, limits.name), "pump_motor")
 
 
 @dataclass(frozen=True)

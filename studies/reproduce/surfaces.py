@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.physics import published
-from hmcvt_core.transmission.points import OperatingPoints
-from hmcvt_core.transmission.ranges import RPM
+from hmcvt_core.transmission.ranges import RPM, OperatingPoints
 from hmcvt_core.transmission.stage import speed_ratio
 
 from . import paper

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hmcvt_core import EfficiencyModel, HydraulicParameters, PumpMotor
 from hmcvt_core.model.model import STALLED
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.transmission.ranges import OperatingPoints
 from hmcvt_core.transmission.stage import speed_ratio
 
 from .reference import steady_states

@@ -7,7 +7,7 @@ from hypothesis import given
 
 from hmcvt_core import EfficiencyModel
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .strategies import engine_speeds, load_torques, moderate, parameters, stages, strokes
 

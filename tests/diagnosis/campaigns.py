@@ -9,14 +9,13 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
-from hmcvt_core.physics.effects.drag import ChargePump, Churning
-from hmcvt_core.physics.effects.gears import PlanetaryMesh
 from hmcvt_core.physics.effects.hydraulic import (
     DisplacementDeadBand,
     OilTemperature,
     PressureLeakage,
 )
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, PlanetaryMesh
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 STAGE = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
 BASE = hmcvt.EfficiencyModel(STAGE, hmcvt.HydraulicParameters(2e-11, 0.12, 0.2))

@@ -11,8 +11,8 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.result import VERDICTS
-from hmcvt_core.physics.effects.gears import PlanetaryMesh
 from hmcvt_core.physics.effects.hydraulic import OrificeLeakage
+from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 
 from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points

@@ -13,8 +13,8 @@ from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.diagnosis.evidence import log_mean
 from hmcvt_core.diagnosis.ranking import candidate
 from hmcvt_core.diagnosis.system import forms_of
-from hmcvt_core.physics.effects.drag import ChargePump, Churning
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import (
     BASE,
