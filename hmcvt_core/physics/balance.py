@@ -155,10 +155,7 @@ class _Shafts(ArraySolver):
     """One call's constants; the functions of the unknown read them."""
 
     def __init__(
-        self,
-        stage: Stage,
-        parameters: Parameters,
-        effects: tuple[Effect, ...],
+        self, stage: Stage, parameters: Parameters, effects: tuple[Effect, ...],
         points: OperatingPoints,
     ) -> None:
         self.stage, self.effects, self.points = stage, effects, points
@@ -202,9 +199,9 @@ class _Shafts(ArraySolver):
     def _holding(self, speed: Array) -> Array:
         """Part of the friction, -1 to 1, that holds a standing motor in balance with the flow."""
         part, before = -np.ones_like(speed), np.ones_like(speed)
-        surplus = self._flow(self.torques(speed, before, self.stroke))
+        surplus = self._flow_at(before)(speed, self.stroke)
         for _ in range(_HOLDING_STEPS):
-            flow = self._flow(self.torques(speed, part, self.stroke))
+            flow = self._flow_at(part)(speed, self.stroke)
             step = np.nan_to_num(flow * (part - before) / (flow - surplus))  # 0 / 0: settled
             before, surplus = part, flow
             part = np.clip(part - step, -1.0, 1.0)
@@ -220,37 +217,37 @@ class _Shafts(ArraySolver):
 
     def _settled(self, speed: Array, direction: Array) -> Array:
         """Motor speed with every effect, from a first estimate."""
-        pressure = None
-
-        def flow(speed: Array) -> Array:
-            nonlocal pressure
-            found = self.torques(speed, direction, self.stroke, pressure)
-            pressure = found.state.pressure
-            return self._flow(found)
-
-        return _fixed_point(flow, speed, self.pump_speed)
+        flow = self._flow_at(direction)
+        return _fixed_point(lambda speed: flow(speed, self.stroke), speed, self.pump_speed)
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
         speed = (output_speed - self.mechanical_ratio * self.engine_speed) / (
             self.hydraulic_ratio)  # (4)
-        direction = np.where(speed > 0.0, 1.0, -1.0)
-        pressure = None
+        flow = self._flow_at(np.where(speed > 0.0, 1.0, -1.0))
 
         def corrected(commanded: Array) -> Array:
-            nonlocal pressure
-            found = self.torques(speed, direction, self.true_stroke(commanded), pressure)
-            pressure = found.state.pressure
-            excess = self._flow(found) - speed
+            excess = flow(speed, self.true_stroke(commanded)) - speed
             return np.asarray(commanded - excess / (self.full_flow * self.engine_speed))
 
         return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
 
-    def _flow(self, found: PowerFlow) -> Array:
-        """Motor speed that the flow gives, eq. (13)."""
-        delivered = abs(self.full_flow) * found.state.displacement_ratio * self.engine_speed
-        return np.asarray(
-            delivered - found.leakage_flow / self.stage.pump_motor.motor_displacement)
+    def _flow_at(self, direction: Array) -> Callable[[Array, Array], Array]:
+        """Motor speed that the flow gives, eq. (13), for an assumed one and a true stroke.
+
+        Each pass begins with the pressure that the last one found.
+        """
+        pressure = None
+
+        def flow(speed: Array, stroke: Array) -> Array:
+            nonlocal pressure
+            found = self.torques(speed, direction, stroke, pressure)
+            pressure = found.state.pressure
+            delivered = abs(self.full_flow) * found.state.displacement_ratio * self.engine_speed
+            return np.asarray(
+                delivered - found.leakage_flow / self.stage.pump_motor.motor_displacement)
+
+        return flow
 
     # --- the shafts ---------------------------------------------------------------------------
 

@@ -248,12 +248,11 @@ def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: st
 
 
 def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
-    def given(name: str) -> float:
-        return number(data, name, "pump_motor.")
-
-    friction = {name: given(name) for name in ("pump_friction", "motor_friction") if name in data}
-    return PumpMotor(given("pump_displacement_cm3_per_rev") * _CM3_PER_REV,
-                     given("motor_displacement_cm3_per_rev") * _CM3_PER_REV, **friction)
+    pump, motor = (number(data, f"{unit}_displacement_cm3_per_rev", "pump_motor.") * _CM3_PER_REV
+                   for unit in ("pump", "motor"))
+    return PumpMotor(pump, motor, **{
+        name: number(data, name, "pump_motor.")
+        for name in ("pump_friction", "motor_friction") if name in data})
 
 
 def _round(value: float) -> float:
