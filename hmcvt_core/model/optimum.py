@@ -215,9 +215,8 @@ def _highest(
 ) -> tuple[Array, NDArray[np.int_]]:
     """Where a function is highest on some pieces (NaN where not positive), and on which; (n,).
 
-    Args:
-        value: of points of shape (n x pieces x _SCAN,); NaN counts as lowest.
-        low, high: ends of the pieces, shape (pieces, n).
+    It takes points of shape (n x pieces x _SCAN,), and its NaN counts as lowest; the pieces end at
+    `low` and `high`, shape (pieces, n).
     """
     pieces, low, high = len(low), low.T.ravel(), high.T.ravel()
     a, b, rows, parts = low, high, np.arange(low.size), np.arange(_SCAN)

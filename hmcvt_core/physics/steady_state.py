@@ -125,11 +125,10 @@ class PointSolver(SteadyState):
 
     def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
         """Displacement ratios between which friction holds the motor [-], the lower one first."""
-        ratios = []
-        for regime in (self.motoring, self.pumping):
-            pressure = self._pressure(regime, 0.0, engine_speed, load_torque)
-            ratios.append(pressure / (self.stiffness * engine_speed) / self.full_flow)  # (13)
-        return sorted(ratios)
+        leaks = self.stiffness * engine_speed
+        return sorted(self._pressure(regime, 0.0, engine_speed, load_torque)
+                      / leaks / self.full_flow  # (13)
+                      for regime in (self.motoring, self.pumping))
 
     def _motor(self, flow: float, engine_speed: float, load_torque: float) -> tuple[float, float]:
         """Motor speed x and pressure torque [N m] for a flow s."""
@@ -213,9 +212,7 @@ class ArraySolver(SteadyState):
         c = regimes.constant * (load_torque / engine_speed) - self.mechanical_ratio * flow
         root = np.sqrt(b * b - 4.0 * regimes.square * c)
         # The larger root is the one that tends to the flow as leakage vanishes.
-        speeds = -2.0 * c / (b + root)
-        if (b <= 0.0).any():
-            speeds = np.where(b > 0.0, speeds, (root - b) / (2.0 * regimes.square))
+        speeds = np.where(b > 0.0, -2.0 * c / (b + root), (root - b) / (2.0 * regimes.square))
         torques = regimes.load * load_torque / (
             self.mechanical_ratio + self.hydraulic_ratio * speeds)
         pressures = ((torques + self.motor_damping * engine_speed * speeds)
