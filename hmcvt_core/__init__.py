@@ -19,7 +19,7 @@ from .model.domain import Domain, EfficiencyMap
 from .model.model import EfficiencyModel, Prediction
 from .model.optimum import Optimum
 from .model.parameter_file import load_model, load_stage, save_model
-from .physics.breakdown import Breakdown
+from .physics.balance import Breakdown
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
 from .report import write_html
 from .transmission.parameters import HydraulicParameters

@@ -23,7 +23,7 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
 from ..physics.effects.base import Effect
-from ..physics.effects.gears import GearEfficiency
+from ..physics.effects.mechanical import GearEfficiency
 from ..physics.effects.sensor import EngineTorqueGain
 from ..transmission.parameters import (
     PAPER_EFFICIENCY_UNCERTAINTY,
@@ -35,7 +35,6 @@ from ..transmission.parameters import (
     from_scaled,
     to_scaled,
 )
-from ..transmission.points import OperatingPoints
 from ..transmission.ranges import (
     BENCH_COLUMNS,
     EFFICIENCY,
@@ -44,6 +43,7 @@ from ..transmission.ranges import (
     LOAD_TORQUE,
     REQUIRED_COLUMNS,
     RPM,
+    OperatingPoints,
 )
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from ..files.bench import BenchSamples
 from ..model.agreement import determination_loss
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, SEARCH_BOUNDS, from_scaled
-from ..transmission.points import OperatingPoints
+from ..transmission.ranges import OperatingPoints
 
 Array = NDArray[np.float64]
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}

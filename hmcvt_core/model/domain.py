@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
-from ..transmission.points import OperatingPoints
-from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Range
+from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, OperatingPoints
 
 Array = NDArray[np.float64]
 AXES = tuple(axis.name for axis in POINT_RANGES)
@@ -58,18 +57,17 @@ class Domain:
     ) -> list[str]:
         """Say for each axis along which one point lies outside how far the data reach."""
         point = (displacement_ratio, engine_speed, load_torque)
-        return [self._departure(axis, value)
-                for axis, value in zip(POINT_RANGES, point, strict=True)
-                if not self.covers(axis.name, value)]
-
-    def _departure(self, axis: Range, value: float) -> str:
-        low, high = getattr(self, axis.name)
-        form = ".9g" if low <= float(f"{value:.4g}") <= high else ".4g"  # just beyond a limit
-        unit = "" if axis.unit == "-" else f" {axis.unit}"
-        text = f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to {high:{form}}{unit}"
-        if axis == ENGINE_SPEED:
-            text += f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
-        return text
+        said = []
+        for axis, value in zip(POINT_RANGES, point, strict=True):
+            if not self.covers(axis.name, value):
+                low, high = getattr(self, axis.name)
+                form = ".9g" if low <= float(f"{value:.4g}") <= high else ".4g"  # just beyond
+                unit = "" if axis.unit == "-" else f" {axis.unit}"
+                turns = (f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
+                         if axis == ENGINE_SPEED else "")
+                said.append(f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to "
+                            f"{high:{form}}{unit}{turns}")
+        return said
 
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.balance import BalanceSolver
-from ..physics.breakdown import Breakdown, breakdown
+from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
@@ -28,8 +27,7 @@ from ..transmission.parameters import (
     HydraulicParameters,
     Parameters,
 )
-from ..transmission.points import Answer, OperatingPoints, is_plain
-from ..transmission.ranges import ENGINE_SPEED_LIMITS
+from ..transmission.ranges import ENGINE_SPEED_LIMITS, Answer, OperatingPoints, is_plain
 from ..transmission.stage import Stage
 from .domain import AXES, Domain, EfficiencyMap
 from .optimum import Optimum, optimum
@@ -123,10 +121,6 @@ class EfficiencyModel:
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
-        return self._of_transmission
-
-    @cached_property
-    def _of_transmission(self) -> EfficiencyModel:
         physical = tuple(effect for effect in self.effects if effect.component != "sensor")
         return self if len(physical) == len(self.effects) else replace(self, effects=physical)
 
@@ -137,27 +131,24 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
     ) -> Any:
         """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
-        point = (displacement_ratio, engine_speed, load_torque)
-        if self._point_solver is not None and oil_temperature is None and is_plain(point):
-            # What a control loop asks for at every message, without the cost of arrays.
-            return self._point_solver.efficiency(*point)
-        return self._answer(point, oil_temperature).efficiency
+        return self._answer((displacement_ratio, engine_speed, load_torque), oil_temperature)[0]
 
     def output_speed(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
-        point = (displacement_ratio, engine_speed, load_torque)
-        if self._point_solver is not None and oil_temperature is None and is_plain(point):
-            return self._point_solver.output_speed(*point)
-        return self._answer(point, oil_temperature).output_speed
+        return self._answer((displacement_ratio, engine_speed, load_torque), oil_temperature)[1]
 
     def _answer(
         self, point: tuple[ArrayLike, ArrayLike, ArrayLike], oil_temperature: ArrayLike | None
-    ) -> Answer:
+    ) -> tuple[Any, Any]:
+        if self._point_solver is not None and oil_temperature is None and is_plain(point):
+            # What a control loop asks for at every message, without the cost of arrays.
+            return self._point_solver.solve(*point)
         points, scalar = OperatingPoints.checked(*point, oil_temperature)
-        return Answer(*(_like(values, scalar) for values in self.answer_at(points)))
+        efficiency, output_speed = self.answer_at(points)
+        return _like(efficiency, scalar), _like(output_speed, scalar)
 
     def predict(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
@@ -194,8 +185,8 @@ class EfficiencyModel:
         points, scalar = OperatingPoints.checked(
             displacement_ratio, engine_speed, load_torque, oil_temperature)
         effects = self.without_meters().effects
-        flow = BalanceSolver(self.stage, self.parameters, effects).flow(points.map(np.ravel))
-        found = breakdown(self.stage, self.parameters, flow, effects)
+        solver = BalanceSolver(self.stage, self.parameters, effects)
+        found = solver.breakdown(points.map(np.ravel))
         into, out, *lost = (
             _like(watts.reshape(points.engine_speed.shape), scalar)
             for watts in (found.input_power, found.output_power, *found.losses.values()))
@@ -262,14 +253,6 @@ class EfficiencyModel:
                  for i in range(0, max(count, 1), _CHUNK)]
         return Answer(*(np.concatenate(column).reshape(shape)
                         for column in zip(*parts, strict=True)))
-
-    def efficiency_at(self, points: OperatingPoints) -> Array:
-        """Efficiency at checked points of one shape [-]."""
-        return self.answer_at(points).efficiency
-
-    def output_speed_at(self, points: OperatingPoints) -> Array:
-        """Output speed at checked points of one shape [rad/s]."""
-        return self.answer_at(points).output_speed
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with other parameters than the model's own, for many candidates at once [-].

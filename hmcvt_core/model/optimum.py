@@ -18,8 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..physics.steady_state import ArraySolver, PointSolver
-from ..transmission.points import OperatingPoints
-from ..transmission.ranges import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, OUTPUT_SPEED
+from ..transmission.ranges import (
+    DISPLACEMENT_RATIO,
+    ENGINE_SPEED,
+    LOAD_TORQUE,
+    OUTPUT_SPEED,
+    OperatingPoints,
+)
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
@@ -137,7 +142,7 @@ def _best_stroke(solver: ArraySolver, speed: Array, torque: Array) -> Array:
 def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
     """Best displacement ratio at one engine speed, in plain floats; as `_best_stroke`."""
     def value(way: float) -> float:
-        found = lookup.efficiency(corner + reach * way * way, speed, torque)
+        found, _ = lookup.solve(corner + reach * way * way, speed, torque)
         return found if found > 0.0 else 0.0  # NaN counts as lowest
 
     tops = []
@@ -149,12 +154,11 @@ def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
         if way > 0.0 or value(_START) > top:
             ends = max(way - 1.0 / _PARTS, 0.0), min(way + 1.0 / _PARTS, 1.0)
             tops.append((*_golden(value, *ends), corner, reach))
-    efficiency, way, corner, reach = max(tops)
-    stroke = corner + reach * way * way
-    if efficiency == 0.0:
-        stroke = efficiency = math.nan
-    return Optimum(stroke, efficiency, speed, torque, lookup.output_speed(stroke, speed, torque),
-                   "engine_speed", _limit(stroke, speed, None))
+    top, way, corner, reach = max(tops)
+    stroke = corner + reach * way * way if top > 0.0 else math.nan
+    efficiency, output_speed = lookup.solve(stroke, speed, torque)
+    return Optimum(stroke, efficiency, speed, torque, output_speed, "engine_speed",
+                   _limit(stroke, speed, None))
 
 
 def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float, float]:
@@ -211,9 +215,8 @@ def _highest(
 ) -> tuple[Array, NDArray[np.int_]]:
     """Where a function is highest on some pieces (NaN where not positive), and on which; (n,).
 
-    Args:
-        value: of points of shape (n x pieces x _SCAN,); NaN counts as lowest.
-        low, high: ends of the pieces, shape (pieces, n).
+    It takes points of shape (n x pieces x _SCAN,), and its NaN counts as lowest; the pieces end at
+    `low` and `high`, shape (pieces, n).
     """
     pieces, low, high = len(low), low.T.ravel(), high.T.ravel()
     a, b, rows, parts = low, high, np.arange(low.size), np.arange(_SCAN)
@@ -232,12 +235,14 @@ def _highest(
 
 def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:
     """Name the limit that binds, the engine's before the pump's."""
-    at_engine = None if limits is None else _end("engine_speed", speed, *limits)
-    return at_engine or _end("displacement_ratio", stroke, -1.0, 1.0)
-
-
-def _end(name: str, value: float, low: float, high: float) -> str | None:
-    slack = _LIMIT_SLACK * (high - low)
-    if value <= low + slack:
-        return f"{name} low"
-    return f"{name} high" if value >= high - slack else None
+    for name, value, ends in (("engine_speed", speed, limits),
+                              ("displacement_ratio", stroke, (-1.0, 1.0))):
+        if ends is None:
+            continue
+        low, high = ends
+        slack = _LIMIT_SLACK * (high - low)
+        if value <= low + slack:
+            return f"{name} low"
+        if value >= high - slack:
+            return f"{name} high"
+    return None

@@ -151,19 +151,11 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
 
 def _checksum(data: Mapping[str, Any]) -> str:
     try:
-        text = json.dumps(_with_text_keys(data), sort_keys=True, default=str)
-    except (ValueError, RecursionError):
-        return ""  # a list within itself: not what `save_model` wrote
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _with_text_keys(value: Any) -> Any:
-    """YAML reads the key 2 as a number and 2026-01-01 as a date, which do not sort beside text."""
-    if isinstance(value, Mapping):
-        return {str(key): _with_text_keys(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_with_text_keys(entry) for entry in value]
-    return value
+        # As text keys: YAML reads the key 2 as a number, which does not sort beside text.
+        plain = json.loads(json.dumps(data, default=str))
+    except (TypeError, ValueError, RecursionError):
+        return ""  # a list within itself, a date for a key: not what `save_model` wrote
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def _correlation(value: Any) -> Any:
@@ -172,11 +164,10 @@ def _correlation(value: Any) -> Any:
     except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     n = len(PARAMETER_NAMES)
-    if matrix.shape != (n, n) or not (np.abs(matrix) <= 1.0 + 1e-9).all():
-        raise InputError(f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1")
-    if not (np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED)
-            and np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED)
-            and np.linalg.eigvalsh(matrix).min() >= -_ROUNDED):
-        raise InputError(f"correlation = {value!r} is no correlation: it needs to be symmetric, "
-                         "1 on the diagonal, without a negative eigenvalue")
+    if matrix.shape != (n, n) or not (np.abs(matrix) <= 1.0 + _ROUNDED).all() \
+            or not np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED) \
+            or not np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED) \
+            or np.linalg.eigvalsh(matrix).min() < -_ROUNDED:
+        raise InputError(f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1 that is "
+                         "symmetric, 1 on the diagonal, without a negative eigenvalue")
     return matrix

@@ -12,15 +12,17 @@ steps from that solution then find u, in each regime of the motor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Candidates, Parameters
-from ..transmission.points import Answer, OperatingPoints
-from ..transmission.stage import Path, Stage, member_speed_coefficients
+from ..transmission.ranges import Answer, OperatingPoints
+from ..transmission.stage import Stage, member_speed_coefficients
 from .effects.base import Effect, ShaftState, Value
 from .steady_state import ArraySolver
 
@@ -31,41 +33,44 @@ _TOLERANCE = 1e-12  # of the unknown, relative to its scale
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
 
 
-@dataclass(frozen=True)
-class _Torques:
-    """What one pass over the shafts finds for an assumed motor speed; see `PowerFlow`."""
-
-    state: ShaftState
-    output_power: Array
-    output_torque: Array
-    row_motor_torque: Array
-    row_mechanical_torque: Array
-    mechanical_torque: Array
-    pump_pressure: Array
-    leakage_flow: Array
-
-
-@dataclass(frozen=True)
-class PowerFlow(_Torques):
+class PowerFlow(NamedTuple):
     """Steady state at operating points; arrays of one shape, NaN where there is none.
 
     Attributes:
         state: speeds and pressure, and the power that the bench reads at the output.
+        direction: +1 where power flows from motor to row, -1 back, between where it stands.
         output_power: power that really leaves [W].
-        output_torque: torque on the output shaft including drag [N m].
-        row_motor_torque: torque of the row on the motor path, referred to the motor [N m].
-        row_mechanical_torque: torque of the row on the mechanical path, referred to the engine.
-        mechanical_torque: torque of the engine on the mechanical path [N m].
         pump_pressure: pressure over the pump [Pa].
         leakage_flow: flow that does not reach the motor [m3/s].
-        pump_torque: T_p of eq. (15) with every drag [N m]; negative where it drives the engine.
-        engine_power: power that the engine gives [W].
-        direction: +1 where power flows from motor to row, -1 back, between where it stands.
+        torques: by path, before and after each gear pair from the output end back, referred to the
+            shaft at that end (output, motor) or to the engine [N m].
+        engine_power: power that the engine gives [W]; NaN as long as the pump is left out.
     """
 
-    pump_torque: Array
-    engine_power: Array
+    state: ShaftState
     direction: Array
+    output_power: Array
+    pump_pressure: Array
+    leakage_flow: Array
+    torques: dict[str, list[Array]]
+    engine_power: Value = np.nan
+
+
+@dataclass(frozen=True)
+class Breakdown:
+    """Power in, power out and every loss between them [W]; arrays of one shape.
+
+    Attributes:
+        input_power: from the engine.
+        output_power: to the load.
+        losses: by part: `gear_pair_<name>`, `leakage`, `pump_damping`, `pump_friction`,
+            `motor_damping`, `motor_friction`, `planetary_row`, and the name of each effect that
+            drags a shaft. Their sum is input_power - output_power.
+    """
+
+    input_power: Array
+    output_power: Array
+    losses: Mapping[str, Array]
 
 
 class BalanceSolver(ArraySolver):
@@ -77,42 +82,80 @@ class BalanceSolver(ArraySolver):
         super().__init__(stage, parameters)
         self._given = stage, parameters, tuple(effects)
 
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed that a bench reads, through its meters."""
         flow = self.flow(points)
         state, speed = flow.state, flow.state.output_speed
-        with np.errstate(invalid="ignore", divide="ignore"):
-            efficiency = np.asarray(state.load_power / flow.engine_power)
-            # Of powers, not of meters: an effect on a meter comes after.
-            for effect in self._given[-1]:
-                efficiency = effect.reading(efficiency, state)
-                speed = effect.output_speed_reading(speed)
+        efficiency = np.asarray(state.load_power / flow.engine_power)
+        # Of powers, not of meters: an effect on a meter comes after.
+        for effect in self._given[-1]:
+            efficiency = effect.reading(efficiency, state)
+            speed = effect.output_speed_reading(speed)
         return Answer(efficiency, speed)
 
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(self, points: OperatingPoints) -> PowerFlow:
         """The whole power flow of eqs (4), (13)-(15); NaN where the load cannot be carried."""
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            shafts = _Shafts(*self._given, points)
-            return shafts.flow_at(*shafts.motor_speed())
+        shafts = _Shafts(*self._given, points)
+        return shafts.with_pump(*shafts.motor_speed())
 
+    def breakdown(self, points: OperatingPoints) -> Breakdown:
+        """Share the lost power among the parts that take it."""
+        (stage, parameters, effects), flow = self._given, self.flow(points)
+        state, units = flow.state, stage.pump_motor
+        delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
+        taken = units.motor_displacement * state.motor_speed
+        viscosity = state.viscosity_ratio
+        losses = {
+            # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all
+            # flow passes.
+            "leakage": state.pressure * (delivered - taken),
+            "pump_damping": parameters.pump_damping * viscosity * state.pump_speed**2,
+            "pump_friction": units.pump_friction * np.abs(flow.pump_pressure * delivered),
+            "motor_damping": parameters.motor_damping * viscosity * state.motor_speed**2,
+            "motor_friction": units.motor_friction * np.abs(state.pressure * taken),
+        }
+        drop = (flow.pump_pressure - state.pressure) * delivered
+        if drop.any():
+            losses["pressure_drop"] = drop
+        speeds = {"output": state.output_speed, "motor": state.motor_speed,
+                  "mechanical": state.engine_speed, "pump": state.engine_speed}
+        for path, speed in speeds.items():
+            pairs = reversed(getattr(stage, path).gear_pairs)
+            for pair, (after, before) in zip(pairs, pairwise(flow.torques[path]), strict=True):
+                name = f"gear_pair_{pair.name}"
+                # A pair that serves two paths loses on both.
+                losses[name] = losses.get(name, 0.0) + (before - after) * speed
+        losses["planetary_row"] = (flow.torques["motor"][0] * state.motor_speed
+                                   + flow.torques["mechanical"][0] * state.engine_speed
+                                   - flow.torques["output"][-1] * state.output_speed)
+        for effect in effects:
+            watts = np.asarray(
+                effect.engine_drag(state) * state.engine_speed
+                + effect.pump_drag(state) * state.pump_speed
+                + effect.motor_drag(state) * np.abs(state.motor_speed)
+                + effect.output_drag(state) * state.output_speed
+            )
+            if watts.any():
+                losses[effect.name] = losses.get(effect.name, 0.0) + watts
+        return Breakdown(np.asarray(flow.engine_power), flow.output_power, losses)
+
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def displacement_ratio(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
     ) -> Array:
         """Displacement ratio that makes an output speed, as `ArraySolver.displacement_ratio`."""
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            first = super().displacement_ratio(engine_speed, output_speed, load_torque)
-            shafts = _Shafts(*self._given, OperatingPoints(first, engine_speed, load_torque))
-            return shafts.stroke_for(output_speed)
+        first = super().displacement_ratio(engine_speed, output_speed, load_torque)
+        shafts = _Shafts(*self._given, OperatingPoints(first, engine_speed, load_torque))
+        return shafts.stroke_for(output_speed)
 
 
-class _Shafts:
+class _Shafts(ArraySolver):
     """One call's constants; the functions of the unknown read them."""
 
     def __init__(
-        self,
-        stage: Stage,
-        parameters: Parameters,
-        effects: tuple[Effect, ...],
+        self, stage: Stage, parameters: Parameters, effects: tuple[Effect, ...],
         points: OperatingPoints,
     ) -> None:
         self.stage, self.effects, self.points = stage, effects, points
@@ -120,11 +163,10 @@ class _Shafts:
         if points.oil_temperature is not None:
             for effect in effects:
                 self.viscosity = self.viscosity * effect.viscosity_ratio(points.oil_temperature)
-        self.leakage = parameters.leakage / self.viscosity
-        self.pump_damping = parameters.pump_damping * self.viscosity
-        self.solver = ArraySolver(
-            stage, Candidates(self.leakage, parameters.motor_damping * self.viscosity,
-                              self.pump_damping))
+        self.given = Candidates(
+            parameters.leakage / self.viscosity, parameters.motor_damping * self.viscosity,
+            parameters.pump_damping * self.viscosity)
+        super().__init__(stage, self.given)
         self.engine_speed = points.engine_speed
         self.pump_speed = points.engine_speed / stage.pump.ratio
         self.load_power = points.load_torque * points.engine_speed
@@ -143,13 +185,13 @@ class _Shafts:
 
     def motor_speed(self) -> tuple[Array, Array]:
         """Return motor speed and direction (the part of friction in use where it stands)."""
-        solver, engine_speed = self.solver, self.engine_speed
-        motoring, pumping, _ = solver.motor_speeds(
-            solver.full_flow * self.stroke, engine_speed, self.points.load_torque)
+        engine_speed = self.engine_speed
+        motoring, pumping, _ = self.motor_speeds(
+            self.full_flow * self.stroke, engine_speed, self.points.load_torque)
         motoring, pumping = motoring * engine_speed, pumping * engine_speed
         if self.effects:
             motoring, pumping = self._with_effects(motoring, pumping)
-        speed = solver.selected(motoring, pumping, self.points.load_torque / engine_speed)
+        speed = self.selected(motoring, pumping, self.points.load_torque / engine_speed)
         standing = speed == 0.0
         held = self._holding(speed) if standing.any() else 0.0
         return speed, np.where(standing, held, np.sign(speed))
@@ -157,9 +199,9 @@ class _Shafts:
     def _holding(self, speed: Array) -> Array:
         """Part of the friction, -1 to 1, that holds a standing motor in balance with the flow."""
         part, before = -np.ones_like(speed), np.ones_like(speed)
-        surplus = self._flow(self.torques(speed, before, self.stroke))
+        surplus = self._flow_at(before)(speed, self.stroke)
         for _ in range(_HOLDING_STEPS):
-            flow = self._flow(self.torques(speed, part, self.stroke))
+            flow = self._flow_at(part)(speed, self.stroke)
             step = np.nan_to_num(flow * (part - before) / (flow - surplus))  # 0 / 0: settled
             before, surplus = part, flow
             part = np.clip(part - step, -1.0, 1.0)
@@ -175,46 +217,45 @@ class _Shafts:
 
     def _settled(self, speed: Array, direction: Array) -> Array:
         """Motor speed with every effect, from a first estimate."""
-        pressure = None
-
-        def flow(speed: Array) -> Array:
-            nonlocal pressure
-            found = self.torques(speed, direction, self.stroke, pressure)
-            pressure = found.state.pressure
-            return self._flow(found)
-
-        return _fixed_point(flow, speed, self.pump_speed)
+        flow = self._flow_at(direction)
+        return _fixed_point(lambda speed: flow(speed, self.stroke), speed, self.pump_speed)
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
-        solver = self.solver
-        speed = (output_speed - solver.mechanical_ratio * self.engine_speed) / (
-            solver.hydraulic_ratio)  # (4)
-        direction = np.where(speed > 0.0, 1.0, -1.0)
-        pressure = None
+        speed = (output_speed - self.mechanical_ratio * self.engine_speed) / (
+            self.hydraulic_ratio)  # (4)
+        flow = self._flow_at(np.where(speed > 0.0, 1.0, -1.0))
 
         def corrected(commanded: Array) -> Array:
-            nonlocal pressure
-            found = self.torques(speed, direction, self.true_stroke(commanded), pressure)
-            pressure = found.state.pressure
-            excess = self._flow(found) - speed
-            return np.asarray(commanded - excess / (solver.full_flow * self.engine_speed))
+            excess = flow(speed, self.true_stroke(commanded)) - speed
+            return np.asarray(commanded - excess / (self.full_flow * self.engine_speed))
 
         return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
 
-    def _flow(self, found: _Torques) -> Array:
-        """Motor speed that the flow gives, eq. (13)."""
-        delivered = abs(self.solver.full_flow) * found.state.displacement_ratio * self.engine_speed
-        return np.asarray(
-            delivered - found.leakage_flow / self.stage.pump_motor.motor_displacement)
+    def _flow_at(self, direction: Array) -> Callable[[Array, Array], Array]:
+        """Motor speed that the flow gives, eq. (13), for an assumed one and a true stroke.
+
+        Each pass begins with the pressure that the last one found.
+        """
+        pressure = None
+
+        def flow(speed: Array, stroke: Array) -> Array:
+            nonlocal pressure
+            found = self.torques(speed, direction, stroke, pressure)
+            pressure = found.state.pressure
+            delivered = abs(self.full_flow) * found.state.displacement_ratio * self.engine_speed
+            return np.asarray(
+                delivered - found.leakage_flow / self.stage.pump_motor.motor_displacement)
+
+        return flow
 
     # --- the shafts ---------------------------------------------------------------------------
 
     def torques(
         self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
-    ) -> _Torques:
+    ) -> PowerFlow:
         """Go from the load back to the pressure and from it to the leakage."""
-        ratio, hydraulic = self.solver.mechanical_ratio, self.solver.hydraulic_ratio
+        ratio, hydraulic = self.mechanical_ratio, self.hydraulic_ratio
         output_speed = ratio * self.engine_speed + hydraulic * speed  # (4)
         output_speed = np.where(output_speed > 0.0, output_speed, np.nan)
         power = self.load_power
@@ -224,20 +265,20 @@ class _Shafts:
             pressure = self._pressure(power / output_speed * hydraulic, speed, direction)
         state = self._state(speed, output_speed, stroke, pressure)
         output_torque = power / output_speed + self._sum("output_drag", state)
-        row_torque = self._geared(self.stage.output, output_torque, output_speed, 1.0)
+        output = self._geared("output", output_torque, output_speed, 1.0)
         # Ideal row: virtual work shares the output torque by the speed ratios.
-        row_motor, row_mechanical = row_torque * hydraulic, row_torque * ratio
         motor_share, mechanical_share = self._row_shares(state)
-        row_motor, row_mechanical = row_motor * motor_share, row_mechanical * mechanical_share
-        motor_torque = self._geared(self.stage.motor, row_motor, speed, direction)
-        mechanical = self._geared(self.stage.mechanical, row_mechanical, self.engine_speed, 1.0)
+        motor = self._geared("motor", output[-1] * hydraulic * motor_share, speed, direction)
+        mechanical = self._geared(
+            "mechanical", output[-1] * ratio * mechanical_share, self.engine_speed, 1.0)
         drag = self._sum("motor_drag", state)
-        pressure = self._pressure(motor_torque + drag * direction, speed, direction)
+        pressure = self._pressure(motor[-1] + drag * direction, speed, direction)
         state = state._replace(pressure=pressure)
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
-        lost = self.leakage * pressure + self._sum("leakage_flow", state)
-        return _Torques(state, power, output_torque, row_motor, row_mechanical, mechanical,
-                        pressure + self._sum("pressure_drop", state), np.asarray(lost))
+        lost = self.given.leakage * pressure + self._sum("leakage_flow", state)
+        return PowerFlow(state, direction, power, pressure + self._sum("pressure_drop", state),
+                         np.asarray(lost),
+                         {"output": output, "motor": motor, "mechanical": mechanical})
 
     def _state(
         self, speed: Array, output_speed: Array, stroke: Array, pressure: Array
@@ -253,7 +294,7 @@ class _Shafts:
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
-        units, torque = self.stage.pump_motor, torque + self.solver.motor_damping * speed
+        units, torque = self.stage.pump_motor, torque + self.motor_damping * speed
         friction = units.motor_friction * direction * np.sign(torque)
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 
@@ -263,8 +304,17 @@ class _Shafts:
             total = total + getattr(effect, hook)(state)
         return total
 
-    def _geared(self, path: Path, torque: Array, speed: Array, direction: Value) -> Array:
-        return through_gears(path, torque, speed, direction, self.effects)[-1]
+    def _geared(
+        self, path: str, torque: Array, speed: Array, direction: Value
+    ) -> list[Array]:
+        """Torques of a path back from `torque` at its output end, for the shaft at `speed`."""
+        torques = [torque]
+        for pair in reversed(getattr(self.stage, path).gear_pairs):
+            passed: Value = pair.efficiency
+            for effect in self.effects:
+                passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
+            torques.append(np.asarray(torques[-1] / passed**direction))
+        return torques
 
     def _row_shares(self, state: ShaftState) -> tuple[Value, Value]:
         """Torque of motor and mechanical member against an ideal row, with mesh loss."""
@@ -285,7 +335,7 @@ class _Shafts:
 
     # --- the answer -----------------------------------------------------------------------------
 
-    def flow_at(self, speed: Array, direction: Array) -> PowerFlow:
+    def with_pump(self, speed: Array, direction: Array) -> PowerFlow:
         """Return the whole power flow at a motor speed found."""
         found = self.torques(speed, direction, self.stroke)
         for _ in range(_ITERATIONS if self.effects else 0):
@@ -298,13 +348,13 @@ class _Shafts:
         ideal = found.pump_pressure * units.pump_displacement * state.displacement_ratio
         # Eq. (15) in the steady state, with friction that takes torque.
         pump_torque = (ideal + units.pump_friction * np.abs(ideal)
-                       + self.pump_damping * self.pump_speed + self._sum("pump_drag", state))
-        at_engine = self._geared(self.stage.pump, pump_torque / self.stage.pump.ratio,
-                                 self.engine_speed, np.sign(pump_torque))
-        torque = at_engine + found.mechanical_torque + self._sum("engine_drag", state)
+                       + self.given.pump_damping * self.pump_speed + self._sum("pump_drag", state))
+        pump = self._geared("pump", np.asarray(pump_torque / self.stage.pump.ratio),
+                            self.engine_speed, np.sign(pump_torque))
+        torque = pump[-1] + found.torques["mechanical"][-1] + self._sum("engine_drag", state)
         power = np.asarray(torque * self.engine_speed)
-        return PowerFlow(**vars(found), pump_torque=np.asarray(pump_torque),
-                         engine_power=np.where(power > 0.0, power, np.nan), direction=direction)
+        return found._replace(torques={**found.torques, "pump": pump},
+                              engine_power=np.where(power > 0.0, power, np.nan))
 
 
 def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value) -> Array:
@@ -322,27 +372,6 @@ def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value)
         previous, shortfall = x, error
         x = np.where(open_, x - error / slope, x)
     return np.where(open_ & (np.abs(error) > _SETTLED * scale), np.nan, x)
-
-
-def through_gears(
-    path: Path, torque: Array, speed: Array, direction: Value, effects: Sequence[Effect]
-) -> list[Array]:
-    """Torque before and after each gear pair of a path, from its output end back [N m].
-
-    Args:
-        path: pairs that lose power.
-        torque: at the output end, referred to the shaft that turns at `speed`.
-        speed: of that shaft [rad/s].
-        direction: +1 where power flows towards the output end, -1 where back, between at rest.
-        effects: what adds to the mesh loss.
-    """
-    torques = [torque]
-    for pair in reversed(path.gear_pairs):
-        passed: Value = pair.efficiency
-        for effect in effects:
-            passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
-        torques.append(np.asarray(torques[-1] / passed**direction))
-    return torques
 
 
 def _sun_against_carrier(stage: Stage, engine_speed: Array, motor_speed: Array) -> Array:

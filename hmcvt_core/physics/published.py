@@ -15,14 +15,13 @@ each other (a share a_1 against the sign of e_H, an efficiency outside (0, 1)) t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.points import Answer, OperatingPoints
+from ..transmission.ranges import Answer, OperatingPoints
 from ..transmission.stage import Stage, member_speed_coefficients, speed_ratio
 
 Array = NDArray[np.float64]
@@ -64,6 +63,7 @@ def _connection(stage: Stage) -> float:
     return abs(coefficients[stage.output_member] / coefficients[stage.mechanical_member])
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def hydraulic_efficiency(
     stage: Stage, parameters: Parameters, points: OperatingPoints
 ) -> Array:
@@ -77,8 +77,8 @@ def hydraulic_efficiency(
     sign = np.sign(stroke)
     output_torque = points.load_torque / speed_ratio(stage, points.displacement_ratio)
     pump_speed = points.engine_speed / stage.pump.ratio
-    ideal_speed = stroke * pump_speed * units.pump_displacement / units.motor_displacement
     v_m, v_p = units.motor_displacement, units.pump_displacement
+    ideal_speed = stroke * pump_speed * v_p / v_m
     load = output_torque * abs(stage.motor_speed_ratio)
     pressure = (load + parameters.motor_damping * ideal_speed) / v_m  # Eq. (6)
     motor_speed = ideal_speed - parameters.leakage * pressure / v_m  # Eq. (13)
@@ -86,31 +86,27 @@ def hydraulic_efficiency(
                     - parameters.motor_damping * motor_speed)  # Eq. (14)
     pump_torque = (pressure * v_p * stroke * (1.0 - units.pump_friction)
                    + sign * parameters.pump_damping * pump_speed)  # Eq. (15)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.abs(motor_speed * motor_torque / (pump_speed * pump_torque))  # Eq. (16)
+    ratio = np.abs(motor_speed * motor_torque / (pump_speed * pump_torque))  # Eq. (16)
     turned = motor_speed * sign < 0.0
     return np.where(sign == 0.0, STANDING_EFFICIENCY, np.where(turned, np.nan, ratio))
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> PublishedEfficiency:
     """Eqs (7)-(12), (17), (18) for a given eta_H, unguarded: they pass through the pole of (11).
 
-    Args:
-        stage: the gear train.
-        displacement_ratio: [-].
-        hydraulic: eta_H [-], broadcast against `displacement_ratio`.
+    `hydraulic` broadcasts against `displacement_ratio`; all [-].
     """
     tandem = hydraulic * stage.pump.efficiency * stage.motor.efficiency  # eta'_H
     i_hm = 1.0 / speed_ratio(stage, displacement_ratio)
     split = hydraulic_split_ratio(stage, displacement_ratio)
     r = _connection(stage) / i_hm
-    gears_in, gears_out = stage.mechanical.efficiency, stage.output.efficiency
-    with np.errstate(divide="ignore", invalid="ignore"):
-        row = np.where(split < 0.0, r / (tandem * r - tandem + 1.0),
-                       tandem * r / (r + tandem - 1.0))  # Eq. (12)
-        share = split / ((1.0 / row - split) / gears_in * tandem + split)  # Eq. (11)
-        into = (1.0 - share) * gears_in + share  # Eq. (7)
-        total = into * row * gears_out  # Eqs (17), (18)
+    gears_in = stage.mechanical.efficiency
+    row = np.where(split < 0.0, r / (tandem * r - tandem + 1.0),
+                   tandem * r / (r + tandem - 1.0))  # Eq. (12)
+    share = split / ((1.0 / row - split) / gears_in * tandem + split)  # Eq. (11)
+    into = (1.0 - share) * gears_in + share  # Eq. (7)
+    total = into * row * stage.output.efficiency  # Eqs (17), (18)
     return PublishedEfficiency(
         np.broadcast_to(hydraulic, total.shape), split, share, into, row, total)
 
@@ -122,17 +118,15 @@ def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDA
     negative; beyond the pole of (11) the two contradict. At eps = 0 the paper's convention
     (eta_H -> 0) holds instead.
     """
-    with np.errstate(invalid="ignore"):
-        sound = ((values.total > 0.0) & (values.total < 1.0)
-                 & (values.row > 0.0) & (values.row <= 1.0)
-                 & (values.split_ratio <= 1.0)  # eq. (12) ends there: the output would turn back
-                 & (values.hydraulic > 0.0) & (values.hydraulic < 1.0))
-        agrees = (values.engine_share * values.split_ratio >= 0.0) & (values.engine_share <= 1.0)
+    sound = ((values.total > 0.0) & (values.total < 1.0)
+             & (values.row > 0.0) & (values.row <= 1.0)
+             & (values.split_ratio <= 1.0)  # eq. (12) ends there: the output would turn back
+             & (values.hydraulic > 0.0) & (values.hydraulic < 1.0))
+    agrees = (values.engine_share * values.split_ratio >= 0.0) & (values.engine_share <= 1.0)
     return np.asarray(sound & (agrees | (displacement_ratio == 0.0)))
 
 
-@dataclass(frozen=True)
-class PublishedSolver:
+class PublishedSolver(NamedTuple):
     """Answers of the published formulas; see `EfficiencyModel` for the attributes."""
 
     stage: Stage
@@ -141,9 +135,8 @@ class PublishedSolver:
     def solve(self, points: OperatingPoints) -> Answer:
         """eta_total of eq. (18), NaN where the formulas contradict themselves; speed of eq. (5)."""
         stroke = points.displacement_ratio
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # An output at rest divides by zero; what comes of it is inconsistent and ends as NaN.
-            hydraulic = hydraulic_efficiency(self.stage, self.parameters, points)
-            values = efficiencies(self.stage, stroke, hydraulic)
-            total = np.where(is_consistent(values, stroke), values.total, np.nan)
+        # An output at rest divides by zero; what comes of it is inconsistent and ends as NaN.
+        hydraulic = hydraulic_efficiency(self.stage, self.parameters, points)
+        values = efficiencies(self.stage, stroke, hydraulic)
+        total = np.where(is_consistent(values, stroke), values.total, np.nan)
         return Answer(total, points.engine_speed * speed_ratio(self.stage, stroke))

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.points import Answer, OperatingPoints
+from ..transmission.ranges import Answer, OperatingPoints
 from ..transmission.stage import Stage
 
 Array = NDArray[np.float64]
@@ -106,37 +106,29 @@ class PointSolver(SteadyState):
         self.pumping = self.regime(self.pumping_load, -friction)
         self.reversal = self.regime(self.pumping_load, friction)
 
-    def efficiency(
+    def solve(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
-    ) -> float:
-        """Efficiency [-]; NaN where the load cannot be carried."""
+    ) -> tuple[float, float]:
+        """Efficiency and output speed with slip; NaN where the load cannot be carried."""
         flow = self.full_flow * displacement_ratio
         motor, pressure = self._motor(flow, engine_speed, load_torque)
         output = self.mechanical_ratio + self.hydraulic_ratio * motor  # (4)
         if not output > 0.0:
-            return math.nan
+            return math.nan, math.nan
         ideal = pressure * flow
         pump = ideal + self.pump_friction * abs(ideal) + self.pump_damping * engine_speed  # (15)
         gears = self.pump_gears
         engine_torque = self.mechanical_load * load_torque / output + (
             pump / gears if pump > 0.0 else pump * gears)
-        return load_torque / engine_torque if engine_torque > 0.0 else math.nan
-
-    def output_speed(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float
-    ) -> float:
-        """Output speed with slip [rad/s]; NaN where the load cannot be carried."""
-        motor, _ = self._motor(self.full_flow * displacement_ratio, engine_speed, load_torque)
-        output = self.mechanical_ratio + self.hydraulic_ratio * motor  # (4)
-        return engine_speed * output if output > 0.0 else math.nan
+        return (load_torque / engine_torque if engine_torque > 0.0 else math.nan,
+                engine_speed * output)
 
     def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
         """Displacement ratios between which friction holds the motor [-], the lower one first."""
-        ratios = []
-        for regime in (self.motoring, self.pumping):
-            pressure = self._pressure(regime, 0.0, engine_speed, load_torque)
-            ratios.append(pressure / (self.stiffness * engine_speed) / self.full_flow)  # (13)
-        return sorted(ratios)
+        leaks = self.stiffness * engine_speed
+        return sorted(self._pressure(regime, 0.0, engine_speed, load_torque)
+                      / leaks / self.full_flow  # (13)
+                      for regime in (self.motoring, self.pumping))
 
     def _motor(self, flow: float, engine_speed: float, load_torque: float) -> tuple[float, float]:
         """Motor speed x and pressure torque [N m] for a flow s."""
@@ -220,9 +212,7 @@ class ArraySolver(SteadyState):
         c = regimes.constant * (load_torque / engine_speed) - self.mechanical_ratio * flow
         root = np.sqrt(b * b - 4.0 * regimes.square * c)
         # The larger root is the one that tends to the flow as leakage vanishes.
-        speeds = -2.0 * c / (b + root)
-        if (b <= 0.0).any():
-            speeds = np.where(b > 0.0, speeds, (root - b) / (2.0 * regimes.square))
+        speeds = np.where(b > 0.0, -2.0 * c / (b + root), (root - b) / (2.0 * regimes.square))
         torques = regimes.load * load_torque / (
             self.mechanical_ratio + self.hydraulic_ratio * speeds)
         pressures = ((torques + self.motor_damping * engine_speed * speeds)

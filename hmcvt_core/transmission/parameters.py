@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 
 from .ranges import Range
 
-LEAKAGE = Range("leakage", 1e-16, 1e-8, "m3/(s Pa)")
-MOTOR_DAMPING = Range("motor_damping", 0.0, 10.0, "N m s/rad")
-PUMP_DAMPING = Range("pump_damping", 0.0, 10.0, "N m s/rad")
+PARAMETER_RANGES = (
+    Range("leakage", 1e-16, 1e-8, "m3/(s Pa)"),
+    Range("motor_damping", 0.0, 10.0, "N m s/rad"),
+    Range("pump_damping", 0.0, 10.0, "N m s/rad"),
+)
+PARAMETER_NAMES = tuple(limits.name for limits in PARAMETER_RANGES)
+PARAMETER_UNITS = {limits.name: limits.unit for limits in PARAMETER_RANGES}
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,7 @@ class HydraulicParameters:
     pump_damping: float
 
     def __post_init__(self) -> None:
-        for limits in (LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING):
+        for limits in PARAMETER_RANGES:
             limits.check(getattr(self, limits.name), "parameters")
 
     def to_array(self) -> NDArray[np.float64]:
@@ -52,10 +56,6 @@ class Candidates(NamedTuple):
 
 Parameters = HydraulicParameters | Candidates
 """What the physics reads: one transmission, or many candidates for it."""
-
-PARAMETER_RANGES = (LEAKAGE, MOTOR_DAMPING, PUMP_DAMPING)
-PARAMETER_NAMES = tuple(field.name for field in fields(HydraulicParameters))
-PARAMETER_UNITS = {limits.name: limits.unit for limits in PARAMETER_RANGES}
 
 # Searches and refits work in scaled variables: log10 of the leakage, which spans decades; the
 # dampings as they are, so that zero can be reached.

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .mapping import get, number, section
+from .ranges import Range
 
 MEMBERS = ("sun", "ring", "carrier")
 _PATHS = ("mechanical", "pump", "motor", "output")
@@ -41,10 +42,8 @@ class GearPair:
     efficiency: float = 0.98
 
     def __post_init__(self) -> None:
-        _require(math.isfinite(self.ratio) and 0.01 <= self.ratio <= 100.0,
-                 f"gear_pairs.{self.name}", self.ratio, "0.01 to 100")
-        _require(0.5 <= self.efficiency <= 1.0,
-                 f"gear_efficiency.{self.name}", self.efficiency, "0.5 to 1")
+        Range(f"gear_pairs.{self.name}", 0.01, 100.0, "-").check(self.ratio)
+        Range(f"gear_efficiency.{self.name}", 0.5, 1.0, "-").check(self.efficiency)
 
 
 @dataclass(frozen=True)
@@ -88,12 +87,10 @@ class PumpMotor:
     motor_friction: float = 0.01
 
     def __post_init__(self) -> None:
-        for name in ("pump_displacement", "motor_displacement"):
-            value = getattr(self, name)
-            _require(1e-7 <= value <= 1e-3, f"pump_motor.{name}", value, "1e-7 to 1e-3 m3/rad")
-        for name in ("pump_friction", "motor_friction"):
-            value = getattr(self, name)
-            _require(0.0 <= value <= 0.5, f"pump_motor.{name}", value, "0 to 0.5")
+        for unit in ("pump", "motor"):
+            for limits in (Range(f"{unit}_displacement", 1e-7, 1e-3, "m3/rad"),
+                           Range(f"{unit}_friction", 0.0, 0.5, "-")):
+                limits.check(getattr(self, limits.name), "pump_motor")
 
 
 @dataclass(frozen=True)
@@ -251,12 +248,11 @@ def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: st
 
 
 def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
-    def given(name: str) -> float:
-        return number(data, name, "pump_motor.")
-
-    friction = {name: given(name) for name in ("pump_friction", "motor_friction") if name in data}
-    return PumpMotor(given("pump_displacement_cm3_per_rev") * _CM3_PER_REV,
-                     given("motor_displacement_cm3_per_rev") * _CM3_PER_REV, **friction)
+    pump, motor = (number(data, f"{unit}_displacement_cm3_per_rev", "pump_motor.") * _CM3_PER_REV
+                   for unit in ("pump", "motor"))
+    return PumpMotor(pump, motor, **{
+        name: number(data, name, "pump_motor.")
+        for name in ("pump_friction", "motor_friction") if name in data})
 
 
 def _round(value: float) -> float:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.physics import published
-from hmcvt_core.transmission.points import OperatingPoints
-from hmcvt_core.transmission.ranges import RPM
+from hmcvt_core.transmission.ranges import RPM, OperatingPoints
 from hmcvt_core.transmission.stage import speed_ratio
 
 from . import paper
@@ -67,7 +66,7 @@ def _surface(figure: int, power: float, model: EfficiencyModel) -> Surface:
     speed = np.linspace(*paper.ENGINE_SPEEDS, _SPEEDS) * RPM
     stroke, speed = np.meshgrid(np.linspace(-1.0, 1.0, _STROKES), speed, indexing="ij")
     points = OperatingPoints(stroke, speed, power / speed)
-    served = bare = model.efficiency_at(points)
+    served = bare = model.answer_at(points).efficiency
     denominator = None
     if model.formulation == "published":
         with np.errstate(divide="ignore", invalid="ignore"):

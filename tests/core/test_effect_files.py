@@ -9,8 +9,8 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects import Effect, effect_from_mapping, effect_to_mapping, library
-from hmcvt_core.physics.effects.drag import ChargePump
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
+from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain, OutputTorqueZero
 
 

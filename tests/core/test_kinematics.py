@@ -55,12 +55,6 @@ def test_speed_ratio_is_equation_5(hm4):
     np.testing.assert_allclose(found, [0.83286, 0.93107, 1.19658, 1.46209, 1.56029], atol=5e-6)
 
 
-def test_speed_without_leakage_is_equation_5_in_the_power_balance(hm4):
-    tight = hmcvt.EfficiencyModel(hm4, hmcvt.HydraulicParameters(1e-16, 0.0, 0.0))
-    found = tight.output_speed(STROKES, 100.0, 50.0)
-    np.testing.assert_allclose(found, [100.0 * equation_5(str(eps)) for eps in STROKES], rtol=1e-6)
-
-
 def test_hydraulic_split_ratio(hm4):
     # docs/theory.md, from eq. (8) with i_HM = n_e / n_out.
     found = published.hydraulic_split_ratio(hm4, np.array(STROKES))

@@ -9,7 +9,6 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
-from hmcvt_core.transmission.ranges import RPM
 
 POINT = (0.5, 150.0, 200.0)
 
@@ -142,11 +141,6 @@ def test_domain_is_checked(low):
     message = rf"domain\.engine_speed = \[{low}, 1\.0\]: needs two rising numbers"
     with pytest.raises(hmcvt.InputError, match=message):
         hmcvt.Domain((-1.0, 1.0), (low, 1.0), (1.0, 2.0))
-
-
-def test_one_revolution_a_minute():
-    revolution_a_second = 60.0 * RPM
-    assert revolution_a_second == pytest.approx(2.0 * math.pi)
 
 
 def test_shipped_files_are_found():

@@ -136,14 +136,12 @@ def put(*path):
      r"parameters\.leakage\.unit = 'l/\(min bar\)'; needs 'm3/\(s Pa\)'"),
     (put("parameters", "pump_damping", "standard_error", -1.0),
      r"pump_damping\.standard_error = -1\.0 is not a finite number of at least 0"),
-    (put("correlation", [[1.0, 0.0], [0.0, 1.0]]), r"correlation = .* is not a 3 x 3 matrix"),
-    (put("correlation", 0, 1, 0.5), r"correlation = .* is no correlation: .* symmetric"),
-    (put("correlation", 0, 0, 0.0), r"correlation = .* is no correlation: .* 1 on the diagonal"),
-    (put("correlation", [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]),
-     r"correlation = .* is no correlation: .* without a negative eigenvalue"),
+    *((put("correlation", *wrong), r"correlation = .* is not a 3 x 3 matrix of -1 to 1 that is "
+       r"symmetric, 1 on the diagonal, without a negative eigenvalue") for wrong in (
+        ([[1.0, 0.0], [0.0, 1.0]],), (0, 1, 0.5), (0, 0, 0.0), (0, 1, 2.0),
+        ([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]],))),
     (put("transmission", "stages", "HM4", "pump", "direction", -1),
      r"pump\.direction = -1 is not allowed; allowed: 1: give the motor path"),
-    (put("correlation", 0, 1, 2.0), r"correlation = .* is not a 3 x 3 matrix of -1 to 1"),
     (put("domain", "engine_speed", [2.0]), r"domain\.engine_speed = \[2\.0\] is not \[low, high\]"),
     (put("effects", "none"), r"effects = 'none' is not a list"),
     (put("effects", [{"effect": "magic"}]), r"effects\[0\]: effect = 'magic'.* is not known;"),

@@ -12,7 +12,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.physics import published
 from hmcvt_core.physics.effects import Effect
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .strategies import engine_speeds, load_torques, parameters, stages
 

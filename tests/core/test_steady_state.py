@@ -7,7 +7,7 @@ from hypothesis import given
 
 from hmcvt_core import EfficiencyModel
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .strategies import engine_speeds, load_torques, moderate, parameters, stages, strokes
 
@@ -41,12 +41,12 @@ def test_no_point_is_lost_between_chunks(model, count):
 def test_stroke_that_an_output_speed_needs(stage, found, engine_speed, load_torque):
     model = EfficiencyModel(stage, found)
     points = OperatingPoints(*np.broadcast_arrays(STROKES[::8], engine_speed, load_torque))
-    speed = model.output_speed_at(points)
+    speed = model.answer_at(points).output_speed
     turning = np.abs(speed / engine_speed / stage.mechanical_speed_ratio - 1.0) > 1e-6
     for solver in (model._solver, BalanceSolver(stage, found)):
         needed = solver.displacement_ratio(points.engine_speed, speed, points.load_torque)
-        again = model.output_speed_at(points._replace(
-            displacement_ratio=np.clip(needed, -1.0, 1.0)))
+        again = model.answer_at(points._replace(
+            displacement_ratio=np.clip(needed, -1.0, 1.0))).output_speed
         np.testing.assert_allclose(again[turning], speed[turning], rtol=1e-9)
         # A motor at rest needs no more than the stroke that keeps it there.
         assert (np.abs(needed) <= np.abs(points.displacement_ratio) + 1e-6)[~turning

@@ -9,14 +9,13 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
-from hmcvt_core.physics.effects.drag import ChargePump, Churning
-from hmcvt_core.physics.effects.gears import PlanetaryMesh
 from hmcvt_core.physics.effects.hydraulic import (
     DisplacementDeadBand,
     OilTemperature,
     PressureLeakage,
 )
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, PlanetaryMesh
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 STAGE = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
 BASE = hmcvt.EfficiencyModel(STAGE, hmcvt.HydraulicParameters(2e-11, 0.12, 0.2))
@@ -43,11 +42,11 @@ def measure(points, effects=(), seed=0, noise=NOISE, speed_noise=SPEED_NOISE, lo
     """What a bench reads at points; `loss(points)` is taken from the efficiency besides."""
     rng = np.random.default_rng([seed, 7])
     truth = replace(BASE, effects=tuple(effects))
-    efficiency = truth.efficiency_at(points)
+    efficiency = truth.answer_at(points).efficiency
     efficiency = efficiency + noise * rng.standard_normal(efficiency.shape)
     if loss is not None:
         efficiency = efficiency - loss(points)
-    speed = truth.output_speed_at(points)
+    speed = truth.answer_at(points).output_speed
     speed = speed * (1.0 + (speed_noise or 0.0) * rng.standard_normal(speed.shape))
     carried = np.isfinite(efficiency)
     return hmcvt.BenchSamples(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.drag import ChargePump
+from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import BASE, NOISE, campaign, with_column
 

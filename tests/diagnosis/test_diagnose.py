@@ -11,8 +11,8 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.result import VERDICTS
-from hmcvt_core.physics.effects.gears import PlanetaryMesh
 from hmcvt_core.physics.effects.hydraulic import OrificeLeakage
+from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 
 from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points
@@ -31,7 +31,7 @@ every_case = pytest.mark.parametrize("name", CASES)
 def _fresh(case, seed=77):
     """The truth at new points: what is read there without noise."""
     points = random_points(seed, 200, case.get("temperature", False))
-    return points, replace(BASE, effects=case["effects"]).efficiency_at(points)
+    return points, replace(BASE, effects=case["effects"]).answer_at(points).efficiency
 
 
 # --- verdicts -------------------------------------------------------------------------------------
@@ -155,7 +155,7 @@ def test_promised_shrinkage_is_met_on_fresh_points(name):
     points, truth = _fresh(CASES[name])
     squares = []
     for model in (found.base, found.model):
-        error = model.efficiency_at(points) - truth
+        error = model.answer_at(points).efficiency - truth
         squares.append(np.nanmean(error**2))
     met = 1.0 - squares[1] / squares[0]
     assert met > 0.85

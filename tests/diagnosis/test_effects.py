@@ -12,9 +12,9 @@ from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
 from hmcvt_core.physics.effects.base import Effect, size
-from hmcvt_core.physics.effects.drag import ChargePump, Churning
 from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, NOISE, campaign, random_points
 
@@ -78,18 +78,15 @@ def test_size_zero_changes_nothing(kind):
     for effect in forms_of(kind()):
         for points in (POINTS, STANDING):
             model = replace(BASE, effects=(effect,))
-            np.testing.assert_allclose(model.efficiency_at(points), BASE.efficiency_at(points),
-                                       rtol=1e-9)
-            np.testing.assert_allclose(model.output_speed_at(points),
-                                       BASE.output_speed_at(points), rtol=1e-9)
+            np.testing.assert_allclose(model.answer_at(points), BASE.answer_at(points), rtol=1e-9)
 
 
 @every_kind
 def test_typical_size_shows_in_what_the_bench_reads(kind):
     for effect in _at(kind):
-        model = replace(BASE, effects=(effect,))
-        change = np.abs(model.efficiency_at(POINTS) - BASE.efficiency_at(POINTS))
-        slip = np.abs(model.output_speed_at(POINTS) / BASE.output_speed_at(POINTS) - 1.0)
+        (efficiency, speed), base = (
+            replace(BASE, effects=(effect,)).answer_at(POINTS), BASE.answer_at(POINTS))
+        change, slip = np.abs(efficiency - base.efficiency), np.abs(speed / base.output_speed - 1.0)
         assert np.nanmax(change) > 1e-3 or np.nanmax(slip) > 1e-3
 
 
@@ -115,7 +112,7 @@ def test_losses_take_power(kind, extreme):
         item, = form.sizes()
         effect = form.with_values({item.name: item.high if extreme else item.typical})
         model = replace(BASE, effects=(effect,))
-        efficiency = model.efficiency_at(POINTS)
+        efficiency = model.answer_at(POINTS).efficiency
         known = efficiency[np.isfinite(efficiency)]
         assert known.size > 0
         assert ((known > 0.0) & (known < 1.0)).all()

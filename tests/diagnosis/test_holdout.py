@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 
 from .campaigns import BASE, NOISE, campaign, joined, with_column
 

@@ -14,7 +14,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary, words
-from hmcvt_core.physics.effects.drag import ChargePump
+from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html, write_html
 
 from .campaigns import BASE, NOISE, campaign

@@ -9,7 +9,7 @@ import pytest
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, linearise, nuisance_columns, refit
 from hmcvt_core.diagnosis.system import forms_of
-from hmcvt_core.physics.effects.drag import ChargePump, Churning
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 from hmcvt_core.transmission.parameters import HydraulicParameters, to_scaled
 

@@ -13,8 +13,8 @@ from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.diagnosis.evidence import log_mean
 from hmcvt_core.diagnosis.ranking import candidate
 from hmcvt_core.diagnosis.system import forms_of
-from hmcvt_core.physics.effects.drag import ChargePump, Churning
-from hmcvt_core.transmission.points import OperatingPoints
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import (
     BASE,
@@ -102,7 +102,7 @@ def test_a_plan_of_one_point_and_an_effect_that_the_model_has():
 def test_points_planned_twice_do_not_state_the_noise():
     """Filled-in readings agree to the last digit; that is no noise of a bench."""
     points = random_points(1, 12)
-    once = hmcvt.BenchSamples(*points[:3], BASE.efficiency_at(points))
+    once = hmcvt.BenchSamples(*points[:3], BASE.answer_at(points).efficiency)
     thrice = once.select(np.repeat(np.arange(12), 3))
     single, triple = (hmcvt.separable(BASE, plan) for plan in (once, thrice))
     assert triple.noise == pytest.approx(single.noise)

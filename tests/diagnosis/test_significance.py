@@ -7,7 +7,7 @@ from scipy.stats import kstest
 
 from hmcvt_core.diagnosis.regions import regions
 from hmcvt_core.diagnosis.significance import significance
-from hmcvt_core.physics.effects.drag import ChargePump
+from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import NOISE, campaign, fitted
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.drag import ChargePump
+from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import keep_newest, next_name

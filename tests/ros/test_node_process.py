@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD, command, message
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.gears import PlanetaryMesh
+from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 
 ROOT = Path(hmcvt.__file__).parents[1]
 HMCVT_NODE = [sys.executable, "-m", "hmcvt_core.cli", "node"]

@@ -14,6 +14,7 @@ from typing import Any
 
 from ...errors import InputError
 from ...transmission.mapping import number
+from ...transmission.ranges import Range
 from .base import Effect, EffectParameter, ShaftState
 
 __all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "effect_to_mapping",
@@ -91,8 +92,5 @@ def _value(parameter: EffectParameter, entry: object, where: str) -> float:
         if unit != parameter.unit:
             raise InputError(f"{where}.unit = {unit!r}; needs {parameter.unit!r}")
         entry = entry.get("value")
-    value = number({place: entry}, place)
-    if not parameter.low <= value <= parameter.high:
-        raise InputError(f"{place} = {value:g} is outside {parameter.low:g} to "
-                         f"{parameter.high:g} {parameter.unit}".removesuffix(" -"))
-    return value
+    limits = Range(place, parameter.low, parameter.high, parameter.unit)
+    return float(limits.check(number({place: entry}, place)))

@@ -76,16 +76,16 @@ class EffectParameter:
 
 def size(unit: str, typical: float, low: float, high: float, meaning: str) -> Any:
     """Declare a parameter whose zero switches the effect off."""
-    spec = {"unit": unit, "meaning": meaning, "typical": typical, "low": low, "high": high}
-    return field(default=0.0, metadata=spec)
+    return field(default=0.0, metadata={
+        "unit": unit, "meaning": meaning, "typical": typical, "low": low, "high": high})
 
 
 def shape(unit: str, grid: tuple[float, ...], meaning: str) -> Any:
     """Declare a parameter that bends the form; the middle of its grid is the default."""
     typical = grid[len(grid) // 2]
-    spec = {"unit": unit, "meaning": meaning, "typical": typical,
-            "low": min(grid), "high": max(grid), "grid": grid}
-    return field(default=typical, metadata=spec)
+    return field(default=typical, metadata={
+        "unit": unit, "meaning": meaning, "typical": typical, "low": min(grid), "high": max(grid),
+        "grid": grid})
 
 
 @dataclass(frozen=True)

@@ -143,18 +143,17 @@ class Compressibility(Effect):
     softening: float = shape("MPa", (0.0, 5.0), "pressure below which the oil is softer")
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        pump = (self._pump_volume(state.displacement_ratio)) * state.pump_speed
+        pump = (self.dead_volume + self._swept(state.displacement_ratio)) * state.pump_speed
         pumping = 0.5 * (1.0 - np.tanh(state.motor_speed / _REVERSAL))
         motor = (self.dead_volume + pumping) * np.abs(state.motor_speed)
-        soft: Value = 1.0
+        squeezed = state.pressure * self.compliance / _BULK
         if self.softening > 0.0:
             level = self.softening * 1e6
-            soft = 1.0 + level / (np.abs(state.pressure) + level)
-        squeezed = state.pressure * self.compliance / _BULK * soft
+            squeezed = squeezed * (1.0 + level / (np.abs(state.pressure) + level))
         return squeezed * state.displacement * (pump + self.motor_part * motor)
 
-    def _pump_volume(self, displacement_ratio: Array) -> Value:
-        return self.dead_volume + (1.0 + displacement_ratio) / 2.0
+    def _swept(self, displacement_ratio: Array) -> Array:
+        return (1.0 + displacement_ratio) / 2.0
 
 
 @dataclass(frozen=True)
@@ -163,8 +162,8 @@ class CompressibilityStroke(Compressibility):
 
     form = "stroke either way"
 
-    def _pump_volume(self, displacement_ratio: Array) -> Value:
-        return self.dead_volume + (1.0 + np.abs(displacement_ratio)) / 2.0
+    def _swept(self, displacement_ratio: Array) -> Array:
+        return super()._swept(np.abs(displacement_ratio))
 
 
 @dataclass(frozen=True)
@@ -202,10 +201,9 @@ class PressureFrictionFull(PressureFrictionStroke):
 
 
 @dataclass(frozen=True)
-class PressureFrictionStribeck(Effect):
+class PressureFrictionStribeck(PressureFrictionStroke):
     """c dp V exp(-|w| / w_s): mixed friction that fades as a film builds up with speed."""
 
-    name = "pressure_friction"
     form = "Stribeck"
     component = "motor"
     summary = "at low motor speed the oil film is thin and friction under pressure is high"

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques that drag a shaft whatever the load: charge pump, bearings, churning, open clutches."""
+"""Drag on shafts whatever the load, and mesh losses beyond the assumed gear efficiency."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .base import Effect, ShaftState, Value, shape, size
+import numpy as np
+
+from .base import Array, Effect, ShaftState, Value, shape, size
 
 _ENGINE_REFERENCE = 150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
 _OUTPUT_REFERENCE = 180.0  # rad/s, the same at the output of HM4
+_TORQUE_REFERENCE = 250.0  # N m of a path's shaft
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class BearingDrag(Effect):
 
 
 @dataclass(frozen=True)
-class Churning(Effect):
+class Churning(BearingDrag):
     """P = k w^n: oil churning and windage of the engine-side gears, n = 2.5 to 3."""
 
     name = "churning"
@@ -55,12 +58,10 @@ class Churning(Effect):
     summary = "engine-side gears churn oil: the loss grows with nearly the cube of engine speed"
     source = "Changenet & Velex 2007; tractor DCT test: Agriculture 2023, 13, 1225"
     remedy = "repeat one point at lowered oil level"
+    prior = 1.0
 
     torque: float = size("N m", 6.0, 0.0, 60.0, "drag torque on the engine shaft at 150 rad/s")
     exponent: float = shape("-", (1.5, 1.75, 2.0), "power of speed in the torque")
-
-    def engine_drag(self, state: ShaftState) -> Value:
-        return self.torque * (state.engine_speed / _ENGINE_REFERENCE) ** self.exponent
 
 
 @dataclass(frozen=True)
@@ -104,3 +105,77 @@ class ClutchDrag(Effect):
     def output_drag(self, state: ShaftState) -> Value:
         x = state.output_speed / self.peak_speed
         return self.torque * 2.0 * x / (1.0 + x * x)
+
+
+@dataclass(frozen=True)
+class GearEfficiency(Effect):
+    """Every pair loses another part of its power than assumed; better gears are negative."""
+
+    name = "gear_mesh"
+    form = "constant"
+    component = "gears"
+    summary = "the gear pairs are not as efficient as assumed"
+    source = "paper, Table 3 (0.96 to 1); ISO/TR 14179"
+    remedy = "calibrate the torque meters: their gain looks the same"
+
+    loss: float = size("-", 0.004, -0.02, 0.05, "further part of the power lost in each pair")
+
+    def gear_loss(self, power: Array, speed: Array) -> Value:
+        return self.loss
+
+
+@dataclass(frozen=True)
+class GearMesh(Effect):
+    """Lost part ~ torque^a speed^-b: mesh friction that depends on load and sliding speed."""
+
+    name = "gear_mesh"
+    form = "load and speed"
+    component = "gears"
+    summary = "mesh friction depends on load and speed, which a constant gear efficiency leaves out"
+    source = "ISO/TR 14179-2, Niemann: mu ~ (load / (sum speed, radius))^0.2 nu^-0.05"
+    remedy = "calibrate the torque meters: their gain looks nearly the same"
+
+    loss: float = size("-", 0.004, 0.0, 0.05,
+                       "further part lost in each pair at 250 N m and 150 rad/s")
+    load_exponent: float = shape("-", (0.3, 0.6, 1.0), "power of the torque")
+    speed_exponent: float = shape("-", (0.0, 0.3), "falling power of the speed")
+
+    def gear_loss(self, power: Array, speed: Array) -> Value:
+        turning = np.maximum(np.abs(speed), 1.0)
+        torque = np.abs(power) / turning
+        # No pair can lose more than it carries, however far a fit strays.
+        part = (torque / _TORQUE_REFERENCE) ** self.load_exponent
+        slower = (turning / _ENGINE_REFERENCE) ** -self.speed_exponent
+        return self.loss * np.minimum(part * slower, 10.0)
+
+
+@dataclass(frozen=True)
+class PlanetaryMesh(Effect):
+    """Loss = k |T_sun (n_sun - n_carrier)|: rolling power of the planetary row."""
+
+    name = "planetary_mesh"
+    form = "torque ratio"
+    component = "planetary"
+    summary = ("the planets' mesh loses a part of the rolling power, which the base model takes "
+               "as lossless")
+    source = "Mueller, Die Umlaufgetriebe: rolling power"
+    remedy = "spin the row at two sun speeds with the same torque"
+
+    loss: float = size("-", 0.03, 0.0, 0.2, "part of the rolling power lost")
+
+    def planetary_loss(self, state: ShaftState) -> Value:
+        return self.loss
+
+
+@dataclass(frozen=True)
+class PlanetaryRolling(PlanetaryMesh):
+    """The same loss paid by the member that the engine drives; the motor's torque stays."""
+
+    form = "rolling power"
+    source = "loss = k T_sun |n_sun - n_carrier|, charged to the carrier"
+
+    def planetary_loss(self, state: ShaftState) -> Value:
+        return 0.0
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        return self.loss * state.sun_torque * np.abs(state.sun_speed) / state.engine_speed
