@@ -89,6 +89,7 @@ def test_round_trip_keeps_every_bit(tmp_path, data, n, optional):
     "Displacement Ratio,ENGINE_SPEED,load-torque,Efficiency\n" + GOOD,
     f"{HEADER}\n{GOOD},,\n",
     f"{HEADER}\r{GOOD}\r",
+    f"{HEADER},\u00f6l\n{GOOD},x".encode("cp1252"),
     "efficiency,load_torque,engine_speed,displacement_ratio,\n8e-1,+200,1.5e2,.5,x\n",
 ])
 def test_spellings_that_are_read(tmp_path, text):
@@ -135,7 +136,6 @@ def test_bad_row_is_named(tmp_path, row, message):
     (f"{HEADER}\n{GOOD}\n# pause\n", r"row 3: 1 fields, the header has 4 .*a comment"),
     ("Efficiency,efficiency\n", r"row 1: column 'efficiency' stands there twice"),
     (f"{HEADER}\n{GOOD}".encode("utf-16"), r"not UTF-8 text at byte 0: save it as 'CSV UTF-8'"),
-    (f"{HEADER},\u00f6l\n{GOOD},1".encode("latin-1"), r"not UTF-8 text at byte 55: save it as"),
     ('"displacement\nratio",b\n1,2', r"row 1: column .* is missing; there is displacement ratio"),
     (b"\x00\x01\x02\x03", r"is missing"),
     ("x" * 200_000 + f"\n{GOOD}", r"not CSV: field larger than field limit"),
