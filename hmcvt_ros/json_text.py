@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from hmcvt_core.files.strict_json import plain
+from hmcvt_core.files import plain
 
 
 def json_text(data: Any) -> str:

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
+from ..files import data_path, plain
 from ..files.bench import BenchSamples
-from ..files.resources import data_path
-from ..files.strict_json import plain
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import Effect

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from ..files.resources import data_path
+from ..files import data_path
 from ..fleet.executors import on_cluster, on_processes
 from ..fleet.run import run
 from ..fleet.study import Settings

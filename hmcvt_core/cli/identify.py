@@ -10,8 +10,8 @@ import click
 import numpy as np
 
 from ..errors import InputError
+from ..files import data_path
 from ..files.bench import read_bench
-from ..files.resources import data_path
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingState
 from ..model.parameter_file import load_stage

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..errors import HmcvtError, InputError
+from ..files import plain
 from ..files.atomic import write_atomically
 from ..files.bench import read_bench
-from ..files.strict_json import plain
 from ..model.parameter_file import save_model
 from .executors import Place, study_all
 from .study import Settings, Study, Task
@@ -167,12 +167,8 @@ def save(log: Log, study: Study, settings: Settings) -> Entry:
     log.parameters.parent.mkdir(parents=True, exist_ok=True)
     if _result(log).get("parameters_sha256") == sha256(log.parameters):
         # One that an earlier run wrote and nobody has touched: no copy of it is kept.
-        fresh = log.parameters.with_name(f".{log.parameters.name}.new")
-        fresh.unlink(missing_ok=True)
-        save_model(study.model, fresh)
-        fresh.replace(log.parameters)
-    else:
-        save_model(study.model, log.parameters)  # keeps what a person may have put there
+        log.parameters.unlink(missing_ok=True)
+    save_model(study.model, log.parameters)  # keeps what a person may have put there
     result: dict[str, Any] = plain({
         "schema": SCHEMA, "log": log.name, "log_sha256": study.log_sha256,
         "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),

@@ -96,7 +96,7 @@ def test_identify(hmcvt, arguments, words):
 @pytest.mark.parametrize(("arguments", "words"), [
     (("predict", TABLE2, "--load-torque", "3"), ("not both",)),
     (("optimum", *POINT[2:], "--hold", "output_speed"),
-     ("--displacement-ratio", "--output-speed")),
+     ("needs displacement_ratio (now) or output_speed",)),
     (("optimum", *POINT[2:], "--output-speed", "100"), ("--hold output_speed",)),
     (("optimum", *POINT, "--hold", "output_speed", "--output-speed", "100"), ("give one",)),
     (("optimum", *POINT, "--hold", "output_speed", "--engine-speed-limits", "200", "100"),

@@ -91,7 +91,7 @@ def test_pages_in_a_browser(hmcvt, tmp_path):
     (("map", "--picture", "map.gif"), ("map.gif", ".png, .svg, .html")),
     (("map", "--picture", "nowhere/map.png"), ("nowhere is not a folder",)),
     (("map", "--picture", "map.png", "--power", "lots"), ("'lots' is not a power",)),
-    (("map", "--picture", "map.png", "--power", "40MW"), ("'40MW'",)),
+    (("map", "--picture", "map.png", "--power", "40000kW"), ("--power 40000kW at 750 r/min",)),
     (("map", "--bench", TABLE2), ("--picture is needed",)),
 ])
 def test_bad_requests(hmcvt, arguments, words, tmp_path, monkeypatch):

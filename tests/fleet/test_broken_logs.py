@@ -10,7 +10,7 @@ from cli.permissions import BOUND_BY_PERMISSIONS
 from cli.running import assert_refused, process
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.files.resources import data_path
+from hmcvt_core.files import data_path
 from hmcvt_core.fleet import study as study_module
 from hmcvt_core.fleet.run import locked
 from hmcvt_core.fleet.study import Settings, study

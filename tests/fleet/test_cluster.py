@@ -11,7 +11,7 @@ import pytest
 from cli.running import assert_refused
 
 from hmcvt_core import HmcvtError, InputError, read_bench
-from hmcvt_core.files.resources import data_path
+from hmcvt_core.files import data_path
 from hmcvt_core.fleet import executors
 from hmcvt_core.fleet.executors import on_cluster, study_all
 from hmcvt_core.fleet.study import Settings, Study, Task

@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 
 from hmcvt_core import read_bench
-from hmcvt_core.files.resources import data_path
+from hmcvt_core.files import data_path
 from hmcvt_core.fleet.executors import on_processes, study_all
 from hmcvt_core.fleet.study import Settings, Study, Task
 from hmcvt_core.model.parameter_file import load_stage
