@@ -55,13 +55,10 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
     log lie under `out` as the log lies under `folder`.
 
     Raises:
-        InputError: the folder is missing or holds no .csv file, is `out` itself, or two logs
-            would have the same files.
-        OSError: a folder cannot be read.
+        InputError: the folder holds no .csv file, is `out` itself, or two logs would have the
+            same files.
+        OSError: a folder is missing or cannot be read.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: " + ("is not a folder" if folder.exists()
-                                          else "No such file or directory"))
     if folder.resolve() == out.resolve():
         # A logger may leave files of the same names beside its logs.
         raise InputError(f"{out}: holds the logs; the results need a folder of their own")
@@ -128,7 +125,7 @@ def run(
 
     Raises:
         InputError: see `find_logs` and `locked`.
-        OSError: the results cannot be written.
+        OSError: the logs cannot be read, or the results not be written.
         HmcvtError: the work cannot be done there, whatever the log.
     """
     # Before the folder for the results is made: a misspelt one shall leave nothing behind.

@@ -205,11 +205,7 @@ def render(template: str, folder: Path = _TEMPLATES, /, **context: Any) -> str:
         template: its name; it may extend `base.html.j2` and include what stands beside that.
         folder: where it lies.
         context: what it names. `Markup` and SVG of `to_svg` go in as they are.
-
-    Raises:
-        InputError: Jinja2 or matplotlib is missing.
     """
-    check_drawable()
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
