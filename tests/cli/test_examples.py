@@ -119,16 +119,6 @@ def test_synopsis(line):
     assert named - {"--ros-args"} <= known
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_scripts_and_targets_that_a_page_names_exist(path):
-    text = path.read_text(encoding="utf-8")
-    for script in re.findall(r"python3? ((?:examples|docs)/[\w./]+\.py)", text):
-        assert (ROOT / script).is_file(), script
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"^    make ([a-z]+)|`make ([a-z]+)", text, flags=re.MULTILINE):
-        assert re.search(rf"^{''.join(target)}:", makefile, flags=re.MULTILINE), target
-
-
 def test_python_of_the_readme(workplace):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
     assert blocks

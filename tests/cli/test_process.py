@@ -127,7 +127,6 @@ def test_link_stays_a_link(hmcvt, tmp_path):
     ("diagnose", "{}", "--report", "{}"), ("diagnose", TABLE2, "--holdout", "{}",
                                            "--save-model", "{}"),
     ("diagnose", TABLE2, "--params", "{}", "--report", "{}"),
-    ("map", "--picture", "m.svg", "--bench", "{}", "--out", "{}"),
     ("import-csv", "{}", "--out", "{}", "--engine-speed", "n")], ids=" ".join)
 def test_what_a_command_reads_is_not_written_over(hmcvt, tmp_path, arguments):
     path, link = tmp_path / "bench.svg", tmp_path / "link.svg"
@@ -146,11 +145,6 @@ def test_full_disk():
                               text=True, cwd=ROOT, timeout=60)
     assert done.returncode == 2
     assert done.stderr == "hmcvt: error: output: No space left on device\n"
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full (Linux)")
-def test_full_disk_under_an_output_file(hmcvt):
-    assert_refused(hmcvt(*SMALL_MAP, "--out", "/dev/full"), "/dev/full: No space left")
 
 
 def test_reader_that_leaves():
