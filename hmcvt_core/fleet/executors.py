@@ -165,7 +165,16 @@ def on_cluster(address: str) -> Iterator[Crew]:
         InputError: Dask is not installed, nobody answers, or there is no hmcvt of this version.
     """
     with _connected(address) as client:
-        _check_versions(client, address)
+        try:
+            # It unpacks what passes through it.
+            found = {"the scheduler": client.run_on_scheduler(_version)}
+        except Exception as error:  # whatever the import of another hmcvt may raise
+            found = {"the scheduler": error}
+        # Refused: a cluster whose every outcome would be a failure, or from another version.
+        for place, version in {**found, **client.run(_version, on_error="return")}.items():
+            if version != __version__:
+                raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
+                                 f"there is {version}")
         yield Crew(client.get_executor(pure=False), lambda: max(
             _AHEAD_LEAST, _AHEAD_PER_THREAD * sum(client.ncores().values())))
 
@@ -192,20 +201,6 @@ def _connected(address: str) -> Client:
     except (OSError, ValueError) as error:  # a timeout is an OSError too
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there: "
                          f"{error}") from error
-
-
-def _check_versions(client: Client, address: str) -> None:
-    """Refuse a cluster whose every outcome would be a failure, or from another version."""
-    try:
-        # It unpacks what passes through it.
-        found = {"the scheduler": client.run_on_scheduler(_version)}
-    except Exception as error:  # whatever the import of another hmcvt may raise
-        found = {"the scheduler": error}
-    found.update(client.run(_version, on_error="return"))
-    for place, version in found.items():
-        if version != __version__:
-            raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
-                             f"there is {version}")
 
 
 def _version() -> str:
