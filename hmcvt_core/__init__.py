@@ -11,9 +11,8 @@ SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio a
 from .benches.transmission import diagnose, separable
 from .diagnosis import Diagnosis, Isolability
 from .errors import HmcvtError, IdentificationError, InputError
-from .files.bench import BenchSamples, read_bench, write_bench
-from .files.raw_bench import read_raw_bench
-from .files.resources import data_path
+from .files import data_path
+from .files.bench import BenchSamples, read_bench, read_raw_bench, write_bench
 from .identification import Identification, Schedule, identify
 from .model.domain import Domain, EfficiencyMap
 from .model.model import EfficiencyModel, Prediction

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from numpy.typing import ArrayLike
 
 import hmcvt_core as hmcvt
+from hmcvt_core.files import plain
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.files.strict_json import plain
 from hmcvt_core.identification.cross_validation import (
     FEWEST,
     QUICK,

@@ -18,7 +18,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from hmcvt_core import EfficiencyMap, HmcvtError, InputError
-from hmcvt_core.files.strict_json import plain
+from hmcvt_core.files import plain
 
 from . import jobs
 from .bench_log import BenchLog

@@ -43,15 +43,22 @@ def _installed() -> dict[str, EntryPoint]:
 
 
 def _load(entry: EntryPoint) -> click.Command:
-    """Load a command of another package, or raise an `HmcvtError`."""
+    """Load a command of another package, or give one that says why it cannot be loaded."""
     try:
         command = entry.load()
+        if isinstance(command, click.Command):
+            return command
+        why = "is no click command"
     except Exception as error:  # whatever somebody else's module may raise
-        raise HmcvtError(f"command {entry.name} ({entry.value}) cannot be loaded: "
-                         f"{type(error).__name__}: {error}") from error
-    if not isinstance(command, click.Command):
-        raise HmcvtError(f"command {entry.name} ({entry.value}) is no click command")
-    return command
+        why = f"cannot be loaded: {type(error).__name__}: {error}"
+
+    def refuse() -> NoReturn:
+        raise HmcvtError(f"command {entry.name} ({entry.value}) {why}")
+
+    return click.Command(
+        entry.name, callback=refuse, short_help=f"(cannot be loaded: {entry.value})", hidden=True,
+        add_help_option=False, context_settings={"ignore_unknown_options": True,
+                                                 "allow_extra_args": True})
 
 
 class _Commands(click.Group):
@@ -66,20 +73,11 @@ class _Commands(click.Group):
             command: click.Command = module.command
             return command
         entry = _installed().get(cmd_name)
-        try:
-            return None if entry is None else _load(entry)
-        except HmcvtError:
-            if ctx.resilient_parsing:  # completion, perhaps of another command
-                return None
-            raise
+        return None if entry is None else _load(entry)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        others = []
-        for name, entry in _installed().items():
-            try:
-                others.append((name, _load(entry).get_short_help_str(formatter.width)))
-            except HmcvtError:
-                others.append((name, f"(cannot be loaded: {entry.value})"))
+        others = [(name, _load(entry).get_short_help_str(formatter.width))
+                  for name, entry in _installed().items()]
         with formatter.section("Commands"):
             formatter.write_dl([*COMMANDS.items(), *others])
 

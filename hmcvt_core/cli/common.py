@@ -15,9 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
+from ..files import data_path, plain
 from ..files.bench import BenchSamples
-from ..files.resources import data_path
-from ..files.strict_json import plain
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import Effect
@@ -39,11 +38,9 @@ class OutputFile(click.ParamType):  # type: ignore[type-arg]
         path = Path(value)
         if path.is_dir():
             self.fail(f"{value}: is a folder", param, ctx)
-        if path.is_file() or not path.exists():  # not such as /dev/null
-            if not path.parent.is_dir():
-                self.fail(f"{value}: {path.parent} is not a folder", param, ctx)
-            if not os.access(path.parent, os.W_OK):
-                self.fail(f"{value}: folder {path.parent} cannot be written", param, ctx)
+        made = path.is_file() or not path.exists()  # not such as /dev/null
+        if made and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+            self.fail(f"{value}: {path.parent} is not a folder that can be written", param, ctx)
         return str(value)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from ..files.resources import data_path
+from ..files import data_path
 from ..fleet.executors import on_cluster, on_processes
 from ..fleet.run import run
 from ..fleet.study import Settings
@@ -21,9 +21,7 @@ from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect
 from . import common
 
-SOME_BROKEN = 3
-"""Exit code when the work is done but some logs have no result."""
-
+_SOME_BROKEN = 3  # exit code
 _REPORT_EVERY = 60.0  # seconds between lines on a stderr that is no terminal
 
 
@@ -82,7 +80,7 @@ def command(
         common.print_json(found)
     else:
         click.echo(_report(found))
-    ctx.exit(SOME_BROKEN if found["broken"] else 0)
+    ctx.exit(_SOME_BROKEN if found["broken"] else 0)
 
 
 class _Counter:

@@ -10,8 +10,8 @@ import click
 import numpy as np
 
 from ..errors import InputError
+from ..files import data_path
 from ..files.bench import read_bench
-from ..files.resources import data_path
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingState
 from ..model.parameter_file import load_stage
@@ -68,7 +68,10 @@ def command(
     common.keep_inputs([bench, transmission], [out, picture])
     samples = read_bench(bench)
     if fit is None:
-        fit = _drawn(len(samples), hold_back, seed)
+        held_count = 0 if hold_back is None else min(
+            len(samples) - 1, max(1, round(hold_back * len(samples))))
+        order = np.random.default_rng(seed).permutation(len(samples)) + 1
+        fit = sorted(order[held_count:].tolist())
     elif max(fit) > len(samples):
         raise InputError(f"--fit names sample {max(fit)}; {samples.source} holds {len(samples)}")
     rest = sorted({*range(1, len(samples) + 1)}.difference(fit))
@@ -106,15 +109,6 @@ def command(
         click.echo(common.sample_table(predicted(best)))
     if out is not None:
         click.echo(f"written to {out}")
-
-
-def _drawn(count: int, part: float | None, seed: int) -> list[int]:
-    """Numbers of the samples that are left to fit, from 1."""
-    if part is None:
-        return list(range(1, count + 1))
-    held = min(count - 1, max(1, round(part * count)))
-    order = np.random.default_rng(seed).permutation(count)
-    return sorted((order[held:] + 1).tolist())
 
 
 def _comparison(found: list[Identification]) -> str:

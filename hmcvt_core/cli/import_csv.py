@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from ..files.bench import write_bench
-from ..files.raw_bench import UNITS, read_raw_bench
+from ..files.bench import UNITS, read_raw_bench, write_bench
 from ..transmission.ranges import BENCH_COLUMNS
 from . import common
 

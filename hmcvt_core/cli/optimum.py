@@ -46,9 +46,6 @@ def command(
     if displacement_ratio is not None and output_speed is not None:
         raise click.UsageError("--displacement-ratio (now) and --output-speed both tell the "
                                "output speed to hold: give one")
-    if hold == "output_speed" and displacement_ratio is None and output_speed is None:
-        raise click.UsageError("--hold output_speed needs --displacement-ratio (now) or "
-                               "--output-speed")
     model = common.model_from(params).without_meters()
     best = model.optimal_displacement_ratio(
         engine_speed, load_torque, hold=hold, displacement_ratio=displacement_ratio,

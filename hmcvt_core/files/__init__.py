@@ -1,2 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files on disk: bench tables, row-exact errors, atomic writes, shipped data."""
+"""Files on disk: bench tables, row-exact errors, atomic writes, shipped data, strict JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def data_path(name: str) -> Path:
+    """Return the path of a shipped file, such as `params/hm4.yaml` or `data/table2.csv`.
+
+    An installed package holds `data/` and `params/` inside; a checkout has them beside it.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    for root in (_PACKAGE, _PACKAGE.parent):
+        if (root / name).is_file():
+            return root / name
+    raise InputError(f"{name} does not ship with hmcvt")
+
+
+def plain(value: Any) -> Any:
+    """Return data that strict JSON can hold; NaN and infinity become None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -79,7 +79,8 @@ def read_columns(
         InputError: as `read_cells`; or a column stands there twice or a value is no number or
             outside its range.
     """
-    cells = decimal_points(read_cells(path, required, column_name), _NAMES)
+    cells = decimal_points(
+        read_cells(path, required, lambda header: list(map(column_name, header))), _NAMES)
     first = [cells.columns[name][0] for name in required]
     if holds_units(first):
         raise InputError(f"{cells.source}: row {cells.rows[0]}: {', '.join(first)} are no numbers; "
@@ -94,19 +95,18 @@ def read_columns(
 
 
 def read_cells(
-    path: str | os.PathLike[str], required: Sequence[str], name_of: Callable[[str], str], *,
-    header_row: int | None = None, encodings: Sequence[str] = ("utf-8-sig",),
+    path: str | os.PathLike[str], required: Sequence[str],
+    names_of: Callable[[list[str]], list[str]], header_row: int | None = None,
 ) -> Cells:
     """Read a CSV file with a header, separated by commas, semicolons or tabs.
 
-    Lines above the header that begin with # are left out.
+    Text is UTF-8, or else Windows-1252. Lines above the header that begin with # are left out.
 
     Args:
         path: of the file.
         required: columns that must be there.
-        name_of: gives the name of a column from its cell in the header.
+        names_of: gives the names of the columns from the cells of the header.
         header_row: line of the header, from 1; found when left out.
-        encodings: of the text, the first that fits.
 
     Raises:
         InputError: the file is missing, empty, too large or not CSV, a required column is
@@ -119,14 +119,21 @@ def read_cells(
         raw = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    text = _decoded(raw, encodings, str(path))
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if b"\0" in raw:
+            raise InputError(f"{path}: not UTF-8 text at byte {error.start}: save it as "
+                             "'CSV UTF-8'") from None
+        text = raw.decode("cp1252", "replace")
     if "\n" not in text:
         text = text.replace("\r", "\n")  # line ends of old programs
     if header_row is not None:
         # Left empty, so that the rows below keep their numbers.
         text = "\n" * (header_row - 1) + "".join(list(io.StringIO(text))[header_row - 1:])
-    separator = _separator(text)
-    header, body = _lines(text, separator, str(path), required, name_of)
+    line = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
+    separator = max(",;\t", key=line.count)  # what stands there most, first a comma
+    header, body = _lines(text, separator, str(path), required, names_of)
     columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
     return Cells(columns, [number for number, _ in body], separator, str(path),
                  hashlib.sha256(raw).hexdigest())
@@ -142,33 +149,18 @@ def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
         cells: of a file.
         names: of the columns that hold numbers.
     """
-    every = [cell for name, column in cells.columns.items() if name in names for cell in column]
+    numbers = {name: column for name, column in cells.columns.items() if name in names}
+    every = [cell for column in numbers.values() for cell in column]
     if (cells.separator == "," or any("." in cell for cell in every)
             or not any(map(_DECIMAL_COMMA.fullmatch, every))):
         return cells
-    return cells._replace(columns={
-        name: [cell.replace(",", ".") for cell in column] if name in names else column
-        for name, column in cells.columns.items()})
-
-
-def _decoded(raw: bytes, encodings: Sequence[str], source: str) -> str:
-    for encoding in encodings:
-        try:
-            return raw.decode(encoding)
-        except UnicodeDecodeError as error:
-            if encoding == encodings[0]:
-                first = error.start
-    raise InputError(f"{source}: not UTF-8 text at byte {first}: save it as 'CSV UTF-8'")
-
-
-def _separator(text: str) -> str:
-    """Tell from the header what separates the columns: what stands there most, first a comma."""
-    header = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
-    return max(",;\t", key=header.count)
+    return cells._replace(columns=cells.columns | {
+        name: [cell.replace(",", ".") for cell in column] for name, column in numbers.items()})
 
 
 def _lines(
-    text: str, separator: str, source: str, required: Sequence[str], name_of: Callable[[str], str]
+    text: str, separator: str, source: str, required: Sequence[str],
+    names_of: Callable[[list[str]], list[str]],
 ) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Return the header and the numbered rows below it."""
     try:
@@ -184,7 +176,7 @@ def _lines(
         needs = f"; needs columns {', '.join(required)}" if required else ""
         raise InputError(f"{source}: is empty{needs}")
     (top, first), body = numbered[0], numbered[1:]
-    header = [name_of(cell) for cell in first]
+    header = names_of(first)
     for name in header:
         if header.count(name) > 1:
             raise InputError(f"{source}: row {top}: column {name!r} stands there twice")

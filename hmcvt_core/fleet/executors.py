@@ -13,7 +13,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager
 from itertools import chain, islice
@@ -125,30 +125,24 @@ def on_processes(count: int) -> Iterator[Crew]:
     """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
     others = multiprocessing.active_children()
     # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
-    with _environment({**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}), futures.ProcessPoolExecutor(
-            count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
-        try:
-            yield Crew(pool, lambda: count)
-        except BaseException:
-            # At once: a worker writes no files.
-            for process in multiprocessing.active_children():
-                if process not in others:
-                    process.kill()
-            raise
-
-
-@contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set variables for the processes that are started meanwhile."""
-    before = {name: os.environ.get(name) for name in variables}
+    variables = {**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}
+    before = {name: os.environ[name] for name in variables if name in os.environ}
     os.environ.update(variables)
     try:
-        yield
+        with futures.ProcessPoolExecutor(
+                count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
+            try:
+                yield Crew(pool, lambda: count)
+            except BaseException:
+                # At once: a worker writes no files.
+                for process in multiprocessing.active_children():
+                    if process not in others:
+                        process.kill()
+                raise
     finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
+        for name in variables:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _end_with_the_run() -> None:
@@ -171,7 +165,16 @@ def on_cluster(address: str) -> Iterator[Crew]:
         InputError: Dask is not installed, nobody answers, or there is no hmcvt of this version.
     """
     with _connected(address) as client:
-        _check_versions(client, address)
+        try:
+            # It unpacks what passes through it.
+            found = {"the scheduler": client.run_on_scheduler(_version)}
+        except Exception as error:  # whatever the import of another hmcvt may raise
+            found = {"the scheduler": error}
+        # Refused: a cluster whose every outcome would be a failure, or from another version.
+        for place, version in {**found, **client.run(_version, on_error="return")}.items():
+            if version != __version__:
+                raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
+                                 f"there is {version}")
         yield Crew(client.get_executor(pure=False), lambda: max(
             _AHEAD_LEAST, _AHEAD_PER_THREAD * sum(client.ncores().values())))
 
@@ -198,20 +201,6 @@ def _connected(address: str) -> Client:
     except (OSError, ValueError) as error:  # a timeout is an OSError too
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there: "
                          f"{error}") from error
-
-
-def _check_versions(client: Client, address: str) -> None:
-    """Refuse a cluster whose every outcome would be a failure, or from another version."""
-    try:
-        # It unpacks what passes through it.
-        found = {"the scheduler": client.run_on_scheduler(_version)}
-    except Exception as error:  # whatever the import of another hmcvt may raise
-        found = {"the scheduler": error}
-    found.update(client.run(_version, on_error="return"))
-    for place, version in found.items():
-        if version != __version__:
-            raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
-                             f"there is {version}")
 
 
 def _version() -> str:

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..errors import HmcvtError, InputError
+from ..files import plain
 from ..files.atomic import write_atomically
 from ..files.bench import read_bench
-from ..files.strict_json import plain
 from ..model.parameter_file import save_model
 from .executors import Place, study_all
 from .study import Settings, Study, Task
@@ -55,13 +55,10 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
     log lie under `out` as the log lies under `folder`.
 
     Raises:
-        InputError: the folder is missing or holds no .csv file, is `out` itself, or two logs
-            would have the same files.
-        OSError: a folder cannot be read.
+        InputError: the folder holds no .csv file, is `out` itself, or two logs would have the
+            same files.
+        OSError: a folder is missing or cannot be read.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: " + ("is not a folder" if folder.exists()
-                                          else "No such file or directory"))
     if folder.resolve() == out.resolve():
         # A logger may leave files of the same names beside its logs.
         raise InputError(f"{out}: holds the logs; the results need a folder of their own")
@@ -128,7 +125,7 @@ def run(
 
     Raises:
         InputError: see `find_logs` and `locked`.
-        OSError: the results cannot be written.
+        OSError: the logs cannot be read, or the results not be written.
         HmcvtError: the work cannot be done there, whatever the log.
     """
     # Before the folder for the results is made: a misspelt one shall leave nothing behind.
@@ -167,12 +164,8 @@ def save(log: Log, study: Study, settings: Settings) -> Entry:
     log.parameters.parent.mkdir(parents=True, exist_ok=True)
     if _result(log).get("parameters_sha256") == sha256(log.parameters):
         # One that an earlier run wrote and nobody has touched: no copy of it is kept.
-        fresh = log.parameters.with_name(f".{log.parameters.name}.new")
-        fresh.unlink(missing_ok=True)
-        save_model(study.model, fresh)
-        fresh.replace(log.parameters)
-    else:
-        save_model(study.model, log.parameters)  # keeps what a person may have put there
+        log.parameters.unlink(missing_ok=True)
+    save_model(study.model, log.parameters)  # keeps what a person may have put there
     result: dict[str, Any] = plain({
         "schema": SCHEMA, "log": log.name, "log_sha256": study.log_sha256,
         "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),

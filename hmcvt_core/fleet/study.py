@@ -91,7 +91,13 @@ Outcome = Study | str
 def study(samples: BenchSamples, settings: Settings) -> Outcome:
     """Identify the parameters of a log and diagnose its gap; equal input gives equal output."""
     try:
-        return _study(samples, settings)
+        tried = [identify(samples, stage=stage, formulation=settings.formulation,
+                          effects=settings.effects, seed=settings.seed)
+                 for stage in settings.stages]
+        found = min(tried, key=lambda item: item.objective)
+        diagnosis = None if not settings.diagnosed else diagnose(
+            found.model, samples, noise=settings.noise, seed=settings.seed).to_dict()
+        return Study(samples.sha256, found.model, found.to_dict(), diagnosis)
     except HmcvtError as error:
         return str(error)
     except Exception as error:  # one log must not stop thousands
@@ -104,14 +110,3 @@ def internal_failure(error: BaseException) -> str:
     place = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
     text = " ".join(str(error).split())
     return f"internal failure (please report it): {type(error).__name__}: {text}{place}"
-
-
-def _study(samples: BenchSamples, settings: Settings) -> Study:
-    tried = [identify(samples, stage=stage, formulation=settings.formulation,
-                      effects=settings.effects, seed=settings.seed) for stage in settings.stages]
-    found = min(tried, key=lambda item: item.objective)
-    diagnosis = None
-    if settings.diagnosed:
-        diagnosis = diagnose(found.model, samples, noise=settings.noise,
-                             seed=settings.seed).to_dict()
-    return Study(samples.sha256, found.model, found.to_dict(), diagnosis)

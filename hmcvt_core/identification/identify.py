@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IdentificationError
+from ..files import data_path
 from ..files.bench import BenchSamples
-from ..files.resources import data_path
 from ..model.agreement import RelativeError, output_speed_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel

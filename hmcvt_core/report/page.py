@@ -81,11 +81,10 @@ def groups(found: Diagnosis) -> list[Group]:
         first = next((cause for cause in left if cause.effect == name), None)
         if first is None:
             continue
-        twins = set(first.indistinguishable_from)
-        members = [cause for cause in left if cause is first
-                   or (cause.effect in twins and cause.effect not in leading)]
+        twins = set(first.indistinguishable_from).difference(leading)
+        members = [cause for cause in left if cause is first or cause.effect in twins]
         left = [cause for cause in left if cause not in members]
-        beside = twins - {cause.effect for cause in members}
+        listed = [cause.effect for cause in members]
         made.append(Group(members, True, tuple(
-            words.plain(twin) for twin in first.indistinguishable_from if twin in beside)))
+            words.plain(twin) for twin in first.indistinguishable_from if twin not in listed)))
     return [*made, Group(left)] if left else made

@@ -19,10 +19,7 @@ from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from ..transmission.stage import speed_ratio
-from .losses import draw_losses
 from .style import BLUE, ORANGE, picture_format, render, styled, to_png, to_svg
-
-__all__ = ["draw_fit", "draw_losses", "draw_surface", "save"]
 
 Array = NDArray[np.float64]
 

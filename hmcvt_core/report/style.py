@@ -42,7 +42,6 @@ LOSSES: Mapping[str, tuple[str, str]] = {
     "churning": ("#d9734a", "||"),
     "output churning": ("#fbe0c8", "||"),
 }
-_UNKNOWN_LOSS = ("#f3a56a", "++")
 
 _STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 15.0, "axes.titlesize": 15.0,
@@ -115,7 +114,7 @@ def styled(size: tuple[float, float] = PANEL) -> Iterator[Any]:
 
 def loss_style(part: str) -> dict[str, Any]:
     """Return how an area that shows a loss is filled."""
-    fill, hatch = LOSSES.get(part, _UNKNOWN_LOSS)
+    fill, hatch = LOSSES.get(part, ("#f3a56a", "++"))
     return {"facecolor": fill, "hatch": hatch, "edgecolor": INK, "linewidth": 0.6}
 
 
@@ -205,11 +204,7 @@ def render(template: str, folder: Path = _TEMPLATES, /, **context: Any) -> str:
         template: its name; it may extend `base.html.j2` and include what stands beside that.
         folder: where it lies.
         context: what it names. `Markup` and SVG of `to_svg` go in as they are.
-
-    Raises:
-        InputError: Jinja2 or matplotlib is missing.
     """
-    check_drawable()
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 from scipy.stats import qmc
 
+from hmcvt_core.files import data_path
 from hmcvt_core.files.bench import BenchSamples, read_bench
-from hmcvt_core.files.resources import data_path
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.model.agreement import determination_loss, relative_errors
 from hmcvt_core.model.model import EfficiencyModel

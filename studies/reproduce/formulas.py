@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from hmcvt_core.files.resources import data_path
+from hmcvt_core.files import data_path
 from hmcvt_core.physics import published
 from hmcvt_core.transmission.stage import speed_ratio
 

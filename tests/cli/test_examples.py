@@ -28,13 +28,6 @@ PARSED_ONLY = {
     "import-bag": "needs bags; run by tests/bag",
     "node": "needs ROS and does not end; run by tests/ros/test_node_command.py",
 }
-# Where the Python of a page is run.
-PYTHON = {
-    "README.md": "test_python_of_the_readme",
-    "add-an-effect.md": "tests/cli/test_tutorial.py",
-    "live-view.md": "tests/ros/test_example_control_stack.py",
-    "node.md": "tests/ros/test_node_docs.py",
-}
 SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 
 
@@ -126,49 +119,6 @@ def test_synopsis(line):
     assert named - {"--ros-args"} <= known
 
 
-def test_what_is_not_run_is_a_command_with_a_reason():
-    assert set(PARSED_ONLY) < set(NAMES) and all(PARSED_ONLY.values())
-    run = [case for case in CASES if case[0] not in PARSED_ONLY]
-    assert len(run) > 20
-
-
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_scripts_and_targets_that_a_page_names_exist(path):
-    text = path.read_text(encoding="utf-8")
-    for script in re.findall(r"python3? ((?:examples|docs)/[\w./]+\.py)", text):
-        assert (ROOT / script).is_file(), script
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"^    make ([a-z]+)|`make ([a-z]+)", text, flags=re.MULTILINE):
-        assert re.search(rf"^{''.join(target)}:", makefile, flags=re.MULTILINE), target
-
-
-def _ros2_lines():
-    return [(path.name, line.strip()) for path in PAGES
-            for line in path.read_text(encoding="utf-8").splitlines()
-            if re.match(r"    (\S+=\$\()?ros2 ", line)]
-
-
-def test_ros2_commands_name_what_exists():
-    """None is run: `ros2` comes with ROS from apt alone. What they name is checked."""
-    node_page = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
-    ours = 0
-    for page, line in _ros2_lines():
-        words = shlex.split(line, comments=True)
-        verb = words[1:3]
-        if verb[:1] in (["run"], ["launch"]):
-            if words[2] == "hmcvt_ros":
-                ours += 1
-                assert words[3] in ("efficiency_node", "hmcvt.launch.py"), (page, line)
-        elif verb[:1] in (["topic"], ["service"], ["param"]):
-            ours += 1
-            name = next(word for word in words[3:] if word.startswith("/"))
-            short = name.replace("/hmcvt/", "~/") if name != "/hmcvt" else words[4]
-            assert any(f"`{form}`" in node_page for form in (short, short.lstrip("/"))), line
-        else:
-            assert verb[0] in ("security", "pkg", "bag"), (page, line)
-    assert ours >= 6
-
-
 def test_python_of_the_readme(workplace):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
     assert blocks
@@ -176,10 +126,3 @@ def test_python_of_the_readme(workplace):
     for block in blocks:
         exec(block, names)
     assert 0.0 < names["fit"].fit_error < 0.05 and names["found"].verdict
-
-
-def test_python_of_every_page_is_run_somewhere():
-    shown = {path.name for path in PAGES if "```python" in path.read_text(encoding="utf-8")}
-    assert shown == set(PYTHON)
-    for place in PYTHON.values():
-        assert place.startswith("test_") or (ROOT / place).is_file(), place

@@ -14,15 +14,6 @@ SIMULATED = str(ROOT / "data" / "simulated.csv")
 SPLIT = ("--fit", "1,2,4-6")
 
 
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory):
-    """The command that params/README.md gives, and the file it writes."""
-    out = tmp_path_factory.mktemp("params") / "hm4.yaml"
-    done = process("identify", "data/table2.csv", "--fit", "1,2,4,5,6", "--out", out, "--json")
-    assert (done.code, done.err) == (0, "")
-    return done.json, out
-
-
 @pytest.mark.parametrize(("formulation", "fit", "prediction"), [
     ("power_balance", 0.0205, 0.0165), ("published", 0.0135, 0.0170)])
 def test_paper_split(hmcvt, formulation, fit, prediction):
@@ -38,22 +29,21 @@ def test_paper_split(hmcvt, formulation, fit, prediction):
                for warning in value["warnings"]) is (formulation == "published")
 
 
-def test_file_holds_what_json_says(fitted):
-    value, out = fitted
+def test_file_and_report_say_what_json_says(tmp_path, hmcvt):
+    """The command that params/README.md gives, as a process."""
+    out = tmp_path / "hm4.yaml"
+    done = process("identify", "data/table2.csv", "--fit", "1,2,4,5,6", "--out", out, "--json")
+    assert (done.code, done.err) == (0, "")
+    assert done.out[0] == "{" and done.out.endswith("}\n")
     model = hmcvt_library.load_model(out)
-    for name, entry in value["parameters"].items():
+    for name, entry in done.json["parameters"].items():
         assert getattr(model.parameters, name) == entry["value"]
         assert model.standard_errors[name] == entry["standard_error"]
-
-
-def test_report_shows_fitted_and_held_back_samples(hmcvt, fitted):
-    value, _ = fitted
     text = hmcvt("identify", TABLE2, *SPLIT).out
-    assert f"{100 * value['fit_error']:.2f} %" in text
-    _, held = text.split("held back:\n")
-    lines = held.splitlines()[1:]
+    assert f"{100 * done.json['fit_error']:.2f} %" in text
+    lines = text.split("held back:\n")[1].splitlines()[1:]
     assert [line.split()[0] for line in lines] == ["3", "7", "8"]
-    for line, entry in zip(lines, value["held_back"], strict=True):
+    for line, entry in zip(lines, done.json["held_back"], strict=True):
         assert f"{entry['predicted']:.4f}" in line
 
 

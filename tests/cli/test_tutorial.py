@@ -4,7 +4,6 @@
 import re
 import shlex
 import shutil
-import struct
 import subprocess
 import sys
 
@@ -113,16 +112,6 @@ def run(code, folder):
                           text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def test_pictures_are_small_and_used():
-    pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.glob("*.md"))
-    for path in (DOCS / "pictures").iterdir():
-        data = path.read_bytes()
-        assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) < 160_000, path
-        width, _ = struct.unpack(">II", data[16:24])
-        assert width >= 900, path
-        assert f"(pictures/{path.name})" in pages, path
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)

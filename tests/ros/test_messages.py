@@ -11,7 +11,7 @@ import pytest
 from std_msgs.msg import Float64MultiArray
 
 import hmcvt_core as hmcvt
-from hmcvt_core.files.strict_json import plain
+from hmcvt_core.files import plain
 from hmcvt_ros import messages
 
 
