@@ -12,7 +12,7 @@ from hmcvt_ros.bag.samples import (
     effective_size,
     ratio_of_means,
     steady_channels,
-    window_sample,
+    steady_sample,
 )
 from hmcvt_ros.bag.steady import Channel, Steadiness, find_windows
 from hmcvt_ros.shafts import Shafts
@@ -175,7 +175,7 @@ def test_efficiency_of_a_window_is_true_within_its_deviation(model):
     readings = _readings(bench)
     windows = find_windows(bench.time, steady_channels(readings, LIMITS), LIMITS)
     assert len(windows) == len(points)
-    found = [window_sample(readings, window).values for window in windows]
+    found = [steady_sample(readings.select(window)).values for window in windows]
     true = model.efficiency(*points.T)
     scores = np.array([(row["efficiency"] - value) / row["efficiency_std"]
                        for row, value in zip(found, true, strict=True)])
