@@ -123,16 +123,11 @@ def test_depth_of_the_queues(node):
         end = "publisher" if direction == "out" else "subscription"
         names.append(f"qos_overrides.{full(topic, node)}.{end}.depth")
         depths.append(int(depth))
-    values = parameter_values(node, names)
-    assert values == depths
-
-
-def parameter_values(node, names):
     client = node.player.create_client(GetParameters, f"{node.namespace}/hmcvt/get_parameters")
     assert node.player.wait_until(client.service_is_ready, 10.0)
     future = client.call_async(GetParameters.Request(names=names))
     assert node.player.wait_until(future.done, 10.0)
-    return [value.integer_value for value in future.result().values]
+    assert [value.integer_value for value in future.result().values] == depths
 
 
 def test_services(node):
