@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,12 +33,12 @@ class ImportReport:
         averaged: every message was taken as a steady average; the times below are 0 then.
         seconds_logged: time covered by usable messages, gaps left out.
         seconds_steady: in windows.
-        seconds_transient: seconds_logged less seconds_steady.
         gaps: count of pauses and steps back of the clock.
         windows_found: steady windows, or messages that are averages already.
         windows_refused: of those, by reason.
         windows: those that became samples.
         notes: what else is worth knowing, in sentences.
+        seconds_transient: in no window.
     """
 
     bag: str
@@ -52,16 +52,8 @@ class ImportReport:
     windows_found: int
     windows_refused: Mapping[str, int]
     windows: tuple[SteadyWindow, ...]
-    notes: tuple[str, ...] = ()
-
-    @property
-    def seconds_transient(self) -> float:
-        """Time that is in no window [s]."""
-        return self.seconds_logged - self.seconds_steady
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {**asdict(self), "seconds_transient": self.seconds_transient}
+    notes: tuple[str, ...]
+    seconds_transient: float
 
     def text(self) -> str:
         """Return the report as lines."""
@@ -122,19 +114,22 @@ def import_bag(
     if not good:
         reasons = ", ".join(f"{number} {reason}" for reason, number in windows_refused.items())
         raise InputError(f"{path}: none of the {len(found)} steady windows can be used: {reasons}")
+    logged = float(sum(stretch.span for stretch in stretches))
+    steady = sum(sample.window.duration for sample in found)
     return Imported(_samples(good, str(path)), ImportReport(
         bag=str(path),
         clock=clock,
         read=dict(read),
         refused={name: dict(count) for name, count in refused.items()},
         averaged=settings.averaged,
-        seconds_logged=float(sum(stretch.span for stretch in stretches)),
-        seconds_steady=sum(sample.window.duration for sample in found),
+        seconds_logged=logged,
+        seconds_steady=steady,
         gaps=0 if settings.averaged else len(stretches) - 1,
         windows_found=len(found),
         windows_refused=dict(windows_refused),
         windows=tuple(sample.window for sample in good),
         notes=topics.notes,
+        seconds_transient=logged - steady,
     ))
 
 
