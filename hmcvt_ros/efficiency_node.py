@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code: 0, or 2 when an argument, a parameter or the model file is wrong, or ROS missing.
     """
     given = list(sys.argv if arguments is None else arguments)
-    stop = _StopSignals()
+    asked = _stop_signals()
     try:
         import rclpy
     except ImportError as error:
@@ -51,35 +51,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A RuntimeError is what rclpy raises on a parameter file or argument that it cannot read.
         kind = f"{type(error).__name__}: " if isinstance(error, RuntimeError) else ""
         return _failed(f"{kind}{error}")
-    _spin(node, stop)
+    _spin(node, asked)
     return 0
 
 
-class _StopSignals:
-    """SIGINT and SIGTERM as a request that is looked at between two callbacks.
+def _stop_signals() -> list[int]:
+    """Return a list that SIGINT and SIGTERM fill; it is looked at between two callbacks.
 
     The handlers of rclpy raise in the middle of whatever runs, which ends in tracebacks now and
     then. A second signal ends the process the hard way.
     """
+    asked: list[int] = []
 
-    def __init__(self) -> None:
-        self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
-
-    def _ask(self, number: int, frame: object) -> None:
-        self.asked = True
+    def ask(number: int, frame: object) -> None:
+        asked.append(number)
         signal.signal(number, signal.SIG_DFL)
 
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, ask)
+    return asked
 
-def _spin(node: Any, stop: _StopSignals) -> None:
+
+def _spin(node: Any, asked: list[int]) -> None:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        while not stop.asked:
+        while not asked:
             executor.spin_once()  # the node's timer wakes it up every 0.1 s
         node.get_logger().info("stopping: asked to by a signal")
     finally:

@@ -30,25 +30,23 @@ CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
 
 
-class Ready(NamedTuple):
-    """A model that can go into service without further computing."""
-
-    model: hmcvt.EfficiencyModel
-    grid: hmcvt.EfficiencyMap
-
-
 class Done(NamedTuple):
-    """What a job found, as plain data for the caller of the service, and the refit to adopt."""
+    """What a job found, as plain data for the caller of the service.
+
+    With a refit to adopt, if there is one, and its map: there is no time to compute it later.
+    """
 
     answer: dict[str, Any]
-    refit: Ready | None = None
+    refit: hmcvt.EfficiencyModel | None = None
+    grid: hmcvt.EfficiencyMap | None = None
 
 
 def run(job: Callable[..., Done], request: Mapping[str, Any]) -> Done:
     """Do a job and add the time that it took."""
     started = time.monotonic()
-    answer, refit = job(**request)
-    return Done({**answer, "seconds": round(time.monotonic() - started, 3)}, refit)
+    done = job(**request)
+    done.answer["seconds"] = round(time.monotonic() - started, 3)
+    return done
 
 
 def reidentify(
@@ -100,7 +98,7 @@ def reidentify(
         return Done({**answer, **_set_aside(fit.model, compared, candidates)})
     fit.save(output)
     refit = servable(output)  # what a restart would read, to the last digit
-    return Done(answer, Ready(refit, refit.efficiency_map(*map_axes)))
+    return Done(answer, refit, refit.efficiency_map(*map_axes))
 
 
 def _set_aside(

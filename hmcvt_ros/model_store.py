@@ -55,16 +55,6 @@ class ModelStore:
         self._stack, model = self._resumed(base_model)
         self.in_service = InService(model, self._path(self._stack), utc_now())
 
-    @property
-    def model(self) -> EfficiencyModel:
-        """The model in service."""
-        return self.in_service.model
-
-    @property
-    def path(self) -> Path:
-        """The parameter file in service."""
-        return self.in_service.path
-
     def new_path(self) -> Path:
         """Return a free name for a refitted model.
 
@@ -87,7 +77,7 @@ class ModelStore:
             InputError: the file is damaged or not to be served; the model before stays.
             OSError: the state cannot be written; the model before stays.
         """
-        if instead_of not in (None, self.path):
+        if instead_of not in (None, self.in_service.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call again")
         return self._commit([*self._stack, path.name], model or servable(path))

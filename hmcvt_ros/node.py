@@ -83,7 +83,7 @@ class EfficiencyNode(Node):
         self._service_handlers = Services(self, self._store, self._log, self._activity,
                                           lambda: self._settings, self._announce)
         self.create_timer(TICK, self._guarded(self._tick), clock=self._steady)
-        self._announce(self._settings, self._map())
+        self._announce(self._settings)
         self._report_start()
 
     def close(self) -> None:
@@ -122,10 +122,10 @@ class EfficiencyNode(Node):
         for complaint in filter(None, (self._state.complaint, self._store.complaint,
                                        self._log.recovered)):
             logger.warning(complaint)
-        if not self._settings.model_file and self._store.path == self._store.base:
+        if not self._settings.model_file and self._store.in_service.path == self._store.base:
             logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
                            "served, an example identified from five tests of one transmission")
-        logger.info(f"serving {self._store.path}, {len(self._log)} bench samples in "
+        logger.info(f"serving {self._store.in_service.path}, {len(self._log)} bench samples in "
                     f"{self._log.path}")
 
     def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
@@ -150,7 +150,7 @@ class EfficiencyNode(Node):
         before = self._settings
         self._settings = parameters.Settings.of(parameters.current_values(self))
         if self._settings.engine_speed_limits != before.engine_speed_limits:
-            self._map_publisher.publish(messages.map_to_message(self._map()))
+            self._publish_map()
 
     # --- inputs -> outputs --------------------------------------------------------------------
 
@@ -174,7 +174,7 @@ class EfficiencyNode(Node):
         self._output_due = False
         point = self._point(now)
         if point is not None:
-            self._outputs.answer(self._store.model, point, self._settings)
+            self._outputs.answer(self._store.in_service.model, point, self._settings)
             if self._outputs.refusal:
                 self._warn("no answer", self._outputs.refusal)
         elif self._settings.invalid_output == parameters.NAN:
@@ -202,18 +202,18 @@ class EfficiencyNode(Node):
 
     # --- model --------------------------------------------------------------------------------
 
-    def _announce(self, settings: parameters.Settings, grid: EfficiencyMap) -> None:
-        """Tell of the model in service; its map was computed with some settings."""
+    def _announce(self, settings: parameters.Settings, grid: EfficiencyMap | None = None) -> None:
+        """Tell of the model in service; its map, where there is one, is that of some settings."""
         now = self._store.in_service
         self._model_publisher.publish(messages.model_to_message(now.model, {
             "file": str(now.path), "since": now.since, "fingerprint": now.model.fingerprint}))
         # The limits of the map may have changed meanwhile.
-        grid = grid if settings is self._settings else self._map()
-        self._map_publisher.publish(messages.map_to_message(grid))
+        self._publish_map(grid if settings is self._settings else None)
         self._publish_outputs(self._now())
 
-    def _map(self) -> EfficiencyMap:
-        return self._store.model.efficiency_map(*self._settings.map_axes)
+    def _publish_map(self, grid: EfficiencyMap | None = None) -> None:
+        grid = grid or self._store.in_service.model.efficiency_map(*self._settings.map_axes)
+        self._map_publisher.publish(messages.map_to_message(grid))
 
     # --- time ---------------------------------------------------------------------------------
 

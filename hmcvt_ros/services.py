@@ -52,7 +52,7 @@ class Services:
         log: BenchLog,
         activity: Activity,
         settings: Callable[[], Settings],
-        announce: Callable[[Settings, EfficiencyMap], None],
+        announce: Callable[[Settings, EfficiencyMap | None], None],
     ) -> None:
         self._node, self._store, self._log, self._activity = node, store, log, activity
         self._settings, self._announce = settings, announce
@@ -86,32 +86,29 @@ class Services:
 
     async def reidentify(self) -> Data:
         """Refit the model in service to the bench samples and put the refit into service."""
+        settings, before = self._settings(), self._store.in_service.path
         try:
-            result = await self._refit()
+            output = self._store.new_path()
+            result, refit, grid = await self._in_worker(
+                jobs.reidentify, output=output, candidates=self._folder / "candidates",
+                min_samples=settings.reidentify_min_samples, map_axes=settings.map_axes)
+            if refit is None:
+                raise _NotAdoptedError(result)
+            await self._finished(self._thread.submit(self._store.adopt, output, before, refit))
         except (HmcvtError, OSError) as error:
             how = "not adopted" if isinstance(error, _NotAdoptedError) else "failed"
             self._activity.last_refit = f"{utc_now()}, {how}: {error}"
             raise
+        self._announce(settings, grid)
         self._activity.last_refit = (
             f"{self._store.in_service.since}, {result['samples']} samples")
         return {**result, **self._in_service()}
 
-    async def _refit(self) -> Data:
-        settings, output, before = self._settings(), self._store.new_path(), self._store.path
-        result, refit = await self._in_worker(
-            jobs.reidentify, output=output, candidates=self._folder / "candidates",
-            min_samples=settings.reidentify_min_samples, map_axes=settings.map_axes)
-        if refit is None:
-            raise _NotAdoptedError(result)
-        await self._finished(self._thread.submit(self._store.adopt, output, before, refit.model))
-        self._announce(settings, refit.grid)
-        return result
-
     async def diagnose(self) -> Data:
         """Say why model and bench samples disagree."""
-        fingerprint = self._store.model.fingerprint
+        fingerprint = self._store.in_service.model.fingerprint
         try:
-            result, _ = await self._in_worker(jobs.diagnose, reports=self._folder / "reports")
+            result, *_ = await self._in_worker(jobs.diagnose, reports=self._folder / "reports")
         except (HmcvtError, OSError) as error:
             self._activity.last_diagnosis = f"{utc_now()}, failed: {error}"
             raise
@@ -166,7 +163,7 @@ class Services:
         if self._job:
             raise HmcvtError(f"busy: {self._running()}")
         running = self._worker.submit(jobs.run, job, {
-            "samples": samples, "model": self._store.path,
+            "samples": samples, "model": self._store.in_service.path,
             "seed": self._settings().reidentify_seed, **options})
         self._job, self._started = job.__name__, time.monotonic()
         self._node.get_logger().info(f"{self._job}: started on {samples}")
@@ -209,4 +206,5 @@ class Services:
         return "done"
 
     def _in_service(self) -> Data:
-        return {"model": self._store.model.fingerprint, "file": str(self._store.path)}
+        now = self._store.in_service
+        return {"model": now.model.fingerprint, "file": str(now.path)}

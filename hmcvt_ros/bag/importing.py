@@ -5,38 +5,20 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
 from .reader import Bag
-from .recording import Readings, Stretches, record, split_at_gaps
-from .samples import Sample, averaged_sample, complaint, steady_channels, window_sample
+from .recording import Array, Readings, record, split_at_gaps
+from .samples import Sample, SteadyWindow, complaint, steady_channels, steady_sample
 from .steady import Steadiness, block_statistics, find_windows
 from .topics import ImportSettings, find_topics
-
-
-@dataclass(frozen=True)
-class SteadyWindow:
-    """One steady window.
-
-    Attributes:
-        start: time of its first message [s].
-        duration: [s].
-        messages: in it.
-        effective_size: independent messages that would tell as much.
-    """
-
-    start: float
-    duration: float
-    messages: int
-    effective_size: float
 
 
 @dataclass(frozen=True)
@@ -51,12 +33,12 @@ class ImportReport:
         averaged: every message was taken as a steady average; the times below are 0 then.
         seconds_logged: time covered by usable messages, gaps left out.
         seconds_steady: in windows.
-        seconds_transient: seconds_logged less seconds_steady.
         gaps: count of pauses and steps back of the clock.
         windows_found: steady windows, or messages that are averages already.
         windows_refused: of those, by reason.
         windows: those that became samples.
         notes: what else is worth knowing, in sentences.
+        seconds_transient: in no window.
     """
 
     bag: str
@@ -70,16 +52,8 @@ class ImportReport:
     windows_found: int
     windows_refused: Mapping[str, int]
     windows: tuple[SteadyWindow, ...]
-    notes: tuple[str, ...] = ()
-
-    @property
-    def seconds_transient(self) -> float:
-        """Time that is in no window [s]."""
-        return self.seconds_logged - self.seconds_steady
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {**asdict(self), "seconds_transient": self.seconds_transient}
+    notes: tuple[str, ...]
+    seconds_transient: float
 
     def text(self) -> str:
         """Return the report as lines."""
@@ -126,50 +100,44 @@ def import_bag(
         topics = find_topics(bag, settings)
         readings, clock, read, refused = record(bag, topics, settings.age_limit, progress)
     # An average stands alone, no matter when the next one comes.
-    stretches = split_at_gaps(readings.time, -1.0 if settings.averaged else settings.gap)
-    if stretches.out_of_order:
-        refused[topics.bench]["out of order"] += stretches.out_of_order
-    found = _find(readings, stretches, settings)
+    index = split_at_gaps(readings.time, -1.0 if settings.averaged else settings.gap)
+    if out_of_order := len(readings.time) - sum(map(len, index)):
+        refused[topics.bench]["out of order"] += out_of_order
+    stretches = [readings.select(part) for part in index]
+    found = [steady_sample(stretch.select(window)) for stretch in stretches
+             for window in _windows(stretch, settings)]
     if not found:
-        raise InputError(f"{path}: {_nothing_steady(readings, stretches, settings)}")
-    wrong = [complaint(sample) for _, sample in found]
-    good = [item for item, reason in zip(found, wrong, strict=True) if reason is None]
+        raise InputError(f"{path}: {_nothing_steady(readings.time, stretches, settings)}")
+    wrong = [complaint(sample) for sample in found]
+    good = [sample for sample, reason in zip(found, wrong, strict=True) if reason is None]
     windows_refused = Counter(reason for reason in wrong if reason is not None)
     if not good:
         reasons = ", ".join(f"{number} {reason}" for reason, number in windows_refused.items())
         raise InputError(f"{path}: none of the {len(found)} steady windows can be used: {reasons}")
-    return Imported(_samples([sample for _, sample in good], str(path)), ImportReport(
+    logged = float(sum(stretch.span for stretch in stretches))
+    steady = sum(sample.window.duration for sample in found)
+    return Imported(_samples(good, str(path)), ImportReport(
         bag=str(path),
         clock=clock,
         read=dict(read),
         refused={name: dict(count) for name, count in refused.items()},
         averaged=settings.averaged,
-        seconds_logged=float(stretches.spans.sum()),
-        seconds_steady=sum(window.duration for window, _ in found),
-        gaps=0 if settings.averaged else len(stretches.parts) - 1,
+        seconds_logged=logged,
+        seconds_steady=steady,
+        gaps=0 if settings.averaged else len(stretches) - 1,
         windows_found=len(found),
         windows_refused=dict(windows_refused),
-        windows=tuple(window for window, _ in good),
+        windows=tuple(sample.window for sample in good),
         notes=topics.notes,
+        seconds_transient=logged - steady,
     ))
 
 
-def _find(
-    readings: Readings, stretches: Stretches, settings: ImportSettings
-) -> list[tuple[SteadyWindow, Sample]]:
-    found = []
-    for index in stretches.parts:
-        part = readings.select(index)
-        if settings.averaged:
-            found.append((SteadyWindow(float(part.time[0]), 0.0, 1, 1.0), averaged_sample(part)))
-            continue
-        channels = steady_channels(part, settings.steadiness)
-        for window in find_windows(part.time, channels, settings.steadiness):
-            start, end = float(part.time[window.start]), float(part.time[window.stop - 1])
-            sample = window_sample(part, window)
-            found.append((SteadyWindow(start, end - start, window.stop - window.start,
-                                       sample.effective_size), sample))
-    return found
+def _windows(stretch: Readings, settings: ImportSettings) -> list[slice]:
+    if settings.averaged:
+        return [slice(0, 1)]
+    limits = settings.steadiness
+    return find_windows(stretch.time, steady_channels(stretch, limits), limits)
 
 
 def _samples(found: list[Sample], source: str) -> BenchSamples:
@@ -184,19 +152,19 @@ def _refused(reasons: Mapping[str, int]) -> str:
     return f"{sum(reasons.values())} refused" + (f" ({listed})" if listed else "")
 
 
-def _nothing_steady(readings: Readings, stretches: Stretches, settings: ImportSettings) -> str:
+def _nothing_steady(
+    time: Array, stretches: Sequence[Readings], settings: ImportSettings
+) -> str:
     """Return the sentence for a log in which no steady window was found."""
-    least = settings.steadiness.min_duration
-    spans = stretches.spans
-    head = f"no steady window of {least:g} s in {spans.sum():.1f} s"
-    if spans.max() < least:
-        steps = np.abs(np.diff(readings.time))
+    least, longest = settings.steadiness.min_duration, max(stretches, key=lambda item: item.span)
+    head = f"no steady window of {least:g} s in {sum(item.span for item in stretches):.1f} s"
+    if longest.span < least:
+        steps = np.abs(np.diff(time))
         apart = (f"messages come {np.median(steps):.3g} s apart" if len(steps)
                  else "one message only")
         return (f"{head}: the longest stretch without a gap of {settings.gap:g} s lasts "
-                f"{spans.max():.1f} s, {apart} (--gap; or --averaged when each message is a steady "
-                "average)")
-    longest = readings.select(stretches.parts[int(np.argmax(spans))])
+                f"{longest.span:.1f} s, {apart} (--gap; or --averaged when each message is a "
+                "steady average)")
     return f"{head}; {_unsettled(longest, settings.steadiness)}"
 
 
@@ -213,6 +181,6 @@ def _unsettled(readings: Readings, limits: Steadiness) -> str:
             f"{', '.join(parts)}")
 
 
-def _median(values: NDArray[np.float64]) -> str:
+def _median(values: Array) -> str:
     known = values[np.isfinite(values)]
     return f"{np.median(known):.2g}" if len(known) else "unknown"

@@ -27,7 +27,6 @@ from .reader import Bag
 from .topics import DISPLACEMENT_TOPIC, Topics
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 _OVERSHOOT = 0.05
 """A stroke reading at full stroke, with its noise, may exceed 1 by this much."""
@@ -77,32 +76,21 @@ class Readings(NamedTuple):
     shafts: Shafts
     oil_temperature: Array | None
 
-    def select(self, index: slice | Index) -> Readings:
+    @property
+    def span(self) -> float:
+        """Time that they cover [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    def select(self, index: slice | list[int]) -> Readings:
         """Return some of the readings."""
         temperature = None if self.oil_temperature is None else self.oil_temperature[index]
         return Readings(self.time[index], Shafts(*(column[index] for column in self.shafts)),
                         temperature)
 
 
-class Recording(NamedTuple):
-    """What a bag holds.
-
-    Attributes:
-        readings: in the order they were received.
-        clock: `header stamp` or `time of receipt`.
-        read: messages by full name of the topic.
-        refused: messages by topic and reason.
-    """
-
-    readings: Readings
-    clock: str
-    read: Counter[str]
-    refused: dict[str, Counter[str]]
-
-
 def record(
     bag: Bag, topics: Topics, age_limit: float, progress: Callable[[str], None] | None = None
-) -> Recording:
+) -> tuple[Readings, str, Counter[str], dict[str, Counter[str]]]:
     """Read a bag.
 
     Args:
@@ -110,6 +98,10 @@ def record(
         topics: to read.
         age_limit: how far in time a reading of a slow topic may lie from one of the shafts [s].
         progress: told how far the reading is.
+
+    Returns:
+        Readings in the order they were received; their clock, `header stamp` or `time of receipt`;
+        messages by full name of the topic; messages refused by topic and reason.
 
     Raises:
         InputError: the bag is damaged, or no message of the shafts can be used.
@@ -152,8 +144,8 @@ def record(
             f"joint displacement or a topic {DISPLACEMENT_TOPIC})")
     temperature = None if topics.oil_temperature is None else align(
         series[topics.oil_temperature], bench, age_limit)
-    return Recording(Readings(bench.time, Shafts(*bench.values.T), temperature),
-                     "header stamp" if bench.stamped else "time of receipt", read, refused)
+    clock = "header stamp" if bench.stamped else "time of receipt"
+    return Readings(bench.time, Shafts(*bench.values.T), temperature), clock, read, refused
 
 
 def _stamp(message: Any) -> float:
@@ -229,32 +221,21 @@ def align(slow: Series, fast: Series, age_limit: float) -> Array:
                      [between, values[before], values[after]], np.nan)
 
 
-class Stretches(NamedTuple):
-    """Readings split where the time has a gap or goes back.
+def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
+    """Split readings (n,) at every step of their time [s] by more than a gap, either way.
 
-    Attributes:
-        parts: indices of each stretch; time rises strictly within.
-        spans: time that each covers [s], shape (parts,).
-        out_of_order: count of readings left out because another of that time or later came before.
+    Returns:
+        Indices of each stretch, in which time rises strictly: a reading is left out when another
+        of its time or later came before.
     """
-
-    parts: list[Index]
-    spans: Array
-    out_of_order: int
-
-
-def split_at_gaps(time: Array, gap: float) -> Stretches:
-    """Split readings (n,) at every step of their time [s] by more than a gap, either way."""
     parts: list[list[int]] = []
-    out_of_order, last = 0, -np.inf
+    last = -np.inf
     for i, now in enumerate(time.tolist()):
         if abs(now - last) > gap:
             parts.append([i])
         elif now > last:
             parts[-1].append(i)
         else:
-            out_of_order += 1
             continue
         last = now
-    spans = np.array([time[part[-1]] - time[part[0]] for part in parts])
-    return Stretches([np.array(part, dtype=np.intp) for part in parts], spans, out_of_order)
+    return parts

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +23,24 @@ _LAGS_SUMMED = 3.0  # in correlation times
 _MOST_LAGS = 4  # a quarter of the readings: further lags have too few pairs
 
 
-class Sample(NamedTuple):
-    """One bench sample by column, and the readings in it that count as independent."""
+@dataclass(frozen=True)
+class SteadyWindow:
+    """One steady window: time of its first message and duration [s], count of messages.
 
-    values: Mapping[str, float]
+    `effective_size` is how many independent messages would tell as much.
+    """
+
+    start: float
+    duration: float
+    messages: int
     effective_size: float
+
+
+class Sample(NamedTuple):
+    """A steady window, and the bench sample that it gives by column."""
+
+    window: SteadyWindow
+    values: Mapping[str, float]
 
 
 def steady_channels(readings: Readings, limits: Steadiness) -> list[Channel]:
@@ -48,23 +62,19 @@ def steady_channels(readings: Readings, limits: Steadiness) -> list[Channel]:
     ]
 
 
-def window_sample(readings: Readings, window: slice) -> Sample:
-    """Average a steady window; `stamp` is its middle.
+def steady_sample(part: Readings) -> Sample:
+    """Average the readings of a steady window; `stamp` is its middle.
 
     Efficiency is mean output power / mean engine power, its deviation that of the mean from the
-    scatter within the window.
+    scatter within the window; a single reading does not tell how well it is known.
     """
-    part = readings.select(window)
+    start, duration = float(part.time[0]), float(part.time[-1] - part.time[0])
     efficiency, std, size = ratio_of_means(part.shafts.output_power, part.shafts.engine_power)
-    # A log without any noise still has a last digit.
-    return Sample({**_averages(part, efficiency), "efficiency_std": max(std, EFFICIENCY_STD.low)},
-                  size)
-
-
-def averaged_sample(part: Readings) -> Sample:
-    """Take a single reading as a steady average; how well it is known it does not say."""
-    powered = bool(part.shafts.engine_power[0])
-    return Sample(_averages(part, float(part.shafts.efficiency[0]) if powered else math.nan), 1.0)
+    values = _averages(part, efficiency)
+    if len(part.time) > 1:
+        # A log without any noise still has a last digit.
+        values["efficiency_std"] = max(std, EFFICIENCY_STD.low)
+    return Sample(SteadyWindow(start, duration, len(part.time), size), values)
 
 
 def complaint(sample: Sample) -> str | None:
@@ -129,19 +139,16 @@ def effective_size(values: Array) -> float:
 def ratio_of_means(numerator: Array, denominator: Array) -> tuple[float, float, float]:
     """Return mean(numerator) / mean(denominator), its standard deviation and effective size.
 
-    The deviation is that of the mean of `numerator - ratio denominator`: what moves both alike
-    cancels.
+    The deviation is that of the mean of `numerator - ratio denominator`, so that what moves both
+    alike cancels; NaN for a single reading. Both are NaN where the denominator is 0 on average.
 
     Args:
-        numerator, denominator: equally spaced readings, shape (n,), n at least 2.
-
-    Returns:
-        NaN where the denominator is 0 on average.
+        numerator, denominator: equally spaced readings, shape (n,).
     """
     base = float(denominator.mean())
-    if base == 0.0:
-        return np.nan, np.nan, 2.0
-    value = float(numerator.mean()) / base
+    value = float(numerator.mean()) / base if base else math.nan
+    if len(numerator) == 1 or not base:
+        return value, math.nan, float(len(numerator))
     residual = numerator - value * denominator
     size = effective_size(residual)
     return value, float(residual.std()) / abs(base) / math.sqrt(size - 1.0), size

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +66,7 @@ def command(
         progress.close()
     write_bench(out, samples)
     if as_json:
-        print_json({**report.to_dict(), "samples": len(samples), "out": out})
+        print_json({**asdict(report), "samples": len(samples), "out": out})
         return
     click.echo(report.text())
     click.echo(f"{len(samples)} bench samples written to {out}")

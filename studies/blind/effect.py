@@ -24,15 +24,9 @@ class Box:
         self, displacement_ratio: FloatArray, engine_speed: FloatArray, load_torque: FloatArray
     ) -> npt.NDArray[np.bool_]:
         """Tell which operating points lie inside; shape (n,)."""
-        pairs = (
-            (displacement_ratio, self.displacement_ratio),
-            (engine_speed, self.engine_speed),
-            (load_torque, self.load_torque),
-        )
-        inside = np.ones(np.shape(displacement_ratio), dtype=np.bool_)
-        for value, (low, high) in pairs:
-            inside &= (value >= low) & (value <= high)
-        return inside
+        points = np.stack([displacement_ratio, engine_speed, load_torque], axis=-1)
+        low, high = np.transpose([self.displacement_ratio, self.engine_speed, self.load_torque])
+        return np.all((points >= low) & (points <= high), axis=-1)
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ def _in_service(folder: Path, *allowed: int) -> bool:
     store = ModelStore(BASE, folder)
     for path in folder.glob("models/*.yaml"):
         hmcvt.load_model(path)
-    return not store.complaint and number_of(store.model) in allowed
+    return not store.complaint and number_of(store.in_service.model) in allowed
 
 
 STEPS = {

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import time
 from typing import Any
 
 import numpy as np
@@ -69,12 +68,12 @@ class Refits:
             TimeoutError: there is none.
             RuntimeError: it failed.
         """
-        end = time.monotonic() + timeout
-        while self._waiting:
-            if time.monotonic() > end:
-                raise TimeoutError(f"a refit does not end:\n{self._target.process.log}")
-            self._target.ear.listen(0.05)
+        def ended() -> bool:
             self._take()
+            return not self._waiting
+
+        if not self._target.ear.listen_until(ended, timeout):
+            raise TimeoutError(f"a refit does not end:\n{self._target.process.log}")
         return self.replies[-1]
 
     def _take(self) -> None:

@@ -6,18 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from hmcvt_core.errors import InputError
-from hmcvt_ros.bag.recording import Readings
 from hmcvt_ros.bag.samples import (
     effective_size,
     ratio_of_means,
-    steady_channels,
-    window_sample,
 )
 from hmcvt_ros.bag.steady import Channel, Steadiness, find_windows
-from hmcvt_ros.shafts import Shafts
 
-from .simulated import RATE, correlated, run_bench
+from .simulated import RATE, correlated
 
 LIMITS = Steadiness()
 
@@ -111,14 +106,6 @@ def test_too_few_readings_in_a_block_have_no_scatter():
     assert len(_find(np.full(40, 100.0), rate=2.0, limits=Steadiness(10.0, 2.0))) == 1
 
 
-@pytest.mark.parametrize("bad, word", [
-    ({"min_duration": 2.0}, "fewer than 3 blocks"), ({"block": 0.0}, "block = 0"),
-    ({"torque_drift": math.nan}, "torque_drift = nan"), ({"speed_drift": -1.0}, "speed_drift")])
-def test_limits_are_checked(bad, word):
-    with pytest.raises(InputError, match=word):
-        Steadiness(**bad)
-
-
 # --- uncertainty ----------------------------------------------------------------------------------
 
 @pytest.mark.parametrize("constant", [0.001, 0.1, 0.3])
@@ -159,29 +146,3 @@ def test_what_moves_both_powers_alike_is_no_scatter():
 
 def test_no_power_has_no_ratio():
     assert math.isnan(ratio_of_means(np.ones(4), np.array([1.0, -1.0, 1.0, -1.0]))[0])
-
-
-# --- a bench with transients ----------------------------------------------------------------------
-
-def _readings(bench):
-    return Readings(bench.time, Shafts(*bench[1:6]), None)
-
-
-def test_efficiency_of_a_window_is_true_within_its_deviation(model):
-    rng = np.random.default_rng(4)
-    points = np.column_stack([rng.uniform(0.1, 0.9, 80) * rng.choice([-1, 1], 80),
-                              rng.uniform(85.0, 160.0, 80), rng.uniform(110.0, 290.0, 80)])
-    bench = run_bench(model, points, seed=5)
-    readings = _readings(bench)
-    windows = find_windows(bench.time, steady_channels(readings, LIMITS), LIMITS)
-    assert len(windows) == len(points)
-    found = [window_sample(readings, window).values for window in windows]
-    true = model.efficiency(*points.T)
-    scores = np.array([(row["efficiency"] - value) / row["efficiency_std"]
-                       for row, value in zip(found, true, strict=True)])
-    assert np.abs(scores).max() < 4.0
-    assert 0.7 < np.sqrt(np.mean(scores**2)) < 1.3
-    assert abs(scores.mean()) < 0.35  # three standard errors: transients leave no bias
-    for name, column, tolerance in (("engine_speed", 1, 0.002), ("load_torque", 2, 0.012)):
-        assert np.allclose([row[name] for row in found], points[:, column], rtol=tolerance)
-    assert np.allclose([row["displacement_ratio"] for row in found], points[:, 0], atol=0.005)

@@ -172,9 +172,3 @@ def test_without_rosbags_the_cure_is_named(tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(InputError, match=r"pip install '\.\[bag\]'"):
         import_bag(tmp_path)
-
-
-@pytest.mark.parametrize("bad", [{"age_limit": 0.0}, {"gap": float("nan")}])
-def test_settings_are_checked(bad):
-    with pytest.raises(InputError, match=next(iter(bad))):
-        ImportSettings(**bad)

@@ -49,32 +49,14 @@ def served(node, folder):
     return hmcvt.load_model(path)
 
 
-def test_commands_the_best_pair_and_ends_by_itself(refused, run, tmp_path):
-    node = refused[0]
-    commands = []
-    node.player.create_subscription(JointState, "cvt_command", commands.append, 10)
-    process = run("--seconds", "3", "--pretend", "--namespace", node.namespace)
-    assert node.player.wait_until(lambda: process.poll() is not None, 30.0)
-    output, errors = process.communicate()
-    assert process.returncode == 0 and "Traceback" not in errors, errors
-    wanted = best(served(node, tmp_path))
-    assert len(commands) >= 3
-    command = commands[-1]
-    assert list(command.name) == ["engine", "displacement"]
-    assert command.velocity[0] == pytest.approx(wanted.engine_speed, rel=2e-3)
-    assert command.position[1] == pytest.approx(wanted.displacement_ratio, abs=5e-3)
-    # The pretended tractor follows: the node reports what was promised.
-    assert node.player.efficiencies[-1] == pytest.approx(wanted.efficiency, abs=1e-3)
-    assert f"efficiency {node.player.efficiencies[-1]:.3f}" in output.splitlines()[-1]
-
-
-def test_refit_of_the_node_reaches_it(node, table2, run, tmp_path):
+def test_it_commands_the_best_pair_and_follows_a_refit(node, table2, run, tmp_path):
     before = best(served(node, tmp_path))
     send_table(node, table2)
     commands = []
     node.player.create_subscription(JointState, "cvt_command", commands.append, 10)
     process = run("--seconds", "60", "--pretend", "--namespace", node.namespace)
     assert node.player.wait_until(lambda: len(commands) > 3, 20.0)
+    assert list(commands[0].name) == ["engine", "displacement"]
     assert commands[0].velocity[0] == pytest.approx(before.engine_speed, rel=2e-3)
     assert node.player.call("reidentify").success
     after = served(node, tmp_path)
@@ -89,9 +71,13 @@ def test_refit_of_the_node_reaches_it(node, table2, run, tmp_path):
 
     assert node.player.wait_until(arrived, 10.0), (wanted, commands[-1])
     assert commands[-1].position[1] == pytest.approx(wanted.displacement_ratio, abs=5e-3)
+    # The pretended tractor follows: the node reports what was promised.
+    assert node.comes(lambda: node.player.efficiencies[-1] == pytest.approx(
+        wanted.efficiency, abs=1e-3)), (wanted, node.player.efficiencies[-1])
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=10)
+    output, errors = process.communicate(timeout=10)
     assert process.returncode == 0 and "Traceback" not in errors, errors
+    assert f"efficiency {node.player.efficiencies[-1]:.3f}" in output.splitlines()[-1]
     assert f"model {after.fingerprint}" in errors
 
 

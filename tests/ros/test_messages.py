@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from std_msgs.msg import Float64MultiArray
 
 import hmcvt_core as hmcvt
-from hmcvt_core.files import plain
 from hmcvt_ros import messages
 
 
@@ -109,9 +107,3 @@ def test_model_text_is_a_parameter_file(paper_file, tmp_path):
     path = tmp_path / "copy.yaml"
     path.write_text(message.data)
     assert hmcvt.load_model(path).fingerprint == model.fingerprint
-
-
-def test_json_has_no_nan():
-    assert json.loads(json.dumps(
-            plain({"a": [1.0, math.nan, (math.inf, "x")], "b": {"c": None}}))) == {
-        "a": [1.0, None, [None, "x"]], "b": {"c": None}}

@@ -20,7 +20,8 @@ def base(paper_file):
 
 
 def refit(store: ModelStore, leakage: float) -> str:
-    changed = replace(store.model, parameters=replace(store.model.parameters, leakage=leakage))
+    served = store.in_service.model
+    changed = replace(served, parameters=replace(served.parameters, leakage=leakage))
     path = store.new_path()
     hmcvt.save_model(changed, path)
     return store.adopt(path).fingerprint
@@ -29,24 +30,17 @@ def refit(store: ModelStore, leakage: float) -> str:
 def test_reverts_in_the_order_of_refits(paper_file, base, tmp_path):
     store = ModelStore(paper_file, tmp_path)
     first, second = refit(store, 1e-12), refit(store, 2e-12)
-    assert store.model.fingerprint == second
+    assert store.in_service.model.fingerprint == second
     assert store.revert().fingerprint == first
+    again = ModelStore(paper_file, tmp_path)  # as a restart does
+    assert again.in_service.model.fingerprint == first and again.complaint == ""
     third = refit(store, 3e-12)
-    assert store.path.name == "0003.yaml"
-    assert [store.model.fingerprint, store.revert().fingerprint, store.revert().fingerprint] == [
-        third, first, base.fingerprint]
-    assert store.path == paper_file.resolve()
+    assert store.in_service.path.name == "0003.yaml"
+    assert store.in_service.model.fingerprint == third
+    assert [store.revert().fingerprint for _ in range(2)] == [first, base.fingerprint]
+    assert store.in_service.path == paper_file.resolve()
     with pytest.raises(hmcvt.HmcvtError, match="none before"):
         store.revert()
-
-
-def test_restart_takes_up_the_model_in_service(paper_file, tmp_path):
-    store = ModelStore(paper_file, tmp_path)
-    first = refit(store, 1e-12)
-    refit(store, 2e-12)
-    store.revert()
-    again = ModelStore(paper_file, tmp_path)
-    assert again.model.fingerprint == first and again.complaint == ""
 
 
 def test_refit_of_another_model_file_is_not_taken_up(paper_file, base, tmp_path):
@@ -55,7 +49,7 @@ def test_refit_of_another_model_file_is_not_taken_up(paper_file, base, tmp_path)
     other = replace(base, parameters=replace(base.parameters, leakage=9e-12))
     hmcvt.save_model(other, other_file)
     store = ModelStore(other_file, tmp_path)
-    assert store.model.fingerprint == other.fingerprint
+    assert store.in_service.model.fingerprint == other.fingerprint
     assert "another model_file" in store.complaint
 
 
@@ -63,11 +57,11 @@ def test_damaged_refit_falls_back_to_the_one_before(paper_file, base, tmp_path):
     store = ModelStore(paper_file, tmp_path)
     first = refit(store, 1e-12)
     refit(store, 2e-12)
-    store.path.write_text("schema: hmcvt")
+    store.in_service.path.write_text("schema: hmcvt")
     again = ModelStore(paper_file, tmp_path)
-    assert again.model.fingerprint == first and "0002.yaml" in again.complaint
-    again.path.unlink()
-    assert ModelStore(paper_file, tmp_path).model.fingerprint == base.fingerprint
+    assert again.in_service.model.fingerprint == first and "0002.yaml" in again.complaint
+    again.in_service.path.unlink()
+    assert ModelStore(paper_file, tmp_path).in_service.model.fingerprint == base.fingerprint
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"in_service": 3, "base_fingerprint": ""}',
@@ -75,7 +69,7 @@ def test_damaged_refit_falls_back_to_the_one_before(paper_file, base, tmp_path):
 def test_damaged_state_falls_back_to_the_model_file(paper_file, base, tmp_path, text):
     (tmp_path / "in_service.json").write_text(text)
     store = ModelStore(paper_file, tmp_path)
-    assert store.model.fingerprint == base.fingerprint
+    assert store.in_service.model.fingerprint == base.fingerprint
     assert "in_service.json" in store.complaint
 
 
@@ -87,14 +81,14 @@ def test_published_formulas_are_not_served(paper_file, base, tmp_path):
     store = ModelStore(paper_file, tmp_path)
     with pytest.raises(hmcvt.InputError, match="is not served"):
         store.adopt(file)
-    assert store.model.fingerprint == base.fingerprint
-    assert ModelStore(paper_file, tmp_path).model.fingerprint == base.fingerprint
+    assert store.in_service.model.fingerprint == base.fingerprint
+    assert ModelStore(paper_file, tmp_path).in_service.model.fingerprint == base.fingerprint
 
 
 def test_error_of_a_meter_is_not_served(base, tmp_path):
     file = tmp_path / "diagnosed.yaml"
     hmcvt.save_model(replace(base, effects=(EngineTorqueGain(-0.1), ChargePump(5.0))), file)
-    served = ModelStore(file, tmp_path).model
+    served = ModelStore(file, tmp_path).in_service.model
     assert served.effects == (ChargePump(5.0),)
     assert hmcvt.load_model(file).efficiency(0.5, 150.0, 200.0) == pytest.approx(
         served.efficiency(0.5, 150.0, 200.0) / 0.9)

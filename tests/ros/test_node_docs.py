@@ -123,16 +123,11 @@ def test_depth_of_the_queues(node):
         end = "publisher" if direction == "out" else "subscription"
         names.append(f"qos_overrides.{full(topic, node)}.{end}.depth")
         depths.append(int(depth))
-    values = parameter_values(node, names)
-    assert values == depths
-
-
-def parameter_values(node, names):
     client = node.player.create_client(GetParameters, f"{node.namespace}/hmcvt/get_parameters")
     assert node.player.wait_until(client.service_is_ready, 10.0)
     future = client.call_async(GetParameters.Request(names=names))
     assert node.player.wait_until(future.done, 10.0)
-    return [value.integer_value for value in future.result().values]
+    assert [value.integer_value for value in future.result().values] == depths
 
 
 def test_services(node):
@@ -184,6 +179,31 @@ def test_files_of_the_state_folder(node, replies, refused):
 @pytest.mark.parametrize("service", ["reidentify", "revert", "clear_samples"])
 def test_replies(replies, service):
     same(reply(service), replies[service])
+
+
+def test_diagnosis_leaves_a_report_and_stands_in_diagnostics(node, replies):
+    found, page = replies["diagnose"], node.state / "reports" / "0001.html"
+    assert {"gap", "where", "component", "verdict", "causes", "shrinkage", "next_tests"} <= set(
+        found)
+    assert found["gap"]["samples"] == 8 and found["report"] == str(page)
+    text = page.read_text()
+    assert text.startswith("<!DOCTYPE html>") and text.rstrip().endswith("</html>")
+    data = json.loads(page.with_suffix(".json").read_text())
+    assert data == {key: found[key] for key in data} and data.keys() >= {"gap", "verdict"}
+    assert node.says(f"diagnose: {found['verdict']}")
+    assert f"report {page}" in node.log
+
+    assert node.comes(lambda: node.value("gap verdict") == found["verdict"])
+    values = node.status()["values"]
+    assert values["running"] == "-"
+    assert float(values["gap rmse [-]"]) == pytest.approx(found["gap"]["rmse"], rel=1e-3)
+    leading = found["causes"][0]["effect"] if found["causes"] else "-"
+    assert values["gap leading cause"].startswith(leading)
+    fraction = found["shrinkage"]["fraction"]
+    assert values["gap shrinkage [-]"] == ("-" if fraction is None else f"{fraction:.3f}")
+    assert values["gap of model"] == replies["reidentify"]["model"]
+    assert values["report"] == str(page)
+    assert values["gap diagnosed"].endswith("Z, 8 samples")
 
 
 def test_worse_refit_is_refused_and_kept_as_a_candidate(refused):

@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from ros_bench import GOOD, send_table
+from ros_bench import GOOD
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 import hmcvt_core as hmcvt
@@ -25,30 +25,6 @@ def stranger(environment):
     yield node
     node.destroy_node()
     context.try_shutdown()
-
-
-def test_two_nodes_in_two_namespaces_do_not_mix(node, refused, paper_file, table2):
-    first, second = node, refused[0]
-    models = (hmcvt.load_model(paper_file),
-              hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")))
-    received = second.value("bench samples received")
-    second.player.spin_for(0.6)  # older than its age limit
-    second.player.efficiencies.clear()
-    second.player.optima.clear()
-
-    assert first.player.hold(GOOD).efficiency == models[0].efficiency(*GOOD)
-    second.player.spin_for(0.3)
-    assert second.player.efficiencies == [] and second.player.optima == []
-    assert second.player.hold(GOOD).efficiency == models[1].efficiency(*GOOD)
-
-    send_table(first, table2)
-    assert first.player.call("reidentify").success
-    second.forget_status()
-    assert second.comes(lambda: second.value("fingerprint") == models[1].fingerprint)
-    assert second.value("bench samples received") == received or received == ""
-    assert models[1].fingerprint in second.player.model_text
-    assert second.player.hold(GOOD).efficiency == models[1].efficiency(*GOOD)
-    assert first.player.hold(GOOD).efficiency != models[0].efficiency(*GOOD)
 
 
 def test_stranger_on_the_domain_does_no_harm(node, paper_file, stranger: Node):

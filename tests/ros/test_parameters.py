@@ -92,11 +92,6 @@ def test_defaults_are_valid_and_help_names_all():
     assert max(map(len, text.splitlines())) <= 100
 
 
-def test_age_limit_of_one_input_goes_before_the_common_one():
-    found = settings(input_timeout=0.7, **{"input_timeouts.load_torque": 2.0}).input_timeouts
-    assert found == {"displacement_ratio": 0.7, "engine_speed": 0.7, "load_torque": 2.0}
-
-
 @pytest.mark.parametrize(("name", "value", "word"), [
     ("input_timeout", float("nan"), "0.01 to 60 s"),
     ("input_timeouts.engine_speed", -1.0, "0 to 60 s"),
