@@ -29,14 +29,13 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage
 from ..version import __version__
 from . import annealing
-from .annealing import AnnealingState, Schedule, with_steps
-from .precision import findings, precision, unchecked
-from .problem import OBJECTIVES, Problem
+from .annealing import AnnealingRun, Schedule, with_steps
+from .problem import OBJECTIVES, Problem, findings, precision, unchecked
 from .result import Identification
 from .two_part import HydraulicRoots, hydraulic_roots, starting_points
 
 Array = NDArray[np.float64]
-Progress = Callable[[AnnealingState], None]
+Progress = Callable[[AnnealingRun], None]
 
 SCHEDULES = {
     # Ends within 1 % of the lowest objective by itself (docs/theory.md).
@@ -135,7 +134,7 @@ def identify(
         provenance=provenance)
     return Identification(
         identified, samples, predicted - samples.efficiency, fit_error,
-        provenance.get("prediction_error"), value, float(problem.objective(annealed.x)),
+        provenance.get("prediction_error"), value, float(problem.objective(annealed.ends[0])),
         OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
         annealed.stop_reason, seed, tuple(warnings), tuple(roots))
 

@@ -347,7 +347,7 @@ def test_progress_is_told_and_may_cancel(table2):
 
     with pytest.raises(CancelledError):
         hmcvt.identify(table2, schedule=QUICK, progress=watch)
-    assert [state.generation for state in seen] == [1, 2, 3, 4]
+    assert [len(state.history) for state in seen] == [1, 2, 3, 4]
     assert seen[-1].evaluations == 4 + 4 * 4 * 5
 
 
