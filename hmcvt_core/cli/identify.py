@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..files import data_path
 from ..files.bench import read_bench
 from ..identification import Identification, identify
-from ..identification.annealing import AnnealingState
+from ..identification.annealing import AnnealingRun
 from ..model.parameter_file import load_stage
 from . import common
 
@@ -79,8 +79,8 @@ def command(
     held = samples.select(np.array(rest) - 1) if rest else None
     train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
     with closing(common.Progress("annealing")) as progress:
-        def show(state: AnnealingState) -> None:
-            progress(f"step {state.generation}, objective {state.value:.6g}")
+        def show(run: AnnealingRun) -> None:
+            progress(f"step {len(run.history)}, objective {run.value:.6g}")
 
         found = [identify(fitted, stage=train, formulation=formulation, gear_efficiency=value,
                           validation=held, seed=seed, progress=show)

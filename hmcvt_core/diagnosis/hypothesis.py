@@ -133,11 +133,6 @@ class Fit:
 
 
     @cached_property
-    def nuisance(self) -> Array:
-        """`nuisance_columns` where the refit ended."""
-        return nuisance_columns(self.hypothesis, self.theta, self.observed)
-
-    @cached_property
     def absorbed(self) -> tuple[Array, Array]:
         """What a refit nearby absorbs: an orthonormal basis of its columns, the noise divided out.
 
@@ -163,61 +158,45 @@ def nuisance_columns(hypothesis: Hypothesis, theta: Array, observed: Observation
     return np.nan_to_num(columns)
 
 
-def refit(
-    hypothesis: Hypothesis,
-    observed: Observations,
-    base: Array | None = None,
-    nuisance: Array | None = None,
-    noise: Array | None = None,
-) -> Fit:
+def refit(hypothesis: Hypothesis, observed: Observations, base: Array | None = None) -> Fit:
     """Fit base parameters, nuisances and sizes within their bounds.
 
     Args:
         hypothesis: what is assumed.
         observed: the bench.
         base: scaled base parameters to start from; None for the middle of their prior.
-        nuisance: columns of `nuisance_columns`; None computes them at the start.
-        noise: variances of the channels to keep; None estimates them along the way.
     """
     theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
     theta[shared:] = _FIRST_SIZE
     if base is not None:
         theta[:len(base)] = base
     theta = theta.clip(*bounds)
-    if nuisance is None:
-        bare = Hypothesis(hypothesis.system)
-        nuisance = nuisance_columns(bare, theta[:shared], observed)
+    columns = nuisance_columns(Hypothesis(hypothesis.system), theta[:shared], observed)
     # Sizes are held by their bounds alone; their prior enters when evidence is weighed.
     spread = hypothesis.prior_spread
     prior = np.eye(shared, len(theta)) / spread[:, None]
     scale = np.concatenate([spread, np.ones(len(theta) - shared)])
-    columns = nuisance
 
     # A pass begins where the one before ended: nothing is predicted twice.
     @lru_cache(maxsize=2)
     def linear(at: bytes) -> tuple[Array, Array]:
-        here = residuals(at)
+        here = _residuals(hypothesis, observed, columns, np.frombuffer(at))
         return here, _jacobian(hypothesis, observed, columns, np.frombuffer(at), here)
 
-    @lru_cache(maxsize=2)
-    def residuals(at: bytes) -> Array:
-        return _residuals(hypothesis, observed, columns, np.frombuffer(at))
-
     def rows(at: Array) -> Array:
-        return np.concatenate([(residuals(at.tobytes()) / root).ravel(),
+        return np.concatenate([(linear(at.tobytes())[0] / root).ravel(),
                                prior @ (at - hypothesis.prior_mean)])
 
     def slopes(at: Array) -> Array:
         own = linear(at.tobytes())[1] / root[..., None]
         return np.concatenate([-own.reshape(-1, len(at)), prior])
 
-    variance = _noise(observed, residuals(theta.tobytes()), len(theta)) if noise is None else noise
+    variance = _noise(observed, linear(theta.tobytes())[0], len(theta))
     root = np.sqrt(variance)[:, None]
     free = np.ones(len(theta), dtype=bool)
     for _ in range(_PASSES):
         theta, settled = _within(rows, slopes, theta, bounds, scale, free)
-        if noise is None:
-            variance = _noise(observed, residuals(theta.tobytes()), len(theta))
+        variance = _noise(observed, linear(theta.tobytes())[0], len(theta))
         settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
         root = np.sqrt(variance)[:, None]
         # What is pressed against a bound is put on it and held; the search stays inside.

@@ -188,16 +188,6 @@ def isolability(
         base: scaled base parameters.
         fuller: the same plan with a further channel read; None where there is none.
     """
-    found = _of_plan(system, plan, base)
-    if fuller is None:
-        return found
-    both = _of_plan(system, fuller, base)
-    # Read alone, a channel may show effects that the plan cannot.
-    index = [both.effects.index(name) for name in found.effects]
-    return replace(found, with_further=both.separation[np.ix_(index, index)])
-
-
-def _of_plan(system: System, plan: Observations, base: Array) -> Isolability:
     # Nothing is read yet to which base parameters could be fitted.
     fit = linearise(Hypothesis(system), plan, np.append(base, np.zeros(len(system.nuisances))),
                     np.ones(len(plan.readings)))
@@ -220,11 +210,16 @@ def _of_plan(system: System, plan: Observations, base: Array) -> Isolability:
     separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
                            for own in members])
     np.fill_diagonal(separation, detectability)
-    read = len(plan.readings)
+    read, with_further = len(plan.readings), None
+    if fuller is not None:
+        # Read alone, a channel may show effects that the plan cannot.
+        both = isolability(system, fuller, base)
+        kept = [both.effects.index(name) for name in effects]
+        with_further = both.separation[np.ix_(kept, kept)]
     return Isolability(
         effects, detectability, separation, len(plan), plan.usual_noise, plan.noise_source,
         system.channels[:read], system.channels[min(read, len(system.channels) - 1)].name,
-        {form.name: form.remedy for _, form, _ in screened})
+        {form.name: form.remedy for _, form, _ in screened}, with_further)
 
 
 def _listed(title: str, names: Iterable[str]) -> list[str]:
@@ -247,11 +242,6 @@ class _Rival(NamedTuple):
     predicted: Array
     columns: Array
     covariance: Array
-
-    def reads(self, channels: int) -> _Rival:
-        """Return the same where only the first channels are read."""
-        return self._replace(predicted=self.predicted[:, :channels],
-                             columns=self.columns[:, :channels])
 
     def gains(self, truth: Array) -> Array:
         """Squared surprise at each point if `truth` is read there, shape (points,)."""
@@ -283,7 +273,9 @@ def next_tests(base: Fit, ranking: Ranking) -> tuple[NextTest, ...]:
     for name in names[1:]:
         pair, most = (names[0], name), _TESTS if name == names[1] else 2
         both = [rivals[each] for each in pair]
-        chosen, measure = _choose([each.reads(read) for each in both], most), None
+        chosen, measure = _choose([
+            each._replace(predicted=each.predicted[:, :read], columns=each.columns[:, :read])
+            for each in both], most), None
         if read < len(pool.readings):
             fuller = _choose(both, most)
             if sum(fuller.values()) > _CHANNEL_PAYS * max(sum(chosen.values()), 1.0):
@@ -294,7 +286,7 @@ def next_tests(base: Fit, ranking: Ranking) -> tuple[NextTest, ...]:
                   for i, gain in chosen.items() if gain > 0.1 * DECISIVE / most]
         if sum(chosen.values()) < DECISIVE:
             # No operating point decides: say what does.
-            remedies = {effect.remedy for each in pair for effect in ranking.best[each].effects
+            remedies = {effect.remedy for each in pair for effect in ranking.best[each].fit.effects
                         if effect.name == each}
             tests += [NextTest(None, pair, 0.0, remedy) for remedy in sorted(remedies) if remedy]
     return tuple(tests)

@@ -125,7 +125,13 @@ def diagnose_system(
         ranking = rank(base, boxes, [*singles, *pair_candidates(base, singles)])
     tell("step 4 of 4, how far the gap shrinks")
     study = _Study(base, boxes, found, ranking, seed, deals(observed, seed))
-    before, after, noise, held_out = _errors(study) if held is None else _errors_on(study, held)
+    before, after, noise = study.before, study.before, study.noise
+    held_out: list[str] = []
+    if held is not None:
+        before, after, noise, held_out = _errors_on(study, held)
+    elif study.significant:
+        after = study.errors([ranking.nothing,
+                              *(item.plain for item in ranking.candidates[:_RIVALS])])
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
                        seed, study.significant)
     verdict, why = _verdict(study, shrunk)
@@ -174,17 +180,11 @@ def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, list[str]]:
     return "cause_found" if known >= FOUND and adequate else "ambiguous", []
 
 
-def _errors(study: _Study) -> tuple[Array, Array, Array, list[str]]:
-    """Errors before and after at samples left out in turn, their noise, and notes."""
-    after = study.before if not study.significant else study.errors(
-        [study.ranking.nothing, *(item.plain for item in study.ranking.candidates[:_RIVALS])])
-    return study.before, after, study.noise, []
-
-
 def _errors_on(study: _Study, held: Observations) -> tuple[Array, Array, Array, list[str]]:
-    """The same of the model of the first cause, the one that is saved, on samples held out.
+    """Errors before and after on samples held out, their noise, and notes.
 
-    They state their own noise, else it is that of the campaign.
+    After: of the model of the first cause, the one that is saved. Samples that do not state
+    their noise have that of the campaign.
     """
     base, refusal = study.base, study.base.hypothesis.system.refusal
     first = study.ranking.best[next(iter(study.ranking.probability))].fit
@@ -211,12 +211,12 @@ def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
 def _cause(study: _Study, name: str) -> Cause:
     item = study.ranking.best[name]
     index = item.names.index(name)
-    effect, errors = item.effects[index], np.sqrt(np.diagonal(item.plain.covariance))
+    effect, errors = item.fit.effects[index], np.sqrt(np.diagonal(item.plain.covariance))
     shrunk = shrinkage(study.before, study.errors([item.plain]), study.noise, "cross-validation",
                        study.seed)
     partner = next((other for other in item.names if other != name), None)
     first = item.fit.hypothesis.shared + sum(
-        len(other.sizes()) for other in item.effects[:index])
+        len(other.sizes()) for other in item.fit.effects[:index])
     return Cause(
         name, effect.form, effect.component, study.ranking.probability[name],
         _twins(study.ranking, name), partner, _parameters(effect, errors[first:]), shrunk.after,

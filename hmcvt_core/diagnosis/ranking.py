@@ -82,11 +82,6 @@ class Candidate:
     log: float
 
     @property
-    def effects(self) -> tuple[Effect, ...]:
-        """With fitted sizes."""
-        return self.fit.effects
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Effect names."""
         return tuple(effect.name for effect in self.fit.hypothesis.effects)
@@ -102,12 +97,6 @@ def weigh(
                      observed.trusts, positive)
     return [Linear(columns, target, spread, positive, float(log), covariance, noise)
             for spread, log, _, covariance, noise in zip(spreads, *found, strict=True)]
-
-
-def nothing(base: Fit) -> Linear:
-    """Weigh the base model alone."""
-    return weigh(base.observed, base.jacobian, base.target,
-                 base.hypothesis.prior_spread[None, :])[0]
 
 
 # --- known effects --------------------------------------------------------------------------------
@@ -157,7 +146,7 @@ def candidate(base: Fit, effects: tuple[Effect, ...]) -> Candidate:
         effects: with the shapes to use.
     """
     observed, hypothesis = base.observed, Hypothesis(base.hypothesis.system, effects)
-    fit = refit(hypothesis, observed, base.base, base.nuisance)
+    fit = refit(hypothesis, observed, base.base)
     shared, k = hypothesis.shared, len(fit.sizes)
     bends = smooth_functions(observed.place, _ALLOWED_DEGREE)[0][:, 1:]
     own = [fit.jacobian[..., [shared + i]] * size * bends for i, size in enumerate(fit.sizes)]
@@ -200,7 +189,7 @@ def steps(
         Log evidence of each, shape (boxes,), and the noise of the best, shape (channels,).
     """
     shared, target, reading = beside.columns, beside.target, observed.readings[channel]
-    column = boxes.columns * reading.unit_loss
+    column = boxes.members * reading.unit_loss
     p = shared.shape[-1]
     grams = np.zeros((len(boxes), len(target), p + 2, p + 2))
     keep = np.append(np.arange(p), p + 1)
@@ -269,13 +258,16 @@ def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
         boxes: where a loss that nobody listed may lie.
         candidates: refitted sets of effects.
     """
-    bare = nothing(base)
+    bare, = weigh(base.observed, base.jacobian, base.target, base.hypothesis.prior_spread[None])
     smooth = fields(base.observed, bare)
     groups: dict[tuple[str, ...], list[Candidate]] = {}
     candidates = sorted(candidates, key=lambda item: -item.log)
     for item in candidates:
         groups.setdefault(tuple(sorted(item.names)), []).append(item)
-    prior = _priors([effect for item in candidates for effect in item.effects])
+    # Share of each name among the listed effects; forms of one name share it.
+    prior = {effect.name: effect.prior for item in candidates for effect in item.fit.effects}
+    total = sum(prior.values())
+    prior = {name: value / total for name, value in prior.items()}
     logs = {names: np.log(_prior_of(names, prior)) + log_mean([item.log for item in members])
             for names, members in groups.items()}
     logs[()] = np.log(PRIOR_UNLISTED) + unlisted(base.observed, boxes, smooth, bare)
@@ -290,13 +282,6 @@ def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
     return Ranking(dict(sorted(probability.items(), key=lambda item: -item[1])), best, leading,
                    posterior[()], *_left(base.observed, boxes, leading, bare),
                    tuple(candidates), bare, max(smooth, key=lambda item: item.log))
-
-
-def _priors(effects: Sequence[Effect]) -> dict[str, float]:
-    """Share of each name among the listed effects; forms of one name share it."""
-    weight = {effect.name: effect.prior for effect in effects}
-    total = sum(weight.values())
-    return {name: value / total for name, value in weight.items()}
 
 
 def _prior_of(names: tuple[str, ...], prior: dict[str, float]) -> float:
@@ -333,7 +318,7 @@ def single_candidates(base: Fit) -> list[Candidate]:
     found = [candidate(base, (form,)) for form in by_kind.values()]
     found.sort(key=lambda item: -item.log)
     for item in found[:_LEADERS]:
-        effect, = item.effects
+        effect, = item.fit.effects
         done = by_kind[effect.name, effect.form]
         found += [candidate(base, (form,)) for form in forms_of(done) if form != done]
     return sorted(found, key=lambda item: -item.log)
@@ -344,7 +329,7 @@ def pair_candidates(base: Fit, singles: Sequence[Candidate]) -> list[Candidate]:
     leaders: dict[str, Candidate] = {}
     for item in singles:
         leaders.setdefault(item.names[0], item)
-    screened = [(log, (*item.effects, form)) for item in list(leaders.values())[:_LEADERS]
+    screened = [(log, (*item.fit.effects, form)) for item in list(leaders.values())[:_LEADERS]
                 for log, form, _ in screen(item.fit, item.names[0])[:_PAIRS]]
     distinct: dict[frozenset[tuple[str, str]], tuple[Effect, ...]] = {}
     for _, effects in sorted(screened, key=lambda entry: -entry[0]):

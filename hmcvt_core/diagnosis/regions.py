@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -34,11 +33,6 @@ class Regions:
     members: NDArray[np.bool_]
     low: Array
     high: Array
-
-    @cached_property
-    def columns(self) -> Array:
-        """Members as numbers, shape (boxes, n)."""
-        return self.members.astype(float)
 
     def __len__(self) -> int:
         return len(self.members)

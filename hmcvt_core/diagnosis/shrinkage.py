@@ -28,19 +28,17 @@ _DRAWS = 999
 _TAIL = 0.025
 
 
-def folds(observed: Observations, seed: int) -> list[NDArray[np.intp]]:
-    """Split the samples, repeated points together; each entry is the part left out."""
-    group = replicate_groups(observed.axes, observed.points)
-    labels = np.unique(group)
-    order = np.random.default_rng(seed).permutation(len(labels))
-    parts = np.array_split(labels[order], min(FOLDS, len(labels)))
-    return [np.flatnonzero(np.isin(group, part)) for part in parts if len(part)]
-
-
 def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
-    """Deal the samples to folds several times; once where every point is left out alone."""
-    alone = len(np.unique(replicate_groups(observed.axes, observed.points))) <= FOLDS
-    return [folds(observed, seed + 1000 * i) for i in range(1 if alone else DEALS)]
+    """Deal the samples to folds several times; once where every point is left out alone.
+
+    Each fold is the part left out; repeated points stay together.
+    """
+    group = replicate_groups(observed.axes, observed.points)
+    points = int(group.max()) + 1
+    orders = [np.random.default_rng(seed + 1000 * i).permutation(points)
+              for i in range(1 if points <= FOLDS else DEALS)]
+    return [[np.flatnonzero(np.isin(group, part))
+             for part in np.array_split(order, min(FOLDS, points))] for order in orders]
 
 
 def averaged_errors(

@@ -85,7 +85,7 @@ class _Search:
         observed, root = fit.observed, np.sqrt(fit.noise)
         self.data, self.prior = fit.absorbed
         self.trust, self.count, self.root = observed.trusts, len(observed), root
-        self.boxes = [(boxes.columns * reading.unit_loss / root[i]).astype(np.float32)
+        self.boxes = [(boxes.members * reading.unit_loss / root[i]).astype(np.float32)
                       for i, reading in enumerate(observed.readings)]
         self.effect = np.stack([change for _, _, change in screen(fit)]) / root[:, None]
         self.box_norms = [_norms(np.sum(box**2, axis=1), box @ self.data[i])

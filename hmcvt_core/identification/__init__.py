@@ -2,7 +2,6 @@
 """Identification of the hydraulic parameters from bench samples."""
 
 from .annealing import Schedule
-from .identify import identify
-from .result import Identification
+from .identify import Identification, identify
 
 __all__ = ["Identification", "Schedule", "identify"]

@@ -92,43 +92,24 @@ STANDARD = Schedule(shrink=never, cooling=(0.9, 0.9))
 
 
 @dataclass(frozen=True)
-class AnnealingState:
-    """Where a run stands after one temperature step.
+class AnnealingRun:
+    """Where a run stands after so many temperature steps, or ended.
 
     Attributes:
-        generation: steps done.
-        best: best point so far, shape (d,).
-        value: objective there.
+        ends: best point of each chain, shape (chains, d), best chain first.
+        value: objective at the first of them.
         temperature: highest among the chains.
         evaluations: points evaluated so far.
+        history: best value after each temperature step.
+        stop_reason: `threshold` or `cooled`; `running` until then.
     """
 
-    generation: int
-    best: Array
+    ends: Array
     value: float
     temperature: float
     evaluations: int
-
-
-@dataclass(frozen=True)
-class AnnealingResult:
-    """Outcome of a run.
-
-    Attributes:
-        x: best point, shape (d,).
-        value: objective there.
-        ends: best point of each chain, shape (chains, d), best chain first.
-        stop_reason: `threshold` or `cooled`.
-        evaluations: points evaluated.
-        history: best value after each temperature step.
-    """
-
-    x: Array
-    value: float
-    ends: Array
-    stop_reason: str
-    evaluations: int
     history: tuple[float, ...]
+    stop_reason: str
 
 
 def minimise(
@@ -138,109 +119,68 @@ def minimise(
     schedule: Schedule = IMPROVED,
     start: ArrayLike | None = None,
     seed: int | None = 0,
-    progress: Callable[[AnnealingState], None] | None = None,
-) -> AnnealingResult:
+    progress: Callable[[AnnealingRun], None] | None = None,
+) -> AnnealingRun:
     """Minimise a function within bounds by simulated annealing.
 
     Args:
         objective: see `Objective`.
-        bounds: shape (d, 2), lower and upper.
+        bounds: shape (d, 2), lower and upper, finite.
         schedule: `IMPROVED` (section 4.1), `STANDARD`, or your own.
-        start: first points, shape (d,) or (chains, d); random within the bounds when None.
+        start: first points within them, shape (d,) or (chains, d); random when None.
         seed: of the random numbers; None for a new run every time.
         progress: called after each temperature step; may raise to cancel.
 
     Returns:
-        The best point met.
-
-    Raises:
-        InputError: bounds or start are malformed.
+        The run as it ended.
     """
-    limits = np.asarray(bounds, dtype=float)
-    if limits.ndim != 2 or limits.shape[1] != 2 or not np.isfinite(limits).all() \
-            or not (limits[:, 0] < limits[:, 1]).all():
-        raise InputError(f"bounds = {limits.tolist()}: need finite (lower, upper) rows")
+    low, high = np.asarray(bounds, dtype=float).T
     rng = np.random.default_rng(seed)
-    run = _Chains(objective, limits, _starts(start, limits, schedule.chains, rng), rng)
-    threshold = -math.inf if schedule.threshold is None else schedule.threshold
+    shape = (schedule.chains, len(low))
+    points = (rng.uniform(low, high, shape) if start is None
+              else np.broadcast_to(start, shape).astype(float))
+    values = _values(objective, points)
+    best, best_values, evaluations = points.copy(), values.copy(), len(points)
     temperature = np.full(schedule.chains, float(schedule.initial_temperature))
     history: list[float] = []
-    while run.best_values.min() >= threshold:
+
+    def run(stop_reason: str) -> AnnealingRun:
+        order = np.argsort(best_values)
+        return AnnealingRun(best[order], float(best_values.min()), float(temperature.max()),
+                            evaluations, tuple(history), stop_reason)
+
+    while schedule.threshold is None or best_values.min() >= schedule.threshold:
         # A chain that has cooled rests.
         warm = np.flatnonzero(temperature > schedule.final_temperature)
         if not len(warm):
-            break
+            return run("cooled")
         i = schedule.shrink(len(history), schedule.slow_steps(temperature[warm]))
-        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
-        before = run.best_values[warm]
+        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))  # Eq. (19)
+        before = best_values[warm]
         for _ in range(schedule.moves):
-            run.move(warm, size, temperature[warm])
-        temperature[warm] *= np.where(run.best_values[warm] < before, *schedule.cooling)
-        winner = int(run.best_values.argmin())
-        history.append(float(run.best_values[winner]))
+            moves = rng.random((len(warm), len(low))) - 0.5
+            trial = reflect(points[warm] + size[:, None] * (high - low) * moves, low, high)
+            found = _values(objective, trial)
+            evaluations += len(trial)
+            with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+                rise = found - values[warm]
+                chance = np.exp(-np.maximum(rise, 0.0) / temperature[warm])  # Metropolis rule
+            # inf - inf: a chain that starts without any answer may wander freely.
+            accepted = np.isnan(rise) | (rng.random(len(warm)) < chance)
+            taken = warm[accepted]
+            points[taken], values[taken] = trial[accepted], found[accepted]
+            better = taken[values[taken] < best_values[taken]]
+            best[better], best_values[better] = points[better], values[better]
+        temperature[warm] *= np.where(best_values[warm] < before, *schedule.cooling)
+        history.append(float(best_values.min()))
         if progress is not None:
-            progress(AnnealingState(
-                len(history), run.best[winner].copy(), history[-1], float(temperature.max()),
-                run.evaluations))
-    order = np.argsort(run.best_values)
-    value = float(run.best_values[order[0]])
-    return AnnealingResult(run.best[order[0]], value, run.best[order],
-                           "threshold" if value < threshold else "cooled",
-                           run.evaluations, tuple(history))
+            progress(run("running"))
+    return run("threshold")
 
 
-def _starts(
-    start: ArrayLike | None, limits: Array, chains: int, rng: np.random.Generator
-) -> Array:
-    shape, (low, high) = (chains, len(limits)), limits.T
-    if start is None:
-        return rng.uniform(low, high, shape)
-    try:
-        points = np.broadcast_to(np.asarray(start, dtype=float), shape).copy()
-    except ValueError:
-        raise InputError(f"start has shape {np.shape(start)}, needs {shape}") from None
-    if not ((points >= low) & (points <= high)).all():
-        raise InputError(f"start = {points.tolist()} leaves the bounds")
-    return points
-
-
-class _Chains:
-    """Points side by side, their values, and the best point of each chain."""
-
-    def __init__(
-        self, objective: Objective, limits: Array, points: Array, rng: np.random.Generator
-    ) -> None:
-        self.objective, self.rng, self.evaluations = objective, rng, 0
-        self.low, self.high = limits.T
-        self.points, self.values = points, self._evaluate(points)
-        self.best, self.best_values = self.points.copy(), self.values.copy()
-
-    def _evaluate(self, points: Array) -> Array:
-        self.evaluations += len(points)
-        values = np.asarray(self.objective(points), dtype=float)
-        return np.where(np.isnan(values), np.inf, values)
-
-    def move(self, warm: NDArray[np.intp], size: Array, temperature: Array) -> None:
-        """Try one move in each warm chain (Metropolis rule).
-
-        Args:
-            warm: m chains.
-            size: of the disturbance, in widths of the bounds, shape (m,).
-            temperature: of these chains, shape (m,).
-        """
-        shape = (len(warm), len(self.low))
-        moves = size[:, None] * (self.high - self.low) * (self.rng.random(shape) - 0.5)  # Eq. (19)
-        trial = reflect(self.points[warm] + moves, self.low, self.high)
-        values = self._evaluate(trial)
-        with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-            rise = values - self.values[warm]
-            chance = np.exp(-np.maximum(rise, 0.0) / temperature)
-        # inf - inf: a chain that starts without any answer may wander freely.
-        accepted = np.isnan(rise) | (self.rng.random(len(warm)) < chance)
-        taken = warm[accepted]
-        self.points[taken], self.values[taken] = trial[accepted], values[accepted]
-        better = taken[self.values[taken] < self.best_values[taken]]
-        self.best[better], self.best_values[better] = self.points[better], self.values[better]
+def _values(objective: Objective, points: Array) -> Array:
+    values = np.asarray(objective(points), dtype=float)
+    return np.where(np.isnan(values), np.inf, values)
 
 
 def reflect(points: Array, low: Array, high: Array) -> Array:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The identification problem: what is minimised, and the local search that finishes it."""
+"""The identification problem: what is minimised, the search that finishes it, what stays open."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,10 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
-from ..model.agreement import determination_loss
-from ..model.model import EfficiencyModel
-from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, SEARCH_BOUNDS, from_scaled
-from ..transmission.ranges import OperatingPoints
+from ..model.agreement import RelativeError, determination_loss
+from ..model.domain import Domain
+from ..model.model import INCONSISTENT, STALLED, EfficiencyModel
+from ..transmission.parameters import (
+    PAPER_EFFICIENCY_UNCERTAINTY,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    SEARCH_BOUNDS,
+    from_scaled,
+)
+from ..transmission.ranges import BENCH_COLUMNS, OperatingPoints
 
 Array = NDArray[np.float64]
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
@@ -21,6 +30,10 @@ OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (2
 
 _FAR = 1e3  # residual, or 1 - RSQ, where the model has no answer
 _PRECISION = 1e-14
+_WIDTH = SEARCH_BOUNDS[:, 1] - SEARCH_BOUNDS[:, 0]
+_LOOSE = 0.5  # a standard error above this part of the value leaves the parameter undetermined
+_TIED = 0.95  # a correlation above this leaves only a combination
+_LEAST_SCATTER = 1e-3  # of the residuals: samples without any would promise certainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,3 +109,79 @@ class Problem:
                              method="Nelder-Mead", bounds=SEARCH_BOUNDS,
                              options={"xatol": 1e-9, "fatol": 1e-12, "maxfev": 2000}).x
         return point
+
+
+def precision(problem: Problem, scaled: Array) -> tuple[dict[str, float], Array]:
+    """Standard errors by name, each in its unit, and correlation (3, 3), both linearised.
+
+    From the Jacobian of the weighted residuals at the best point. The width of the bounds enters as
+    prior knowledge, so that a direction the samples do not see gets the error of that width rather
+    than infinity.
+    """
+    step = np.diag(1e-6 * _WIDTH)
+    low = np.maximum(scaled - step, SEARCH_BOUNDS[:, 0])
+    high = np.minimum(scaled + step, SEARCH_BOUNDS[:, 1])
+    residuals, *found = problem.residuals(np.vstack([scaled, low, high]))
+    jacobian = np.nan_to_num(np.subtract(found[3:], found[:3]) / np.diag(high - low)[:, None]).T
+    free = len(residuals) - len(scaled)
+    scatter = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
+    if problem.samples.efficiency_std is not None:
+        scatter = max(scatter, 1.0)  # stated deviations are believed unless residuals are larger
+    prior = np.diag(12.0 / _WIDTH**2)
+    scale = max(scatter, _LEAST_SCATTER)
+    covariance = np.linalg.inv(jacobian.T @ jacobian / scale**2 + prior)
+    spread = np.sqrt(np.diag(covariance))
+    natural = spread * np.array([np.log(10.0) * 10.0 ** scaled[0], 1.0, 1.0])
+    return (dict(zip(PARAMETER_NAMES, natural.tolist(), strict=True)),
+            covariance / np.outer(spread, spread))
+
+
+def findings(
+    samples: BenchSamples, scaled: Array, standard_errors: Mapping[str, float], correlation: Array
+) -> Iterator[str]:
+    """Say in plain sentences what the samples leave open."""
+    columns = [column.tolist() for item in BENCH_COLUMNS
+               if (column := getattr(samples, item.name)) is not None]
+    points = len(set(zip(*columns[:3], strict=True)))
+    rows = len(set(zip(*columns, *samples.extra.values(), strict=True)))
+    if rows < len(samples):
+        yield (f"{len(samples) - rows} of {len(samples)} samples copy another one in "
+               "every column: they count as measurements, and the standard errors are "
+               "too small if they are none")
+    if points < len(PARAMETER_NAMES):
+        where = f"{points} samples" if points == len(samples) else (
+            f"{len(samples)} samples at {points} working point{'s' if points > 1 else ''}")
+        yield (f"{where} cannot determine {len(PARAMETER_NAMES)} "
+               "parameters: the values are one choice among many")
+    for sign, word in ((1.0, "positive"), (-1.0, "negative")):
+        if not (samples.displacement_ratio * sign > 0.0).any():
+            yield f"no sample has a {word} displacement ratio: the model is unchecked there"
+    for i, name in enumerate(PARAMETER_NAMES):
+        error, unit, value = standard_errors[name], PARAMETER_UNITS[name], from_scaled(scaled)[i]
+        distance = np.abs(SEARCH_BOUNDS[i] - scaled[i])
+        side = int(distance.argmin())
+        if distance[side] < 1e-4 * _WIDTH[i]:
+            yield (f"{name} is not determined by these samples: its best value lies at the "
+                   f"{('lower', 'upper')[side]} bound {from_scaled(SEARCH_BOUNDS.T)[side, i]:g} "
+                   f"{unit}")
+        elif error > _LOOSE * value:
+            yield (f"{name} is not determined by these samples: {value:.3g} with a standard error "
+                   f"of {error:.2g} {unit}")
+    for i, j in itertools.combinations(range(len(PARAMETER_NAMES)), 2):
+        tie = correlation[i, j]
+        if abs(tie) > _TIED:
+            yield (f"{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]} are tied "
+                   f"(correlation {tie:.2f}): only a combination is determined")
+
+
+def unchecked(held: Problem, error: RelativeError, fitted: BenchSamples) -> Iterator[str]:
+    """Say what the samples held back do not check: no answer there, or none fitted near."""
+    count, none = len(held.samples), error.without_answer
+    if none:
+        reason = STALLED if held.model.formulation == "power_balance" else INCONSISTENT
+        yield (f"the model has no answer at {none} of {count} samples held back, which "
+               f"the error of the prediction leaves out: {reason}")
+    outside = int((~Domain.of(fitted).contains(held.points)).sum())
+    if 2 * outside > count:
+        yield (f"{outside} of {count} samples held back lie outside the range of those "
+               "fitted: the error of the prediction is mostly one of extrapolation")

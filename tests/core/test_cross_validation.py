@@ -66,7 +66,6 @@ def test_errors_are_those_of_models_that_have_not_seen_the_sample(plant):
                   / s.efficiency[0] - 1.0)
               for model, s in ((others[i], samples.select([i])) for i in range(5))]
     assert found.error_refit == pytest.approx(np.mean(errors), rel=1e-4)
-    assert (found.samples, found.folds) == (5, 5)
 
 
 @pytest.mark.parametrize("count", [5, 30])
@@ -87,13 +86,6 @@ def test_refit_to_spoiled_samples_is_worse(plant, count, part):
     found = compare(plant, spoiled(campaign(plant, count, seed=2), part), plant)
     assert found.error_refit > 1.3 * found.error_in_service
     assert found.worse
-
-
-@pytest.mark.parametrize("count", [4, 8])
-def test_refit_is_better_than_a_wrong_model(plant, count):
-    wrong = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
-    found = compare(plant, campaign(plant, count, seed=3), wrong)
-    assert found.error_refit < 0.5 * found.error_in_service and not found.worse
 
 
 def test_three_samples_cannot_spare_one(plant):

@@ -89,7 +89,7 @@ def band_loss(points):
 
 CASES = {
     "nothing": {"n": 48},
-    "dead band": {"effects": (DisplacementDeadBand(0.02),)},
+    "dead band": {"effects": (DisplacementDeadBand(0.02),), "n": 48},
     "planetary mesh": {"effects": (PlanetaryMesh(0.06),), "n": 48},
     "leakage": {"effects": (PressureLeakage(2e-11),), "n": 48},
     "charge pump": {"effects": (ChargePump(8.0),)},

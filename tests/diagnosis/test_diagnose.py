@@ -13,7 +13,6 @@ import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.result import VERDICTS
 from hmcvt_core.physics.effects.hydraulic import OrificeLeakage
 from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
-from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 
 from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points
 
@@ -296,17 +295,6 @@ def test_the_papers_own_tests_rest_on_the_noise():
     place, = stated.where
     assert place.p_value > 0.05, "a place that may be chance is called so"
     assert "no place is significant by itself" in stated.report()
-
-
-# --- a meter is not a part ------------------------------------------------------------------------
-
-
-def test_torque_out_of_nothing_names_the_meter():
-    found = hmcvt.diagnose(BASE, campaign((EngineTorqueZero(-8.0),), seed=1, n=48), noise=NOISE)
-    # No drag gives torque.
-    assert found.causes[0].effect == "torque_sensor"
-    assert found.component == "sensor"
-    assert found.causes[0].remedy
 
 
 # --- repeatable -----------------------------------------------------------------------------------

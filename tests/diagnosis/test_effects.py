@@ -150,7 +150,7 @@ def _diagnose_an_effect_of_the_users_own():
         def engine_drag(self, state):
             return self.torque * np.exp(-(((state.engine_speed - 150.0) / 15.0) ** 2))
 
-    samples = campaign((Resonance(12.0),), seed=3)
+    samples = campaign((Resonance(12.0),), seed=3, n=48)
     found = hmcvt.diagnose(BASE, samples, noise=NOISE)
     again = effect_from_mapping(effect_to_mapping(Resonance(2.0)))
     return found.to_dict(), again.values(), Resonance in library()

@@ -60,17 +60,6 @@ def test_posterior_is_that_of_the_dense_normal():
     np.testing.assert_allclose(found.noise, 1.0, atol=1e-6)
 
 
-def test_models_weighed_together_are_weighed_one_by_one():
-    problems = [_problem(seed) for seed in range(4)]
-    grams = np.stack([gram(columns, target) for columns, target, _ in problems])
-    spreads = np.stack([spread for _, _, spread in problems])
-    together = evidence(grams, 7, spreads, np.array([8.0, 1.0]))
-    for i in range(4):
-        alone = evidence(grams[i:i + 1], 7, spreads[i:i + 1], np.array([8.0, 1.0]))
-        for whole, part in zip(together, alone, strict=True):
-            np.testing.assert_allclose(whole[i], part[0], rtol=1e-10)
-
-
 def test_noise_follows_the_data_when_the_statement_is_worth_little():
     rng = np.random.default_rng(0)
     n = 600

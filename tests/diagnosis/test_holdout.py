@@ -22,14 +22,6 @@ def test_a_noisier_holdout_is_no_gap():
     assert unstated.shrinkage.before > 0.8 * loud, "taken to be as quiet as the campaign"
 
 
-def test_repeated_points_state_the_noise_of_the_holdout():
-    held = campaign(seed=32, n=20, noise=0.0).select(np.repeat(np.arange(20), 4))
-    loud = 5.0 * NOISE * np.random.default_rng(3).standard_normal(80)
-    found = hmcvt.diagnose(BASE, SAMPLES, with_column(held, efficiency=held.efficiency + loud),
-                           noise=NOISE)
-    assert found.shrinkage.before < 0.4 * 5.0 * NOISE
-
-
 def test_the_campaign_is_no_holdout_of_its_own():
     with pytest.raises(hmcvt.InputError, match="among those diagnosed"):
         hmcvt.diagnose(BASE, SAMPLES, SAMPLES, noise=NOISE)

@@ -15,13 +15,7 @@ CAMPAIGNS = {name: observe(samples).place for name, samples in {
     "factorial 100": measure(factorial_points()),
     "five samples": campaign(seed=3, n=5),
 }.items()}
-stroke, speed, load = CAMPAIGNS["random 96"]
-
-
-def _overlap(boxes, wanted):
-    """Best (common samples) / (samples in either) of any box with a planted set."""
-    common = (boxes.members & wanted).sum(axis=1)
-    return float((common / (boxes.members | wanted).sum(axis=1)).max())
+stroke, _, load = CAMPAIGNS["random 96"]
 
 
 @pytest.mark.parametrize("place", CAMPAIGNS.values(), ids=CAMPAIGNS.keys())
@@ -38,23 +32,6 @@ def test_regions_differ_hold_enough_and_leave_enough_outside(place):
 
 def test_how_many_there_are():
     assert [len(regions(place)) for place in CAMPAIGNS.values()] == [1994, 1034, 525, 25]
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_a_level_of_a_factorial_plan_is_a_region(axis):
-    place = CAMPAIGNS["factorial 100"]
-    for level in np.unique(place[axis]):
-        assert _overlap(regions(place), place[axis] == level) == 1.0
-
-
-def test_bands_and_corners_are_among_them():
-    boxes, speeds = regions(CAMPAIGNS["random 96"]), np.sort(speed)
-    for start in (5, 40, 80):
-        assert _overlap(boxes, (speed >= speeds[start]) & (speed <= speeds[start + 9])) >= 0.7
-    for low in (0.0, 0.4):
-        assert _overlap(boxes, (stroke > low) & (speed < 140.0)) >= 0.65
-        assert _overlap(boxes, (stroke < -low) & (load > 300.0)) >= 0.65
-    assert _overlap(boxes, (stroke > 0.0) & (speed < 160.0) & (load > 200.0)) >= 0.6
 
 
 def test_an_axis_without_extent_gives_no_regions_of_its_own():

@@ -10,27 +10,17 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission
-from hmcvt_core.diagnosis.evidence import log_mean
-from hmcvt_core.diagnosis.ranking import candidate
-from hmcvt_core.diagnosis.system import forms_of
-from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
-from hmcvt_core.transmission.ranges import OperatingPoints
+from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import (
     BASE,
     NOISE,
     campaign,
     diagnosed,
-    fitted,
-    joined,
     measure,
     random_points,
     with_column,
 )
-
-SIX = OperatingPoints(*(axis.ravel() for axis in (
-    *np.meshgrid([-0.8, 0.0, 0.8], [100.0, 200.0], indexing="ij"), np.full((3, 2), 250.0))))
-"""What a factorial plan of six points looks like."""
 
 
 def _matrix(samples, **options):
@@ -62,17 +52,6 @@ def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
         assert found.separation[i, j] < 0.02 * found.detectability[i]
         assert other in found.twins(one)
     assert "pressure_leakage" not in found.twins("charge_pump")
-
-
-def test_output_speed_tells_flow_losses_from_torque_losses():
-    samples = campaign(seed=1)
-    alone, both = (_matrix(item) for item in (with_column(samples, output_speed=None), samples))
-    for flow in ("pressure_leakage", "orifice_leakage"):
-        for torque in ("gear_mesh", "planetary_mesh", "pressure_friction", "charge_pump"):
-            pair = [item.separation[item.effects.index(flow), item.effects.index(torque)]
-                    for item in (alone, both)]
-            assert pair[1] > 3.0 * pair[0]
-            assert pair[1] > 9.0
 
 
 def test_more_samples_and_another_channel_never_lower_it():
@@ -142,38 +121,6 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
 
 
 # --- what to measure next -------------------------------------------------------------------------
-
-
-def _log(known, name):
-    return log_mean([candidate(known, (form,)).log for kind in Transmission(BASE).library
-                     if kind.name == name for form in forms_of(kind)])
-
-
-def _ratio(samples, true, rival):
-    known = fitted(samples)
-    return _log(known, true) - _log(known, rival)
-
-
-def test_six_tests_advised_decide_better_than_six_of_a_factorial_plan():
-    gains = []
-    for effect, seed in ((ChargePump(8.0), 1), (Churning(12.0), 2)):
-        samples = campaign((effect,), seed=seed, n=24)
-        found = hmcvt.diagnose(BASE, samples, noise=NOISE)
-        pair = next(test.separates for test in found.next_tests if effect.name in test.separates)
-        rival, = set(pair) - {effect.name}
-        tests = [test.point for test in found.next_tests
-                 if test.point and set(test.separates) == set(pair)]
-        if len(tests) < 6:
-            continue
-        advised = OperatingPoints(*(np.array([point[axis] for point in tests]) for axis in (
-            "displacement_ratio", "engine_speed", "load_torque")))
-        before = _ratio(samples, effect.name, rival)
-        gains.append([_ratio(joined(samples, measure(points, (effect,), seed + 100)), effect.name,
-                             rival) - before for points in (advised, SIX)])
-    assert gains, "the cases are ambiguous ones"
-    advised, factorial = np.mean(gains, axis=0)
-    assert advised > 1.0, "it helps the truth"
-    assert advised > 1.5 * factorial
 
 
 def test_a_meter_error_is_settled_by_calibration():
