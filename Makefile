@@ -38,7 +38,7 @@ test: $(VENV)/.dev system
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest --numprocesses auto $(ALONE:%=--ignore=%)
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(ALONE:%=--ignore=%)
 ifneq ($(HMCVT_CORE_ONLY),1)
 	$(BIN)/python -m pytest $(ALONE)
 endif

@@ -42,12 +42,16 @@ class CrossValidation:
     """Outcome of the comparison; every error is a mean of |predicted - measured| / measured [-].
 
     Attributes:
-        error_refit: of refits, each sample predicted once by one that has not seen it.
+        samples: how many, each predicted once by a refit that has not seen it.
+        folds: how many refits predicted them.
+        error_refit: of these refits.
         error_in_service: of the model in service, at the same samples.
         allowance: by how much the first may exceed the second.
         change: mean of |refit to all samples - model in service| / measured.
     """
 
+    samples: int
+    folds: int
     error_refit: float
     error_in_service: float
     allowance: float
@@ -82,14 +86,15 @@ def cross_validate(
     if len(samples) < FEWEST:
         return None
     measured, unseen = samples.efficiency, np.empty(len(samples))
-    for part in folds(samples.displacement_ratio, seed):
+    parts = list(folds(samples.displacement_ratio, seed))
+    for part in parts:
         others = np.setdiff1d(np.arange(len(samples)), part)
         unseen[part] = _predicted(fit(samples.select(others)), samples.select(part))
     served, refitted = _predicted(in_service, samples), _predicted(refit, samples)
     errors = relative_errors(served, measured)
     noise = _noise(errors, relative_errors(refitted, measured))
     return CrossValidation(
-        float(relative_errors(unseen, measured).mean()), float(errors.mean()),
+        len(samples), len(parts), float(relative_errors(unseen, measured).mean()), float(errors.mean()),
         float(_ALLOWANCE * len(PARAMETER_NAMES) / len(samples) * noise),
         float(np.mean(np.abs(refitted - served) / measured)))
 
