@@ -94,7 +94,8 @@ def cross_validate(
     errors = relative_errors(served, measured)
     noise = _noise(errors, relative_errors(refitted, measured))
     return CrossValidation(
-        len(samples), len(parts), float(relative_errors(unseen, measured).mean()), float(errors.mean()),
+        len(samples), len(parts), float(relative_errors(unseen, measured).mean()),
+        float(errors.mean()),
         float(_ALLOWANCE * len(PARAMETER_NAMES) / len(samples) * noise),
         float(np.mean(np.abs(refitted - served) / measured)))
 
