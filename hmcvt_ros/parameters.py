@@ -43,6 +43,12 @@ SHORTEST_TIMEOUT, LONGEST_TIMEOUT = 0.01, 60.0
 SILENCE, NAN = "silence", "nan"
 """What the outputs do where there is no answer."""
 
+ADOPT, STAGE = "adopt", "stage"
+"""What becomes of a refit."""
+
+TEXT_LIMIT = 4096
+"""Most characters of a text: parameters can be set from the network."""
+
 
 @dataclass(frozen=True)
 class Declaration:
@@ -81,8 +87,10 @@ class Declaration:
         """Refuse a value.
 
         Raises:
-            InputError: it is no choice or out of range.
+            InputError: it is no choice, out of range or too long.
         """
+        if isinstance(value, str) and len(value) > TEXT_LIMIT:
+            raise InputError(f"{self.name} has {len(value)} characters; allowed are {TEXT_LIMIT}")
         if self.choices and value not in self.choices:
             raise InputError(f"{self.name} = {value!r}; there is {', '.join(self.choices)}")
         if self.limits is not None:
@@ -142,6 +150,11 @@ class Settings:
     input_timeouts_displacement_ratio: float = _input_timeout(DISPLACEMENT_RATIO)
     input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
     input_timeouts_load_torque: float = _input_timeout(LOAD_TORQUE)
+    max_input_skew: float = _parameter(
+        0.25, "s",
+        "Time between the oldest and the newest of the three inputs beyond which there is no "
+        "output: they do not belong together; 0 for no limit but their ages.",
+        (0.0, LONGEST_TIMEOUT))
     invalid_output: str = _parameter(
         SILENCE, "",
         "What the outputs do while an input is missing, stale or refused, or the model has no "
@@ -172,6 +185,19 @@ class Settings:
         0, "",
         "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be repeated.",
         (0, 2**31 - 1))
+    reidentify_mode: str = _parameter(
+        ADOPT, "",
+        "What ~/reidentify does with a good refit: adopt puts it into service, stage writes it and "
+        "waits for ~/adopt.",
+        choices=(ADOPT, STAGE))
+    reidentify_max_drift: float = _parameter(
+        0.3, "",
+        "Largest difference between a refit and the model of model_file, in efficiency within the "
+        "domain, that ~/reidentify accepts.", (0.0, 1.0))
+    job_time_limit: float = _parameter(
+        300.0, "s", "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0))
+    job_memory_limit: int = _parameter(
+        4096, "MiB", "Memory that a refit or a diagnosis may take.", (512, 1_048_576))
     bench_log_limit: int = _parameter(
         100_000, "", "Samples that the bench log holds before it refuses more.", (1, 10_000_000),
         read_only=True)
