@@ -9,11 +9,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from .inputs import Inputs, OperatingPoint, State, Tally
+from .inputs import NANOSECONDS, Inputs, OperatingPoint, State, Tally
 from .model_store import InService
+from .parameters import Settings
 
 _LEVELS = {
     State.FRESH: DiagnosticStatus.OK,
+    State.COASTING: DiagnosticStatus.OK,
     State.MISSING: DiagnosticStatus.WARN,
     State.STALE: DiagnosticStatus.STALE,
     State.INVALID: DiagnosticStatus.ERROR,
@@ -58,21 +60,26 @@ class Activity:
 
 
 def inputs_status(
-    name: str, inputs: Inputs, now: int, timeouts: Mapping[str, float], answered: int
+    name: str, inputs: Inputs, now: int, settings: Settings, counts: Mapping[str, int]
 ) -> DiagnosticStatus:
     """Return the status of the inputs: the worst state of the three, each with age and counts."""
     values: dict[str, Any] = {}
     found = []
-    for key, item in inputs.by_name.items():
-        age, limit = item.age(now), timeouts[key]
+    for (key, item), limit in zip(
+            inputs.by_name.items(), settings.age_limits.ages, strict=True):
+        age = item.age(now)
         found.append(item.state(now, limit))
         values |= {f"{key} state": found[-1][0].value,
                    f"{key} age [s]": "-" if age is None else f"{age:.3f}",
-                   f"{key} age limit [s]": f"{limit:g}", **item.tally.values(key)}
-    values |= {"points answered": answered, "clock jumps": inputs.clock_jumps}
-    worst = max((state for state, _ in found), key=list(State).index)
-    message = "; ".join(problem for _, problem in found if problem) or "three fresh inputs"
-    return _status(name, "inputs", _LEVELS[worst], message, values)
+                   f"{key} age limit [s]": f"{limit * NANOSECONDS:g}",
+                   **item.tally.values(key), f"{key} taken as the limit": item.at_limit}
+    level = _LEVELS[max((state for state, _ in found), key=list(State).index)]
+    problems = [problem for _, problem in found if problem]
+    if inputs.apart_reason:
+        problems.append(inputs.apart_reason)
+        level = max(level, DiagnosticStatus.WARN)
+    message = "; ".join(problems) or "three fresh inputs"
+    return _status(name, "inputs", level, message, {**values, **counts})
 
 
 def model_status(

@@ -10,14 +10,24 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+    from .node import EfficiencyNode
+
+PATIENCE = 10.0  # seconds, a hundred times the period of the node's timer
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM.
 
     Returns:
-        Exit code: 0, or 2 when an argument, a parameter or the model file is wrong, or ROS missing.
+        Exit code: 0; 2 when an argument, a parameter or the model file is wrong, or ROS missing; 1
+        when ROS does not call the node any more, so that whoever started it may start another.
     """
     given = list(sys.argv if arguments is None else arguments)
     asked = _stop_signals()
@@ -55,7 +65,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     executor.add_node(node)
     try:
         while not asked:
-            executor.spin_once()  # the node's timer wakes it up every 0.1 s
+            try:
+                executor.spin_once()  # the node's timer wakes it up every 0.1 s
+            except Exception as error:  # of a callback of rclpy's own
+                node.contain(error)
+                if not _goes_on(executor, node):
+                    node.get_logger().fatal("stopping: ROS does not call the node any more")
+                    return 1
         node.get_logger().info("stopping: asked to by a signal")
     finally:
         node.close()
@@ -63,6 +79,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _goes_on(executor: Executor, node: EfficiencyNode) -> bool:
+    """Tell whether the node's timer still runs: what failed may have left rclpy stuck."""
+    ticks, end = node.ticks, time.monotonic() + PATIENCE
+    while node.ticks == ticks and node.context.ok() and time.monotonic() < end:
+        try:
+            executor.spin_once(timeout_sec=0.1)
+        except Exception as error:
+            node.contain(error)
+    return node.ticks != ticks
 
 
 def _stop_signals() -> list[int]:

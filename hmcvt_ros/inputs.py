@@ -5,14 +5,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from hmcvt_core.transmission.ranges import POINT_RANGES, Range
+from hmcvt_core.transmission.ranges import (
+    DISPLACEMENT_RATIO,
+    LOAD_TORQUE,
+    POINT_RANGES,
+    Range,
+)
 
 INPUT_RANGES = POINT_RANGES
+STROKE_TOLERANCE = 0.02
+"""How far beyond full stroke noise of its sensor may lead; it is taken as full stroke [-]."""
 NANOSECONDS = 1e-9
 REASONS = ("not finite", "out of range")
 """Why a message may be refused."""
@@ -26,10 +33,23 @@ class OperatingPoint(NamedTuple):
     load_torque: float
 
 
+class AgeLimits(NamedTuple):
+    """How old inputs may be [ns].
+
+    Attributes:
+        ages: of each input, in the order of `INPUT_RANGES`.
+        skew: time between the oldest and the newest.
+    """
+
+    ages: tuple[int, int, int]
+    skew: int
+
+
 class State(Enum):
     """State of one input, from good to bad."""
 
     FRESH = "fresh"
+    COASTING = "coasting"
     MISSING = "missing"
     STALE = "stale"
     INVALID = "invalid"
@@ -82,46 +102,83 @@ class Input:
     Attributes:
         limits: its range.
         value: of the last message, None when that was refused or none came.
-        stamp: time of the last message [ns], None before the first.
+        stamp: when the last message came [ns], None before the first.
+        at_limit: count of values a hair beyond a limit that were taken as the limit.
         tally: what became of its messages.
     """
 
     limits: Range
     value: float | None = None
     stamp: int | None = None
+    at_limit: int = 0
     tally: Tally = field(default_factory=lambda: Tally(REASONS))
 
-    def take(self, value: float, now: int) -> bool:
+    def take(self, value: float, received: int) -> bool:
         """Take a message; False when the value is refused, the tally says why."""
-        self.stamp = now
-        if self.limits.low <= value <= self.limits.high:  # false for NaN
-            self.value = value
-            self.tally.accept()
-            return True
-        # The last good value is gone with it: what the sensor says now is not known.
-        self.value = None
-        self.tally.refuse(REASONS[math.isfinite(value)], self.limits.complaint(value))
-        return False
+        self.stamp = received
+        if not self.limits.low <= value <= self.limits.high:  # true for NaN
+            within = within_tolerance(self.limits, value)
+            if within is not None:
+                value, self.at_limit = within, self.at_limit + 1
+            elif not is_coasting(self.limits, value):
+                # The last good value is gone with it: what the sensor says now is not known.
+                self.value = None
+                self.tally.refuse(REASONS[math.isfinite(value)], self.limits.complaint(value))
+                return False
+        self.value = value
+        self.tally.accept()
+        return True
 
     def forget(self) -> None:
         """Be as if nothing had come yet; the counts stay."""
         self.value = self.stamp = None
 
+    def fresh(self, now: int, limit: int) -> bool:
+        """Tell whether there is a value, not older than a limit [ns]."""
+        return self.value is not None and self.stamp is not None and now - self.stamp <= limit
+
     def age(self, now: int) -> float | None:
         """Seconds since the last message, None when there is none."""
-        if self.stamp is not None and now < self.stamp:
-            # The clock went back (a bag was restarted): what came before is of another time.
-            self.forget()
         return None if self.stamp is None else (now - self.stamp) * NANOSECONDS
 
-    def state(self, now: int, timeout: float) -> tuple[State, str]:
-        """Return the state at a time, for an age limit in seconds, and what is wrong."""
-        age = self.age(now)
+    def state(self, now: int, limit: int) -> tuple[State, str]:
+        """Return the state at a time, for an age limit [ns], and what is to be said of it."""
+        age, name = self.age(now), self.limits.name
         if age is None:
-            return State.MISSING, f"{self.limits.name}: nothing received"
-        if age > timeout:
-            return State.STALE, f"{self.limits.name}: nothing received for {age:.1f} s"
-        return (State.INVALID, self.tally.complaint) if self.value is None else (State.FRESH, "")
+            return State.MISSING, f"{name}: nothing received"
+        if age > limit * NANOSECONDS:
+            return State.STALE, f"{name}: nothing received for {age:.1f} s"
+        if self.value is None:
+            return State.INVALID, self.tally.complaint
+        if is_coasting(self.limits, self.value):
+            return State.COASTING, (f"{name} = {self.value:g} N m: coasting; an efficiency begins "
+                                    f"at {self.limits.low:g} N m")
+        return State.FRESH, ""
+
+
+def within_tolerance(limits: Range, value: float) -> float | None:
+    """Return the limit for a value that noise leads a hair beyond it; None when it is not so."""
+    if limits is DISPLACEMENT_RATIO and 1.0 < abs(value) <= 1.0 + STROKE_TOLERANCE:
+        return math.copysign(1.0, value)
+    return None
+
+
+def is_coasting(limits: Range, value: float) -> bool:
+    """Tell whether a load torque is near zero or drives the engine, as on every way downhill."""
+    return limits is LOAD_TORQUE and -limits.high <= value < limits.low
+
+
+def checked_point(values: Sequence[float]) -> OperatingPoint:
+    """Return values in the order of `INPUT_RANGES` as an operating point.
+
+    Raises:
+        InputError: one is beyond its range and the tolerance; a load torque near zero too.
+    """
+    taken = []
+    for limits, value in zip(INPUT_RANGES, values, strict=True):
+        within = within_tolerance(limits, value)
+        taken.append(float(limits.check(value)) if within is None else within)
+    return OperatingPoint(*taken)
 
 
 class Inputs:
@@ -129,29 +186,49 @@ class Inputs:
 
     Attributes:
         by_name: each input.
-        clock_jumps: how often the clock that tells the ages was set back or exchanged.
+        clock_jumps: how often a simulated clock was set back or exchanged.
+        coasting: count of arrivals without an answer because the load torque was near zero or less.
+        apart: count of arrivals without an answer because the inputs were of different times.
+        apart_reason: of the last one, to be taken away when it has been told.
     """
 
     def __init__(self) -> None:
         self.by_name = {limits.name: Input(limits) for limits in INPUT_RANGES}
-        self.clock_jumps = 0
+        self._all = tuple(self.by_name.values())
+        self.clock_jumps = self.coasting = self.apart = 0
+        self.apart_reason = ""
 
-    def point(self, now: int, timeouts: Mapping[str, float]) -> OperatingPoint | None:
-        """Return the operating point, None unless all three inputs are fresh and valid.
+    def point(self, now: int, limits: AgeLimits) -> OperatingPoint | None:
+        """Return the operating point, None unless all inputs are fresh, valid and of one time."""
+        stroke, speed, torque = self._all
+        if (torque.value is None or torque.value < LOAD_TORQUE.low
+                or not self._fresh(now, limits) or self._skew() > limits.skew):
+            return None
+        return OperatingPoint(stroke.value, speed.value, torque.value)  # type: ignore[arg-type]
 
-        Args:
-            now: [ns].
-            timeouts: age limit of each input by name [s].
-        """
-        values = []
-        for name, item in self.by_name.items():
-            if item.state(now, timeouts[name])[0] is not State.FRESH or item.value is None:
-                return None
-            values.append(item.value)
-        return OperatingPoint(*values)
+    def count_silence(self, now: int, limits: AgeLimits) -> None:
+        """Count an arrival without an answer, where it is not for an input that has trouble."""
+        if not self._fresh(now, limits):
+            return
+        if self._skew() > limits.skew:
+            self.apart += 1
+            ages = {name: item.age(now) or 0.0 for name, item in self.by_name.items()}
+            newest, oldest = min(ages, key=ages.__getitem__), max(ages, key=ages.__getitem__)
+            self.apart_reason = (
+                f"{oldest} is {ages[oldest] - ages[newest]:.3f} s older than {newest}; "
+                f"max_input_skew = {limits.skew * NANOSECONDS:g}")
+        else:
+            self.coasting += 1
 
     def clock_jumped(self) -> None:
         """Forget what came by the clock before: its ages mean nothing now."""
         self.clock_jumps += 1
-        for item in self.by_name.values():
+        for item in self._all:
             item.forget()
+
+    def _fresh(self, now: int, limits: AgeLimits) -> bool:
+        return all(map(Input.fresh, self._all, (now, now, now), limits.ages))
+
+    def _skew(self) -> int:
+        stamps = [item.stamp or 0 for item in self._all]
+        return max(stamps) - min(stamps)

@@ -14,14 +14,19 @@ from typing import Any
 
 import numpy as np
 import yaml
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
 
 from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, InputError
 
+from .inputs import OperatingPoint, checked_point
 from .shafts import JOINTS, UnreadableError, read_shafts
 
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
+RAW_LIMIT = 16_384
+"""Most bytes of a bench sample or operating point; three joints take 200."""
+
 _SOURCE = "bench_sample"
 _OF_SHAFTS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed")
 
@@ -29,6 +34,32 @@ _OF_SHAFTS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency",
 def float64(value: float) -> Float64:
     """Return a number as a message."""
     return Float64(data=float(value))
+
+
+def joint_state(raw: bytes) -> JointState:
+    """Read a message as it came; what is too long is not even looked at.
+
+    Raises:
+        InputError: it is too long, or no JointState.
+    """
+    if len(raw) > RAW_LIMIT:
+        raise InputError(f"a message of {len(raw)} bytes; allowed are {RAW_LIMIT}")
+    try:
+        return deserialize_message(raw, JointState)
+    except Exception as error:  # of a kind that depends on the middleware
+        raise InputError(f"no sensor_msgs/JointState ({error})") from None
+
+
+def point_from_message(message: JointState) -> OperatingPoint:
+    """Read an operating point; the engine's torque is not needed.
+
+    Raises:
+        InputError: a joint or field is missing or doubled, or a value is out of range.
+    """
+    shafts = read_shafts(message.name, message.position, message.velocity, message.effort)
+    if not shafts.engine_speed > 0.0:
+        raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
+    return checked_point((shafts.displacement_ratio, shafts.engine_speed, shafts.load_torque))
 
 
 def bench_sample_from_message(message: JointState, now: float) -> BenchSamples:

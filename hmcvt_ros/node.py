@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
@@ -24,12 +25,14 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
-from hmcvt_core import EfficiencyMap, InputError, data_path
+from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
+from .clocks import NodeClock, SteadyClock
 from .diagnostics import NOT_WRITTEN, Activity, inputs_status, model_status
-from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint
+from .guard import Guard
+from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, Tally
 from .model_store import ModelStore
 from .outputs import Outputs
 from .services import Services
@@ -37,15 +40,15 @@ from .state_folder import StateFolder
 
 TICK = 0.1
 DIAGNOSTICS_EVERY = 10  # ticks: 1 Hz
-QUIET = 5.0  # seconds between two warnings of one kind
 
 
 class EfficiencyNode(Node):
     """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
 
-    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `bench_sample`;
-    outputs `efficiency` [-], `optimal_displacement_ratio` [-], `~/model`, `~/efficiency_map`,
-    `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/revert`, `~/clear_samples`.
+    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `operating_point`,
+    `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
+    `optimal_engine_speed` [rad/s], `advice`, `~/model`, `~/efficiency_map`, `/diagnostics`;
+    services `~/reidentify`, `~/diagnose`, `~/revert`, `~/clear_samples`.
 
     Raises:
         InputError: a parameter is wrong, the model file cannot be used, or another node has the
@@ -54,10 +57,16 @@ class EfficiencyNode(Node):
 
     def __init__(self) -> None:
         super().__init__("hmcvt")
+        self._guard = Guard(self)
         self._settings = parameters.declare(self)
         self.add_on_set_parameters_callback(
             lambda changes: parameters.check_changes(self, changes))
-        self.add_post_set_parameters_callback(self._guarded(self._take_settings))
+        self.add_post_set_parameters_callback(self._guard.callback(self._take_settings))
+        # Ages follow the clock that is chosen at the start: no stranger may exchange it.
+        simulated = bool(self.get_parameter("use_sim_time").value)
+        self.set_descriptor("use_sim_time", ParameterDescriptor(
+            description="Whether to follow /clock.", read_only=True))
+        self._clock = NodeClock(self.get_clock()) if simulated else SteadyClock()
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
         folder = Path(self._settings.state_folder
                       or home / self.get_fully_qualified_name().strip("/"))
@@ -68,9 +77,10 @@ class EfficiencyNode(Node):
         self._inputs, self._activity = Inputs(), Activity()
         if not self._state.writable:
             self._activity.bench.expect(NOT_WRITTEN, self._state.complaint)
-        self._warned: dict[str, float] = {}
         self._last_output = -math.inf
-        self._output_due = False
+        self._output_due = self._map_due = False
+        self._served = self._store.in_service
+        self._points = Tally(("invalid", "stale"))
         self._ticks = 0
         # Held on to: the callback lives as long as what is returned.
         self._jumps = self.get_clock().create_jump_callback(
@@ -79,9 +89,8 @@ class EfficiencyNode(Node):
         self._create_topics()
         self._service_handlers = Services(self, self._store, self._log, self._activity,
                                           lambda: self._settings, self._announce)
-        # Ages follow the node's clock, which a simulation may drive; the timer must run even when
-        # a simulated clock stands still.
-        self.create_timer(TICK, self._guarded(self._tick),
+        # The timer must run even when a simulated clock stands still.
+        self.create_timer(TICK, self._guard.callback(self._tick),
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._announce(self._settings)
         self._report_start()
@@ -105,12 +114,15 @@ class EfficiencyNode(Node):
         self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED, **rare)
         self._diagnostics_publisher = create(
             DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS, **rare)
-        for kind, topic, callback, profile in (
-                *((Float64, limits.name, self._input_callback(limits.name), qos.INPUT)
-                  for limits in INPUT_RANGES),
-                (JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)):
-            self.create_subscription(
-                kind, topic, callback=self._guarded(callback), **qos.overridable(profile))
+        for limits in INPUT_RANGES:
+            self.create_subscription(Float64, limits.name, self._input_callback(limits.name),
+                                     **qos.overridable(qos.INPUT))
+        # Raw: whether a message is too long is to be known before work is spent on it.
+        for topic, callback, profile in (
+                ("operating_point", self._on_operating_point, qos.INPUT),
+                ("bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)):
+            self.create_subscription(JointState, topic, self._guard.callback(callback), raw=True,
+                                     **qos.overridable(profile))
 
     def _report_start(self) -> None:
         logger = self.get_logger()
@@ -127,21 +139,14 @@ class EfficiencyNode(Node):
         logger.info(f"serving {self._store.in_service.path}, {len(self._log)} bench samples in "
                     f"{self._log.path}")
 
-    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """Keep an exception of a callback, which would end the node, to a line in the log."""
-        def guarded(*arguments: Any) -> None:
-            try:
-                callback(*arguments)
-            except Exception as error:
-                self._warn(type(error).__name__, f"{type(error).__name__}: {error}")
-        return guarded
+    def contain(self, error: Exception) -> None:
+        """Count and tell an exception that left a callback of rclpy's own."""
+        self._guard.contain("rclpy", error)
 
-    def _warn(self, about: str, text: str) -> None:
-        # The throttle of the logger is one for each line of code, not one for each input.
-        now = time.monotonic()
-        if now - self._warned.get(about, -math.inf) >= QUIET:
-            self._warned[about] = now
-            self.get_logger().warning(text)
+    @property
+    def ticks(self) -> int:
+        """How often the timer has run."""
+        return self._ticks
 
     # --- parameters ---------------------------------------------------------------------------
 
@@ -149,21 +154,28 @@ class EfficiencyNode(Node):
         before = self._settings
         self._settings = parameters.current(self)
         if self._settings.engine_speed_limits != before.engine_speed_limits:
-            self._publish_map()
+            self._map_due = True  # not at once: one request may change them many times
 
     # --- inputs -> outputs --------------------------------------------------------------------
 
-    def _input_callback(self, name: str) -> Callable[[Float64], None]:
-        def take(message: Float64) -> None:
-            item, now = self._inputs.by_name[name], self._now()
-            if not item.take(float(message.data), now):
-                self._warn(name, item.tally.complaint)
-            self._output_due = True
-            self._publish_outputs(now)
+    def _input_callback(self, name: str) -> Any:
+        item = self._inputs.by_name[name]
+
+        def take(message: Float64, info: Mapping[str, int]) -> None:
+            try:  # here, not in a wrapper: this is what runs at every message
+                now = self._clock.now()
+                if not item.take(message.data,
+                                 self._clock.received(info["received_timestamp"], now)):
+                    self._guard.warn(name, item.tally.complaint)
+                self._output_due = True
+                self._publish_outputs(now)
+            except Exception as error:
+                self._guard.contain(name, error)
+
         return take
 
     def _point(self, now: int) -> OperatingPoint | None:
-        return self._inputs.point(now, self._settings.input_timeouts)
+        return self._inputs.point(now, self._settings.age_limits)
 
     def _publish_outputs(self, now: int) -> None:
         """Answer the inputs as they stand, unless the rate limit says later."""
@@ -173,22 +185,40 @@ class EfficiencyNode(Node):
         self._output_due = False
         point = self._point(now)
         if point is not None:
-            self._outputs.answer(self._store.in_service.model, point, self._settings)
+            self._outputs.answer(self._served.model, point, self._settings)
             if self._outputs.refusal:
-                self._warn("no answer", self._outputs.refusal)
-        elif self._settings.invalid_output == parameters.NAN:
-            self._outputs.deny()
+                self._guard.warn("no answer", self._outputs.refusal)
         else:
-            return
+            self._inputs.count_silence(now, self._settings.age_limits)
+            if self._settings.invalid_output != parameters.NAN:
+                return
+            self._outputs.deny()
         if rate > 0.0:
             self._last_output = time.monotonic()
 
+    def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
+        now = self._clock.now()
+        age = (now - self._clock.received(info["received_timestamp"], now)) * NANOSECONDS
+        message, point, reason = JointState(), None, "invalid"
+        try:
+            message = messages.joint_state(raw)
+            point = messages.point_from_message(message)
+            if age > self._settings.input_timeout:
+                point, reason = None, "stale"
+                raise InputError(f"it has waited for {age:.1f} s; input_timeout")
+            self._points.accept()
+        except HmcvtError as error:
+            self._points.refuse(reason, f"operating_point: {error}")
+            self._guard.warn("operating_point", self._points.complaint)
+        self._outputs.advise(self._served.model, message, point, self._settings)
+
     # --- bench samples ------------------------------------------------------------------------
 
-    def _on_bench_sample(self, message: JointState) -> None:
+    def _on_bench_sample(self, raw: bytes) -> None:
         bench, reason = self._activity.bench, "invalid"
         try:
-            sample = messages.bench_sample_from_message(message, self._now() * NANOSECONDS)
+            sample = messages.bench_sample_from_message(
+                messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS)
             reason = "log full"
             self._log.append(sample)
             bench.accept()
@@ -197,7 +227,7 @@ class EfficiencyNode(Node):
         except OSError as error:
             bench.refuse(NOT_WRITTEN, f"bench log: {error}")
         if bench.complaint:
-            self._warn("bench_sample", bench.complaint)
+            self._guard.warn("bench_sample", bench.complaint)
 
     # --- model --------------------------------------------------------------------------------
 
@@ -206,37 +236,46 @@ class EfficiencyNode(Node):
         now = self._store.in_service
         self._model_publisher.publish(messages.model_to_message(now.model, {
             "file": str(now.path), "since": now.since, "fingerprint": now.model.fingerprint}))
+        # Only now: whoever hears an answer has been sent the model that it is of.
+        self._served = now
         # The limits of the map may have changed meanwhile.
         self._publish_map(grid if settings is self._settings else None)
-        self._publish_outputs(self._now())
+        self._publish_outputs(self._clock.now())
 
     def _publish_map(self, grid: EfficiencyMap | None = None) -> None:
-        grid = grid or self._store.in_service.model.efficiency_map(*self._settings.map_axes)
+        self._map_due = False
+        grid = grid or self._served.model.efficiency_map(*self._settings.map_axes)
         self._map_publisher.publish(messages.map_to_message(grid))
 
     # --- time ---------------------------------------------------------------------------------
 
-    def _now(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
-
     def _tick(self) -> None:
         self._service_handlers.poll()
         # NaN is said again and again, so that whoever listens only now hears it too.
-        now = self._now()
+        now = self._clock.now()
         unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
         if self._output_due or unanswered:
             self._publish_outputs(now)
+        if self._map_due:
+            self._publish_map()
         self._ticks += 1
         if self._ticks % DIAGNOSTICS_EVERY == 0:
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
-        name, now = self.get_fully_qualified_name().strip("/"), self._now()
+        name, now = self.get_fully_qualified_name().strip("/"), self._clock.now()
         array = DiagnosticArray(status=[
-            inputs_status(name, self._inputs, now, self._settings.input_timeouts,
-                          self._outputs.answered),
-            model_status(name, self._store.in_service, self._activity, len(self._log),
+            inputs_status(name, self._inputs, now, self._settings, {
+                "points answered": self._outputs.answered,
+                "points not answered, coasting": self._inputs.coasting,
+                "points not answered, inputs apart": self._inputs.apart,
+                **self._points.values("operating points"),
+                "clock jumps": self._inputs.clock_jumps + self._clock.jumps,
+                "clocks refused": self._guard.clocks_refused,
+                "requests contained": self._guard.contained}),
+            model_status(name, self._served, self._activity, len(self._log),
                          self._point(now), self._outputs.refusal),
         ])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
+        self._inputs.apart_reason = ""

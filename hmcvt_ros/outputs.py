@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two outputs: what is published for an operating point, and what where there is no answer."""
+"""The outputs: what is published for an operating point, and what where there is no answer."""
 
 from __future__ import annotations
 
@@ -7,17 +7,22 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from hmcvt_core import EfficiencyModel
 
-from . import messages, qos
+from . import qos
 from .inputs import OperatingPoint
 from .parameters import NAN, Settings
 
+ADVICE = ("efficiency", "efficiency_std", "extrapolated", "power_loss",
+          "optimal_displacement_ratio", "optimal_engine_speed", "fuel_rate")
+"""The names in `advice`; no engine is known yet, so that the last one is always NaN."""
+
 
 class Outputs:
-    """`efficiency` and `optimal_displacement_ratio`.
+    """The plain outputs and `advice`.
 
     Attributes:
         answered: count of operating points that got an efficiency.
@@ -27,10 +32,12 @@ class Outputs:
     def __init__(self, create_publisher: Callable[..., Any]) -> None:
         self.answered = 0
         self.refusal = ""
-        self._efficiency = create_publisher(Float64, "efficiency", qos.OUTPUT)
-        self._optimum = create_publisher(Float64, "optimal_displacement_ratio", qos.OUTPUT)
-        self._asked: tuple[Any, ...] | None = None
-        self._found = math.nan
+        # Each with a message of its own, which is filled anew: to make one takes longer.
+        self._efficiency, self._stroke, self._speed = (
+            (create_publisher(Float64, topic, qos.OUTPUT), Float64()) for topic in (
+                "efficiency", "optimal_displacement_ratio", "optimal_engine_speed"))
+        self._advice = create_publisher(JointState, "advice", qos.OUTPUT)
+        self._best, self._best_of_advice = _Best(), _Best()
 
     def answer(self, model: EfficiencyModel, point: OperatingPoint, settings: Settings) -> None:
         """Publish what the model says at an operating point."""
@@ -42,24 +49,58 @@ class Outputs:
             self.refusal = ""
         else:
             self.refusal = model.refusal(*point) or ""
-        ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
-        asked = (model, point.engine_speed, point.load_torque, ratio, settings.optimum_hold,
-                 settings.engine_speed_limits)
-        if asked != self._asked:  # most often it is the same as the last time
-            self._found = model.optimal_displacement_ratio(
-                point.engine_speed, point.load_torque, hold=settings.optimum_hold,
-                displacement_ratio=ratio,
-                engine_speed_limits=settings.engine_speed_limits).displacement_ratio
-            self._asked = asked
-        _publish(self._optimum, self._found, settings)
+        stroke, speed = self._best.at(model, point, settings)
+        _publish(self._stroke, stroke, settings)
+        _publish(self._speed, speed, settings)
 
     def deny(self) -> None:
         """Publish NaN: there is no operating point to answer."""
-        for publisher in (self._efficiency, self._optimum):
-            publisher.publish(messages.float64(math.nan))
+        for publisher, message in (self._efficiency, self._stroke, self._speed):
+            message.data = math.nan
+            publisher.publish(message)
+
+    def advise(self, model: EfficiencyModel, asked: JointState, point: OperatingPoint | None,
+               settings: Settings) -> None:
+        """Answer a message on `operating_point`; with NaN where it holds no point to answer."""
+        values = [math.nan] * len(ADVICE)
+        if point is not None:
+            found = model.predict(*point)
+            extrapolated = math.nan if model.domain is None else float(not found.inside_domain)
+            values[:-1] = [found.efficiency, found.standard_error, extrapolated,
+                           model.power_loss(*point),
+                           *self._best_of_advice.at(model, point, settings)]
+        answer = JointState(header=asked.header, name=list(ADVICE), position=values)
+        answer.header.frame_id = f"{model.fingerprint}:{model.stage.name}"
+        self._advice.publish(answer)
 
 
-def _publish(publisher: Any, value: float, settings: Settings) -> None:
+class _Best:
+    """The optimum, remembered: most often the question is the same as the last time."""
+
+    def __init__(self) -> None:
+        self._asked: tuple[Any, ...] | None = None
+        self._found = math.nan, math.nan
+
+    def at(
+        self, model: EfficiencyModel, point: OperatingPoint, settings: Settings
+    ) -> tuple[float, float]:
+        """Return the best displacement ratio [-] and its engine speed [rad/s]."""
+        ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
+        asked = (model, point.engine_speed, point.load_torque, ratio, settings.optimum_hold,
+                 settings.engine_speed_limits)
+        if asked != self._asked:
+            best = model.optimal_displacement_ratio(
+                point.engine_speed, point.load_torque, hold=settings.optimum_hold,
+                displacement_ratio=ratio, engine_speed_limits=settings.engine_speed_limits)
+            # An engine speed belongs to a displacement ratio, and there is none without it.
+            speed = best.engine_speed if math.isfinite(best.displacement_ratio) else math.nan
+            self._asked, self._found = asked, (best.displacement_ratio, speed)
+        return self._found
+
+
+def _publish(output: tuple[Any, Float64], value: float, settings: Settings) -> None:
     # Silence unless NaN is asked for: a controller takes a number for what it is.
     if math.isfinite(value) or settings.invalid_output == NAN:
-        publisher.publish(messages.float64(value))
+        publisher, message = output
+        message.data = value
+        publisher.publish(message)

@@ -32,7 +32,7 @@ from hmcvt_core.transmission.ranges import (
     Range,
 )
 
-from .inputs import INPUT_RANGES
+from .inputs import INPUT_RANGES, NANOSECONDS, AgeLimits
 
 MAP_POINTS_LIMIT = 100_000
 """Most points of the efficiency map (0.8 MB as a message)."""
@@ -230,6 +230,15 @@ class Settings:
         """Age limit of each input by name [s]."""
         return {limits.name: getattr(self, f"input_timeouts_{limits.name}") or self.input_timeout
                 for limits in INPUT_RANGES}
+
+    @cached_property
+    def age_limits(self) -> AgeLimits:
+        """How old the inputs may be, as they are compared at every arrival."""
+        first, second, third = (round(limit / NANOSECONDS)
+                                for limit in self.input_timeouts.values())
+        # Without a limit of its own, the skew is held by the longest age.
+        return AgeLimits((first, second, third),
+                         round((self.max_input_skew or LONGEST_TIMEOUT) / NANOSECONDS))
 
     @cached_property
     def map_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -162,6 +162,16 @@ class EfficiencyModel:
         found = self.answer_at(points).efficiency, self._standard_error(points), inside
         return Prediction(*(_like(values, scalar) for values in found))
 
+    def power_loss(
+        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+    ) -> Any:
+        """Engine power that does not arrive at the output [W], by the efficiency a bench reads."""
+        efficiency = self.efficiency(
+            displacement_ratio, engine_speed, load_torque, oil_temperature)
+        lost = np.multiply(engine_speed, load_torque) * (1.0 / efficiency - 1.0)
+        return lost if np.ndim(lost) else float(lost)
+
     def refusal(
         self, displacement_ratio: float, engine_speed: float, load_torque: float,
         oil_temperature: float | None = None,
