@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,15 +124,22 @@ def refit(
             f"refit needs at least {len(PARAMETER_NAMES)} points")
     fit, belongs = campaign.majority(seed)
     used = campaign.select(belongs)
-    model, kept = used.followed(fit)
+    evidence = used.evidence(fit)
+    covariance = evidence.covariance(campaign.prior)
+    spread = np.sqrt(np.diag(covariance))
+    model = replace(
+        used.follow(evidence),
+        standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
+        correlation=covariance / np.outer(spread, spread))
     parts: list[EfficiencyModel] = []
 
     def fitted(part: BenchSamples) -> EfficiencyModel:
-        parts.append(_Campaign(Problem(served, part), campaign.prior).followed(fit)[0])
+        parts.append(_Campaign(Problem(served, part), campaign.prior).follow(evidence))
         return parts[-1]
 
     held_back = cross_validate(used.problem.samples, model, served, fitted, seed)
-    grid = _grid(model.domain)
+    domain = _joined(Domain.of(used.problem.samples), served.domain)
+    grid = _grid(domain)
     after, before, first = (_answers(each, grid) for each in (model, served, base))
     refused = next(_objections(
         samples, belongs, held_back, after - before,
@@ -160,9 +167,10 @@ def refit(
         "fit_error": float(f"{errors[1]:.6g}"),
     }
     return Refit(
-        replace(model, provenance=provenance), tuple((np.flatnonzero(~belongs) + 1).tolist()),
-        kept, refused, float(np.abs(after - before).max()), float(np.abs(after - first).max()),
-        tuple(warnings), held_back, *errors)
+        replace(model, domain=domain, provenance=provenance),
+        tuple((np.flatnonzero(~belongs) + 1).tolist()), evidence.kept(campaign.prior), refused,
+        float(np.abs(after - before).max()), float(np.abs(after - first).max()), tuple(warnings),
+        held_back, *errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,8 +271,10 @@ class _Campaign:
         found = least_squares(
             lambda steps: np.concatenate([
                 roots[0] * self.residuals(directions @ steps), roots[1] * steps]),
-            start, method="lm", xtol=1e-10, ftol=1e-10)
-        return directions @ found.x
+            start, lambda steps: np.vstack([
+                roots[0][:, None] * self.slopes(directions @ steps) @ directions,
+                np.diag(roots[1])]), method="lm") if len(start) else None
+        return directions @ (start if found is None else found.x)
 
     def better_half(self, residuals: Array) -> NDArray[np.bool_]:
         """Which samples (..., n) hold the least residuals and, just, the most of the votes."""
@@ -327,8 +337,8 @@ class _Campaign:
         """Weighted least squares with the prior."""
         return self.nearest(start, weights, np.eye(len(start)), np.ones(len(start)))
 
-    def followed(self, start: Array) -> tuple[EfficiencyModel, tuple[str, ...]]:
-        """Follow what the samples say for certain: the model, and what was kept."""
+    def evidence(self, start: Array) -> _Evidence:
+        """Tell which changes the samples prove, and how far to follow each."""
         from scipy.stats import t as student
 
         scatter = float(self.scatter(self.residuals(start), self.votes))
@@ -338,16 +348,22 @@ class _Campaign:
         root = np.sqrt(self.votes) / scatter
         slopes = self.slopes(change) * root[:, None]
         information, directions = np.linalg.eigh(slopes.T @ slopes)
-        slopes, steps = slopes @ directions, change @ directions
-        least = self._least_significance(slopes, residuals * root, information, steps)
+        steps = change @ directions
+        least = self._least_significance(slopes @ directions, residuals * root, information, steps)
         free = max(self.votes.sum() - len(steps), 0.0) + 1.0
         with np.errstate(divide="ignore"):
             part = np.maximum(0.0, 1.0 - (student.isf(_SIGNIFICANT, free) / least) ** 2)
-        chosen = part > 0.0
-        precision = (information * (1.0 - part))[chosen] / part[chosen]
-        change = self.nearest((part * steps)[chosen], self.votes / scatter**2,
-                              directions[:, chosen], precision)
-        return self._model(change, part, information, directions), self._kept(part, directions)
+        return _Evidence(scatter, directions, information, steps, part)
+
+    def follow(self, evidence: _Evidence) -> EfficiencyModel:
+        """Fit along the directions that are followed; the rest stays."""
+        chosen = evidence.part > 0.0
+        part, information = evidence.part[chosen], evidence.information[chosen]
+        change = self.nearest(part * evidence.steps[chosen], self.votes / evidence.scatter**2,
+                              evidence.directions[:, chosen], information * (1.0 - part) / part)
+        values = self.prior.parameters(change).tolist() if chosen.any() else (
+            self.problem.model.parameters.to_array().tolist())
+        return replace(self.problem.model, parameters=HydraulicParameters(*values))
 
     def _least_significance(
         self, slopes: Array, residuals: Array, information: Array, steps: Array
@@ -362,35 +378,46 @@ class _Campaign:
         ratio = left * np.sign(steps) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         return np.maximum(ratio.min(axis=0), 0.0)
 
-    def _model(
-        self, change: Array, part: Array, information: Array, directions: Array
-    ) -> EfficiencyModel:
-        served, prior, samples = self.problem.model, self.prior, self.problem.samples
-        domain = Domain.of(samples)
-        if served.domain is not None:
-            domain = Domain(*((min(low, other[0]), max(high, other[1])) for (low, high), other in
-                              zip(domain.to_mapping().values(),
-                                  served.domain.to_mapping().values(), strict=True)))
-        # Errors of the samples and of the model in service, each by the part it has in the refit.
-        to_known = np.linalg.solve(prior.root, np.eye(len(change)))
-        known = directions.T @ to_known @ prior.covariance @ to_known.T @ directions
-        found = (np.outer(1.0 - part, 1.0 - part) * known
-                 + np.diag(part**2 / np.maximum(information, 1.0)))
-        turn = prior.unit[:, None] * prior.root @ directions
-        covariance = turn @ found @ turn.T
-        spread = np.sqrt(np.diag(covariance))
-        return replace(
-            served, parameters=HydraulicParameters(*prior.parameters(change).tolist()),
-            standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
-            correlation=covariance / np.outer(spread, spread), domain=domain)
 
-    def _kept(self, part: Array, directions: Array) -> tuple[str, ...]:
-        share = (self.prior.root @ directions) ** 2
-        followed = share @ part / share.sum(axis=1)
+class _Evidence(NamedTuple):
+    """What samples say about changes that are independent of each other.
+
+    Attributes:
+        scatter: standard deviation of the residuals.
+        directions: one in each column, in terms of `_Prior.root`, shape (3, 3).
+        information: of the samples about a step in each, where the prior has 1, shape (3,).
+        steps: best in each.
+        part: how much of it is followed, 0 to 1.
+    """
+
+    scatter: float
+    directions: Array
+    information: Array
+    steps: Array
+    part: Array
+
+    def covariance(self, prior: _Prior) -> Array:
+        """Errors of samples and model in service, by the part that each has in the refit."""
+        back = self.directions.T @ np.linalg.inv(prior.root)
+        found = (np.outer(1.0 - self.part, 1.0 - self.part) * (back @ prior.covariance @ back.T)
+                 + np.diag(self.part**2 / (1.0 + self.information)))
+        turn = prior.unit[:, None] * prior.root @ self.directions
+        return np.asarray(turn @ found @ turn.T)
+
+    def kept(self, prior: _Prior) -> tuple[str, ...]:
+        """Name the parameters that stay, for the most part, as they are."""
+        share = (prior.root @ self.directions) ** 2
+        followed = share @ self.part / share.sum(axis=1)
         return tuple(
-            f"{name} is kept from the model in service: the samples say for certain "
-            f"{100.0 * of:.0f} % of how it may have changed"
+            f"{name} is kept from the model in service: of how it may have changed, the samples "
+            f"prove {100.0 * of:.0f} %"
             for name, of in zip(PARAMETER_NAMES, followed, strict=True) if of < _OPEN)
+
+
+def _joined(domain: Domain, other: Domain | None) -> Domain:
+    """Return the smallest box that holds two."""
+    pairs = [getattr(domain, axis) + getattr(other or domain, axis) for axis in AXES]
+    return Domain(*((min(ends), max(ends)) for ends in pairs))
 
 
 def _grid(domain: Domain) -> OperatingPoints:
