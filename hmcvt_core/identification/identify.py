@@ -222,7 +222,7 @@ def identify(
         roots = hydraulic_roots(model.stage, samples)
         start = _filled(starting_points(problem, roots), schedule.chains, seed)
     annealed = annealing.minimise(
-        Problem(model, _thinned(samples)).objective, SEARCH_BOUNDS, schedule=schedule, start=start,
+        Problem(model, thinned(samples)).objective, SEARCH_BOUNDS, schedule=schedule, start=start,
         seed=seed, progress=progress)
     scaled, value = problem.finish(annealed.ends[:_FINISHED])
     if not np.isfinite(value):
@@ -266,7 +266,7 @@ def identify(
         annealed.stop_reason, seed, tuple(warnings), tuple(roots))
 
 
-def _thinned(samples: BenchSamples) -> BenchSamples:
+def thinned(samples: BenchSamples) -> BenchSamples:
     """As many samples as the annealing looks at, spread over the displacement ratio."""
     if len(samples) <= _MOST_ANNEALED:
         return samples

@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What samples say about a change of the model in service, and which of them do not belong.
+
+Parameters are counted in widths of their wear, and changes in directions that were independent of
+each other before the samples came: `Prior.root`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model.domain import AXES
+from ..model.model import EfficiencyModel
+from ..transmission.parameters import (
+    PARAMETER_NAMES,
+    PRIOR_MEAN,
+    PRIOR_SPREAD,
+    SEARCH_BOUNDS,
+    HydraulicParameters,
+    from_scaled,
+)
+from . import annealing
+from .cross_validation import QUICK
+from .identify import thinned
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+_SAME_POINT = 0.01  # of the range of displacement ratio, speed or torque: no point of its own
+_CONSISTENT = 1.4826  # median of absolute residuals to standard deviation, normal distribution
+_HONEST_LOST = 0.01  # campaigns in which an honest sample may be set aside, at most
+_STARTS, _CONCENTRATIONS, _REWEIGHTINGS = 4, 3, 10
+_SIGNIFICANT = 0.00135  # of either tail: three standard deviations where the noise is well known
+_FAR = 1e3  # residual where there is no answer
+_STEP = 1e-5
+_OPEN = 0.5  # part of a parameter's change below which it is called kept
+_LEAST_ERROR = 1e-6  # of a parameter in service, in widths of its wear
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known before the samples, with parameters in widths of their wear.
+
+    Attributes:
+        unit: parameters of one such width, shape (3,).
+        centre: the model in service.
+        covariance: of the model in service, shape (3, 3).
+    """
+
+    unit: Array
+    centre: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, model: EfficiencyModel) -> Prior:
+        """Take the covariance of a model; the wear itself stands for one that is unknown."""
+        values, unit = model.parameters.to_array(), PRIOR_SPREAD.copy()
+        unit[0] *= np.log(10.0) * max(values[0], 10.0 ** PRIOR_MEAN[0])
+        covariance = np.eye(len(unit))
+        if model.standard_errors and model.correlation is not None:
+            spread = np.array([model.standard_errors[name] for name in PARAMETER_NAMES]) / unit
+            spread = np.maximum(spread, _LEAST_ERROR)
+            covariance = np.outer(spread, spread) * model.correlation
+        return cls(unit, values / unit, covariance)
+
+    @cached_property
+    def root(self) -> Array:
+        """Of the covariance and the wear together: columns are changes to be expected, (3, 3)."""
+        return np.asarray(np.linalg.cholesky(self.covariance + np.eye(len(self.unit))))
+
+    def parameters(self, change: Array) -> Array:
+        """Parameters in SI units, within the bounds, for changes (..., 3) in terms of `root`."""
+        low, high = from_scaled(SEARCH_BOUNDS.T)
+        here = self.centre * self.unit
+        found = here + change @ self.root.T * self.unit
+        return np.clip(found, np.minimum(low, here), np.maximum(high, here))
+
+    def change(self, parameters: Array) -> Array:
+        """Inverse of `parameters`."""
+        return np.asarray((parameters / self.unit - self.centre) @ np.linalg.inv(self.root).T)
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Samples, seen from the model in service."""
+
+    problem: Problem
+    prior: Prior
+
+    @cached_property
+    def places(self) -> NDArray[np.intp]:
+        """Number of the working point of each sample, shape (n,)."""
+        samples = self.problem.samples
+        columns = np.array([getattr(samples, axis) for axis in AXES])
+        size = np.array([1.0, *columns[1:].max(axis=1)])
+        cells = np.round(columns.T / (_SAME_POINT * size))
+        return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def votes(self) -> Array:
+        """Weight of each sample: those at one working point have one vote together, shape (n,)."""
+        return 1.0 / np.bincount(self.places)[self.places]
+
+    def select(self, index: NDArray[Any]) -> Campaign:
+        """Return the campaign of some of the samples."""
+        return Campaign(Problem(self.problem.model, self.problem.samples.select(index)),
+                         self.prior)
+
+    def predicted(self, change: Array) -> Array:
+        """Efficiency for changes (..., 3), shape (..., n)."""
+        return self.problem.model.efficiency_of_candidates(
+            self.prior.parameters(change), self.problem.points)
+
+    def residuals(self, change: Array) -> Array:
+        """(Predicted - measured) / deviation, shape (..., n)."""
+        found = (self.predicted(change) - self.problem.samples.efficiency) / self.problem.deviation
+        return np.nan_to_num(found, nan=_FAR)
+
+    def slopes(self, change: Array) -> Array:
+        """Derivatives of the residuals, shape (n, 3)."""
+        step = _STEP * np.eye(len(change))
+        low, high = np.split(self.residuals(np.vstack([change - step, change + step])), 2)
+        return (high - low).T / (2.0 * _STEP)
+
+    def scatter(self, residuals: Array, weights: Array) -> Array:
+        """Standard deviation of residuals (..., n); the one stated counts like one of them."""
+        free = np.maximum(weights.sum(axis=-1) - len(PARAMETER_NAMES), 0.0)
+        return np.sqrt((1.0 + (weights * residuals**2).sum(axis=-1)) / (1.0 + free))
+
+    def nearest(
+        self, start: Array, weights: Array, directions: Array, precision: Array
+    ) -> Array:
+        """Weighted least squares along directions (3, k), each with a prior `precision` (k,)."""
+        from scipy.optimize import least_squares
+
+        roots = np.sqrt(weights), np.sqrt(precision)
+        found = least_squares(
+            lambda steps: np.concatenate([
+                roots[0] * self.residuals(directions @ steps), roots[1] * steps]),
+            start, lambda steps: np.vstack([
+                roots[0][:, None] * self.slopes(directions @ steps) @ directions,
+                np.diag(roots[1])]), method="lm")
+        return np.asarray(directions @ found.x)
+
+    def better_half(self, residuals: Array) -> NDArray[np.bool_]:
+        """Which samples (..., n) hold the least residuals and, just, the most of the votes."""
+        order = np.argsort(np.abs(residuals), axis=-1)
+        most = 0.5 * (self.votes.sum() + len(PARAMETER_NAMES) + 1.0)
+        before = np.cumsum(self.votes[order], axis=-1) - self.votes[order]
+        half = np.empty(order.shape, dtype=bool)
+        np.put_along_axis(half, order, before < most - 1e-9, axis=-1)
+        return half
+
+    def majority(self, seed: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Reweighted least trimmed squares: the change, and which samples belong together."""
+        from scipy.stats import norm
+
+        change = self._trimmed(seed)
+        residuals = self.residuals(change)
+        free = max(self.votes.sum() - len(change), 1.0)
+        # The correction for few samples is that of Rousseeuw & Leroy.
+        scatter = _CONSISTENT * (1.0 + 5.0 / free) * float(
+            np.abs(residuals[self.better_half(residuals)]).max())
+        cutoff = float(norm.isf(0.5 * _HONEST_LOST / len(residuals)))
+        belongs = np.abs(residuals) <= cutoff * scatter
+        for _ in range(_REWEIGHTINGS):
+            weights = self.votes * belongs
+            change = self.least_squares(change, weights / scatter**2)
+            residuals, slopes = self.residuals(change), self.slopes(change) / scatter
+            scatter = float(self.scatter(residuals, weights))
+            precision = np.eye(len(change)) + (slopes.T * weights) @ slopes
+            leverage = np.einsum("ni,ij,nj->n", slopes, np.linalg.inv(precision), slopes)
+            # What the fit has not seen it misses by more than what it has seen.
+            spread = scatter * np.sqrt(np.where(belongs, 1.0, 1.0 + leverage))
+            before, belongs = belongs, np.abs(residuals) <= cutoff * spread
+            if (belongs == before).all():
+                break
+        return change, belongs
+
+    def _trimmed(self, seed: int) -> Array:
+        few = Campaign(Problem(self.problem.model, thinned(self.problem.samples)), self.prior)
+
+        def loss(changes: Array) -> Array:
+            residuals = few.residuals(changes)
+            half = few.votes * few.better_half(residuals)
+            return np.asarray((half * residuals**2).sum(axis=-1) / half.sum(axis=-1))
+
+        annealed = annealing.minimise(
+            lambda scaled: loss(self.prior.change(from_scaled(scaled))), SEARCH_BOUNDS,
+            schedule=QUICK, seed=seed)
+        starts = self.prior.change(from_scaled(annealed.ends[:_STARTS]))
+        ends = [few.concentrated(start) for start in [*starts, np.zeros(len(PARAMETER_NAMES))]]
+        return ends[int(np.argmin([loss(end) for end in ends]))]
+
+    def concentrated(self, change: Array) -> Array:
+        """Fit the better half, and again that of the fit."""
+        for _ in range(_CONCENTRATIONS):
+            half = self.votes * self.better_half(residuals := self.residuals(change))
+            change = self.least_squares(change, half / self.scatter(residuals, half)**2)
+        return change
+
+    def least_squares(self, start: Array, weights: Array) -> Array:
+        """Weighted least squares with the prior."""
+        return self.nearest(start, weights, np.eye(len(start)), np.ones(len(start)))
+
+    def evidence(self, start: Array) -> Evidence:
+        """Tell which changes the samples prove, and how far to follow each."""
+        from scipy.stats import t as student
+
+        scatter = float(self.scatter(self.residuals(start), self.votes))
+        change = self.least_squares(start, self.votes / scatter**2)
+        residuals = self.residuals(change)
+        scatter = float(self.scatter(residuals, self.votes))
+        root = np.sqrt(self.votes) / scatter
+        slopes = self.slopes(change) * root[:, None]
+        information, directions = np.linalg.eigh(slopes.T @ slopes)
+        steps = change @ directions
+        least = self._least_significance(slopes @ directions, residuals * root, information, steps)
+        free = max(self.votes.sum() - len(steps), 0.0) + 1.0
+        with np.errstate(divide="ignore"):
+            part = np.maximum(0.0, 1.0 - (student.isf(_SIGNIFICANT, free) / least) ** 2)
+        return Evidence(scatter, directions, information, steps, part)
+
+    def follow(self, evidence: Evidence) -> EfficiencyModel:
+        """Fit along the directions that are followed; the rest stays."""
+        chosen = evidence.part > 0.0
+        part, information = evidence.part[chosen], evidence.information[chosen]
+        if not chosen.any():
+            return self.problem.model
+        change = self.nearest(part * evidence.steps[chosen], self.votes / evidence.scatter**2,
+                              evidence.directions[:, chosen], information * (1.0 - part) / part)
+        values = self.prior.parameters(change).tolist()
+        return replace(self.problem.model, parameters=HydraulicParameters(*values))
+
+    def _least_significance(
+        self, slopes: Array, residuals: Array, information: Array, steps: Array
+    ) -> Array:
+        """Steps by their standard errors when the worst working point for them is left out."""
+        size, count = self.places.max() + 1, len(steps)
+        lost, said = np.zeros((size, count, count)), np.zeros((size, count))
+        np.add.at(lost, self.places, slopes[:, :, None] * slopes[:, None, :])
+        np.add.at(said, self.places, slopes * (slopes @ steps - residuals)[:, None])
+        covariance = np.linalg.inv(np.diag(information + 1.0) - lost)
+        left = np.einsum("gij,gj->gi", covariance, (information + 1.0) * steps - said)
+        ratio = left * np.sign(steps) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        return np.maximum(ratio.min(axis=0), 0.0)
+
+
+class Evidence(NamedTuple):
+    """What samples say about changes that are independent of each other.
+
+    Attributes:
+        scatter: standard deviation of the residuals.
+        directions: one in each column, in terms of `Prior.root`, shape (3, 3).
+        information: of the samples about a step in each, where the prior has 1, shape (3,).
+        steps: best in each.
+        part: how much of it is followed, 0 to 1.
+    """
+
+    scatter: float
+    directions: Array
+    information: Array
+    steps: Array
+    part: Array
+
+    def with_errors(self, model: EfficiencyModel, prior: Prior) -> EfficiencyModel:
+        """Return a model with the errors of samples and prior, by the part that each has in it."""
+        back = self.directions.T @ np.linalg.inv(prior.root)
+        found = (np.outer(1.0 - self.part, 1.0 - self.part) * (back @ prior.covariance @ back.T)
+                 + np.diag(self.part**2 / (1.0 + self.information)))
+        turn = prior.unit[:, None] * prior.root @ self.directions
+        covariance = turn @ found @ turn.T
+        spread = np.sqrt(np.diag(covariance))
+        return replace(model, standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(),
+                                                       strict=True)),
+                       correlation=covariance / np.outer(spread, spread))
+
+    def kept(self, prior: Prior) -> tuple[str, ...]:
+        """Name the parameters that stay, for the most part, as they are."""
+        share = (prior.root @ self.directions) ** 2
+        followed = share @ self.part / share.sum(axis=1)
+        return tuple(
+            f"{name} is kept from the model in service: of how it may have changed, the samples "
+            f"prove {100.0 * of:.0f} %"
+            for name, of in zip(PARAMETER_NAMES, followed, strict=True) if of < _OPEN)

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A refit of the model in service that can do no harm: what the samples do not say, it keeps.
+
+1. Which samples belong together: least trimmed squares find the parameters that the better half of
+   the samples agrees on; the scatter about them tells which others do not belong, and those are set
+   aside [Rousseeuw & Leroy 1987, Robust Regression and Outlier Detection, ch. 5]. Samples at one
+   working point have one vote together.
+2. What they say: the information of the others, measured in the width of what was known before (the
+   covariance of the model in service, and the wear that hydraulics may have: `PRIOR_SPREAD`), falls
+   into three independent directions. In each the change has a significance t, the least that is
+   left when any one sample is taken away.
+3. What is followed: the prior is the model in service; its variance in each direction is the
+   smallest under which the change lies within `_SIGNIFICANT` standard deviations (covariance
+   inflation of an adaptive Kalman filter [Jazwinski 1969, Automatica 5]). That follows 1 - c2/t2 of
+   a change: wear is followed though the prior be tight, noise is not though it be wide.
+4. Whether that may serve: `Refit.refused` says what speaks against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import IdentificationError
+from ..files.bench import BenchSamples
+from ..model.agreement import RelativeError, output_speed_remark, predicted_at
+from ..model.domain import AXES, Domain
+from ..model.model import EfficiencyModel
+from ..transmission.parameters import PARAMETER_NAMES, to_scaled
+from ..transmission.ranges import OperatingPoints
+from ..version import __version__
+from .cross_validation import FEWEST, CrossValidation, cross_validate
+from .evidence import Campaign, Prior
+from .problem import Problem, findings
+
+Array = NDArray[np.float64]
+MAX_DRIFT = 0.20
+"""Leakage doubled moves the corner of the domain where pressure is highest by 10 to 20 points."""
+
+_MOST_SET_ASIDE = 1.0 / 3.0  # of the samples; with more no majority is to be trusted
+_NOTICED = 0.01  # change of an efficiency that has to be supported by the samples
+_CERTAIN = 2.0  # standard errors
+_GRID = (11, 5, 5)
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A model fitted to samples with the one in service as prior, and whether it may serve.
+
+    Attributes:
+        model: the refit; what the samples do not determine is that of the model in service.
+        set_aside: samples that disagree with the rest, from 1 in their order.
+        kept: sentences on what was kept from the model in service.
+        refused: one line, what speaks against adopting it; empty when nothing does.
+        largest_change: of an efficiency within the domain, against the model in service [-].
+        drift: the same against the base model [-].
+        warnings: sentences on the samples set aside and on what is left open.
+        held_back: the comparison on samples held back, None with fewer than four to compare.
+        error_before, error_after: mean |predicted - measured| / measured of the model in service
+            and of the refit, over all samples [-].
+    """
+
+    model: EfficiencyModel
+    set_aside: tuple[int, ...]
+    kept: tuple[str, ...]
+    refused: str
+    largest_change: float
+    drift: float
+    warnings: tuple[str, ...]
+    held_back: CrossValidation | None
+    error_before: float
+    error_after: float
+
+
+def refit(
+    samples: BenchSamples,
+    served: EfficiencyModel,
+    base: EfficiencyModel,
+    *,
+    seed: int = 0,
+    max_drift: float = MAX_DRIFT,
+) -> Refit:
+    """Fit the model in service to samples.
+
+    Args:
+        samples: of the bench; samples at one working point count as one.
+        served: the model in service: stage, formulation, effects and prior.
+        base: model against which drift is measured, the one that the first refit began with.
+        seed: of the random numbers.
+        max_drift: largest change of an efficiency against `base` within the domain [-].
+
+    Raises:
+        IdentificationError: fewer working points than parameters, or no answer at the samples.
+    """
+    campaign = Campaign(Problem(served, samples), Prior.of(served))
+    points = len(set(campaign.places.tolist()))
+    if points < len(PARAMETER_NAMES):
+        raise IdentificationError(
+            f"{samples.source}: {len(samples)} samples at {points} distinct working "
+            f"point{'s' * (points > 1)} cannot determine {len(PARAMETER_NAMES)} parameters; a "
+            f"refit needs at least {len(PARAMETER_NAMES)} points")
+    fit, belongs = campaign.majority(seed)
+    used = campaign.select(belongs)
+    if not np.isfinite(used.predicted(fit)).all():
+        raise IdentificationError(
+            f"{samples.source}: no parameters within the bounds give an efficiency at most of the "
+            "samples: check stage, units and load torque")
+    evidence = used.evidence(fit)
+    model = evidence.with_errors(used.follow(evidence), campaign.prior)
+    parts: list[EfficiencyModel] = []
+
+    def fitted(part: BenchSamples) -> EfficiencyModel:
+        parts.append(Campaign(Problem(served, part), campaign.prior).follow(evidence))
+        return parts[-1]
+
+    held_back = cross_validate(used.problem.samples, model, served, fitted, seed)
+    domain = _joined(Domain.of(used.problem.samples), served.domain)
+    grid = _grid(domain)
+    after, before, first = (_answers(each, grid) for each in (model, served, base))
+    refused = next(_objections(
+        samples, belongs, held_back, after - before,
+        np.array([_answers(part, grid) for part in parts]), grid, after - first, max_drift), "")
+    measured = samples.efficiency
+    remark = output_speed_remark(served.stage, samples)
+    warnings = [
+        *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
+          f"{campaign.predicted(fit)[i]:.4g}" for i in np.flatnonzero(~belongs)),
+        *findings(used.problem.samples, to_scaled(model.parameters.to_array()),
+                  model.standard_errors, np.asarray(model.correlation)),
+        *([] if remark is None else [remark]),
+        *([] if held_back is not None else [
+            f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
+    errors = [RelativeError.of(predicted_at(each, samples), measured).mean
+              for each in (served, model)]
+    provenance = {
+        "source": f"hmcvt refit, version {__version__}",
+        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "data": Path(samples.source).name,
+        "data_sha256": samples.sha256,
+        "samples": len(samples),
+        "set_aside": int(np.sum(~belongs)),
+        "seed": seed,
+        "fit_error": float(f"{errors[1]:.6g}"),
+    }
+    return Refit(
+        replace(model, domain=domain, provenance=provenance),
+        tuple((np.flatnonzero(~belongs) + 1).tolist()), evidence.kept(campaign.prior), refused,
+        float(np.abs(after - before).max()), float(np.abs(after - first).max()), tuple(warnings),
+        held_back, *errors)
+
+
+def _joined(domain: Domain, other: Domain | None) -> Domain:
+    """Return the smallest box that holds two."""
+    pairs = [getattr(domain, axis) + getattr(other or domain, axis) for axis in AXES]
+    return Domain(*((min(ends), max(ends)) for ends in pairs))
+
+
+def _grid(domain: Domain) -> OperatingPoints:
+    axes = [np.linspace(low, high, number)
+            for (low, high), number in zip(domain.to_mapping().values(), _GRID, strict=True)]
+    return OperatingPoints(*(axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")))
+
+
+def _answers(model: EfficiencyModel, grid: OperatingPoints) -> Array:
+    # No answer means that the load cannot be carried: nothing comes out.
+    return np.nan_to_num(model.answer_at(grid).efficiency, nan=0.0)
+
+
+def _objections(
+    samples: BenchSamples, belongs: NDArray[np.bool_], held_back: CrossValidation | None,
+    change: Array, parts: Array, grid: OperatingPoints, drift: Array, max_drift: float,
+) -> Iterator[str]:
+    """Say what speaks against a refit.
+
+    Args:
+        samples: all of them.
+        belongs: which were not set aside, shape (n,).
+        held_back: the comparison on samples held back.
+        change: of the efficiency against the model in service, at the points of `grid`.
+        parts: the same of refits without a fold, (folds, points).
+        drift: the same against the base model.
+        max_drift: limit of it.
+    """
+    lost = int(np.sum(~belongs))
+    if lost > _MOST_SET_ASIDE * len(samples):
+        yield (f"{lost} of {len(samples)} samples disagree with the others, more than a third: "
+               "none can be trusted")
+    if held_back is not None and held_back.worse:
+        yield ("the refit is worse on samples held back: mean error "
+               f"{100 * held_back.error_refit:.2f} %, model in service "
+               f"{100 * held_back.error_in_service:.2f} %")
+    if len(parts):
+        # Jackknife of groups.
+        doubt = _CERTAIN * np.sqrt((len(parts) - 1) * parts.var(axis=0))
+        excess = np.where(np.abs(change) > _NOTICED, doubt - np.abs(change), -np.inf)
+        worst = int(excess.argmax())
+        if excess[worst] > 0.0:
+            yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points "
+                   f"{_where(grid, worst)}, where the samples held back allow a doubt of "
+                   f"{100 * doubt[worst]:.1f} points")
+    worst = int(np.abs(drift).argmax())
+    if abs(drift[worst]) > max_drift:
+        yield (f"the refit would differ from the base model by {100 * drift[worst]:+.1f} points "
+               f"{_where(grid, worst)}, more than the {100 * max_drift:.3g} points allowed")
+
+
+def _where(grid: OperatingPoints, index: int) -> str:
+    return (f"at displacement ratio {grid.displacement_ratio[index]:.2f}, "
+            f"{grid.engine_speed[index]:.1f} rad/s, {grid.load_torque[index]:.0f} N m")
