@@ -8,10 +8,11 @@ a millisecond, and the rest runs in a process of its own.
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,11 @@ from hmcvt_core import EfficiencyMap, InputError, data_path
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
-from .diagnostics import NOT_WRITTEN, Activity, inputs_status, model_status
+from .diagnostics import Activity, inputs_status, model_status
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint
 from .model_store import ModelStore
 from .outputs import Outputs
+from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
 from .state_folder import StateFolder
 
@@ -64,8 +66,10 @@ class EfficiencyNode(Node):
         self._state = StateFolder(folder)
         self._store = ModelStore(
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
-        self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
         self._inputs, self._activity = Inputs(), Activity()
+        self._log = Recorder(
+            BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
+            self._activity.bench)
         if not self._state.writable:
             self._activity.bench.expect(NOT_WRITTEN, self._state.complaint)
         self._warned: dict[str, float] = {}
@@ -89,6 +93,7 @@ class EfficiencyNode(Node):
     def close(self) -> None:
         """End what runs beside the node."""
         self._service_handlers.close()
+        self._log.close()
         self._state.close()
 
     # --- set-up -------------------------------------------------------------------------------
@@ -119,7 +124,7 @@ class EfficiencyNode(Node):
             if not self.has_parameter(name):
                 logger.warning(f"parameter {name} is unknown and has no effect")
         for complaint in filter(None, (self._state.complaint, self._store.complaint,
-                                       self._log.recovered)):
+                                       self._log.complaint)):
             logger.warning(complaint)
         if not self._settings.model_file and self._store.in_service.path == self._store.base:
             logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
@@ -129,6 +134,7 @@ class EfficiencyNode(Node):
 
     def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Keep an exception of a callback, which would end the node, to a line in the log."""
+        @functools.wraps(callback)  # rclpy looks how many arguments it takes
         def guarded(*arguments: Any) -> None:
             try:
                 callback(*arguments)
@@ -185,19 +191,14 @@ class EfficiencyNode(Node):
 
     # --- bench samples ------------------------------------------------------------------------
 
-    def _on_bench_sample(self, message: JointState) -> None:
-        bench, reason = self._activity.bench, "invalid"
+    def _on_bench_sample(self, message: JointState, info: Mapping[str, int]) -> None:
+        number = info["publication_sequence_number"]
         try:
             sample = messages.bench_sample_from_message(message, self._now() * NANOSECONDS)
-            reason = "log full"
-            self._log.append(sample)
-            bench.accept()
         except InputError as error:
-            bench.refuse(reason, str(error))
-        except OSError as error:
-            bench.refuse(NOT_WRITTEN, f"bench log: {error}")
-        if bench.complaint:
-            self._warn("bench_sample", bench.complaint)
+            self._log.refuse(INVALID, str(error), number)
+        else:
+            self._log.submit(sample, number)
 
     # --- model --------------------------------------------------------------------------------
 
@@ -221,6 +222,8 @@ class EfficiencyNode(Node):
 
     def _tick(self) -> None:
         self._service_handlers.poll()
+        if complaint := self._log.poll():
+            self._warn("bench_sample", complaint)
         # NaN is said again and again, so that whoever listens only now hears it too.
         now = self._now()
         unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
@@ -235,8 +238,8 @@ class EfficiencyNode(Node):
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings.input_timeouts,
                           self._outputs.answered),
-            model_status(name, self._store.in_service, self._activity, len(self._log),
-                         self._point(now), self._outputs.refusal),
+            model_status(name, self._store, self._activity, self._log, self._point(now),
+                         self._outputs.refusal),
         ])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
