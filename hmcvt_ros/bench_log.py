@@ -1,23 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log of bench samples: a CSV that loses nothing and can be read at any moment.
 
-A sample is on disk when `append` returns. What a power cut leaves half written is taken out when
-the log is opened and kept beside it.
+A sample is on disk when `append` returns. What a power cut leaves half written, or a disk gives
+back otherwise than it was written, is taken out and kept beside the log: every row has a checksum.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.files.atomic import free_name, make_folder, sync_folder, write_atomically
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
+from .state_folder import keep_newest
+
 COLUMNS = ("stamp", "displacement_ratio", "engine_speed", "load_torque", "efficiency",
            "output_speed")
-_HEADER = ",".join(COLUMNS) + "\n"
+KEPT = 10
+"""Logs set aside that are kept, and damaged ones; the newest."""
+
+_WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
+_HEADER = _WITHOUT_CHECKSUMS + b",crc"
 _RANGES = {column.name: column for column in BENCH_COLUMNS}
 
 
@@ -26,7 +34,7 @@ class BenchLog:
 
     Attributes:
         path: the file; it comes into being with the first sample.
-        recovered: what opening it had to repair, as a sentence; empty when nothing.
+        recovered: what had to be repaired in it, as a sentence; empty when nothing.
     """
 
     def __init__(self, path: Path, limit: int) -> None:
@@ -40,32 +48,46 @@ class BenchLog:
         self._count = 0
         self._size = 0
         try:
-            self._recover()
+            self.check()
         except OSError as error:
             self.recovered = f"{path}: cannot be read or repaired: {error.strerror}"
 
     def __len__(self) -> int:
         return self._count
 
-    def append(self, sample: BenchSamples) -> None:
+    @property
+    def full(self) -> str:
+        """Why there is no room for a sample."""
+        return (f"the bench log holds {self._count} samples and takes no more; "
+                "~/clear_samples sets it aside")
+
+    def append(self, samples: BenchSamples) -> None:
         """Write samples and wait until they are on disk.
 
         Raises:
             InputError: the log is full, or a column is missing.
             OSError: they could not be written; the log is as before.
         """
-        rows = _rows(sample)
-        if self._count + len(sample) > self._limit:
-            raise InputError(f"the bench log holds {self._count} samples and takes no more; "
-                             "~/clear_samples sets it aside")
+        rows = rows_of(samples)
+        if self.write(rows) < len(rows):
+            raise InputError(self.full)
+
+    def write(self, rows: Sequence[bytes]) -> int:
+        """Write as many rows as there is room for, wait until they are on disk, say how many.
+
+        Raises:
+            OSError: they could not be written; the log is as before.
+        """
         if not self.path.exists():
             make_folder(self.path.parent)
-            write_atomically(self.path, _HEADER)
+            write_atomically(self.path, _HEADER + b"\n")
         if self.path.stat().st_size != self._size:
-            self._recover()  # new, or changed by someone else
+            self.check()  # new, or changed by someone else
+        rows = rows[:max(self._limit - self._count, 0)]
+        text = b"".join(rows)
         with self.path.open("ab", buffering=0) as file:
             try:
-                left = rows
+                left = text
                 while left:
                     left = left[file.write(left):]
                 os.fsync(file.fileno())
@@ -73,8 +95,9 @@ class BenchLog:
                 with contextlib.suppress(OSError):  # if not now, the next call repairs it
                     file.truncate(self._size)
                 raise
-        self._count += len(sample)
-        self._size += len(rows)
+        self._count += len(rows)
+        self._size += len(text)
+        return len(rows)
 
     def set_aside(self) -> tuple[int, Path | None]:
         """Begin a new log; return how many samples the old one held and where it is now.
@@ -89,31 +112,49 @@ class BenchLog:
         self.path.rename(kept)
         sync_folder(self.path.parent)
         self._count = self._size = 0
+        self.recovered = ""
+        self._keep_newest("cleared")
         return count, kept
 
-    def _recover(self) -> None:
+    def check(self) -> None:
+        """Take out of the file what is not as it was written; a log without checksums gets them.
+
+        Raises:
+            OSError: it cannot be read or repaired.
+        """
         try:
             raw = self.path.read_bytes()
         except FileNotFoundError:
             self._count = self._size = 0
             return
-        whole, newline, torn = raw.rpartition(b"\n")
-        lines = (whole + newline).decode("utf-8", errors="replace").splitlines(keepends=True)
+        *lines, torn = raw.split(b"\n")
+        old = lines[:1] == [_WITHOUT_CHECKSUMS]
         # A cut in the middle of a number leaves a number: a line counts only with its end.
-        good = [line for line in lines[1:] if _is_row(line)]
-        text = _HEADER + "".join(good)
+        good = ([_sealed(line.strip()) for line in lines[1:] if _is_row(line)] if old
+                else [line for line in lines[1:] if line == _sealed(line.rpartition(b",")[0])])
+        text = b"".join(line + b"\n" for line in (_HEADER, *good))
         self._count, self._size = len(good), -1  # no size that it could have
-        if torn or lines[:1] != [_HEADER] or len(good) != len(lines) - 1:
+        lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
+        if lost or lines[:1] not in ([_HEADER], [_WITHOUT_CHECKSUMS]):
             kept = free_name(self.path, "damaged")
             write_atomically(kept, raw)
-            write_atomically(self.path, text)
-            lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
             self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
                               f"is kept as {kept.name}")
-        self._size = len(text.encode())
+            self._keep_newest("damaged")
+        if text != raw:
+            write_atomically(self.path, text)
+        self._size = len(text)
+
+    def _keep_newest(self, why: str) -> None:
+        keep_newest(self.path.parent, KEPT, f"{self.path.stem}.{why}-")
 
 
-def _rows(samples: BenchSamples) -> bytes:
+def rows_of(samples: BenchSamples) -> list[bytes]:
+    """Return samples as lines of the log.
+
+    Raises:
+        InputError: a column is missing.
+    """
     values = []
     for name in COLUMNS:
         column = getattr(samples, name)
@@ -121,11 +162,16 @@ def _rows(samples: BenchSamples) -> bytes:
             # An empty cell would make a log that `read_bench` refuses.
             raise InputError(f"{samples.source}: {name} is missing")
         values.append(column.tolist())
-    return "".join(",".join(map(repr, row)) + "\n" for row in zip(*values, strict=True)).encode()
+    return [_sealed(",".join(map(repr, row)).encode()) + b"\n"
+            for row in zip(*values, strict=True)]
 
 
-def _is_row(line: str) -> bool:
-    cells = line.rstrip("\n").split(",")
+def _sealed(row: bytes) -> bytes:
+    return b"%b,%08x" % (row, zlib.crc32(row))
+
+
+def _is_row(line: bytes) -> bool:
+    cells = line.split(b",")
     if len(cells) != len(COLUMNS):
         return False
     try:

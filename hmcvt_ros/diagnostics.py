@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from .inputs import NANOSECONDS, Inputs, OperatingPoint, State, Tally
 from .model_store import InService
 from .parameters import Settings
+from .recorder import BENCH_REASONS, NOT_WRITTEN, Recorder
 
 _LEVELS = {
     State.FRESH: DiagnosticStatus.OK,
@@ -20,9 +21,6 @@ _LEVELS = {
     State.STALE: DiagnosticStatus.STALE,
     State.INVALID: DiagnosticStatus.ERROR,
 }
-NOT_WRITTEN = "not written"
-BENCH_REASONS = ("invalid", "log full", NOT_WRITTEN)
-"""Why a bench sample may be refused."""
 
 
 def gap_values(found: Mapping[str, Any], model: str, time: str) -> dict[str, str]:
@@ -85,8 +83,9 @@ def inputs_status(
 def model_status(
     name: str,
     now: InService,
+    complaint: str,
     activity: Activity,
-    logged: int,
+    log: Recorder,
     point: OperatingPoint | None,
     refusal: str,
 ) -> DiagnosticStatus:
@@ -95,15 +94,18 @@ def model_status(
     Args:
         name: of the node.
         now: the model in service.
+        complaint: why another than the last one adopted serves; empty when that does.
         activity: of the node.
-        logged: samples in the bench log.
+        log: of the bench samples.
         point: the operating point now, None without one.
         refusal: why the model has no answer there; empty when it has.
     """
     domain = now.model.domain
     outside = [] if point is None or domain is None else domain.departures(*point)
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
-    complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint]
+    state = "; ".join(filter(None, (complaint, log.complaint)))
+    complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint,
+                  state]
     message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
     level = (DiagnosticStatus.ERROR if activity.bench.reason == NOT_WRITTEN  # data is being lost
              else DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK)
@@ -117,8 +119,10 @@ def model_status(
         "fit error [-]": model.provenance.get("fit_error", "-"),
         "in service since": now.since,
         "extrapolation": "; ".join(outside) or "no",
-        "bench samples logged": logged,
+        "state folder": state or "intact",
+        "bench samples logged": len(log),
         **activity.bench.values("bench samples"),
+        "bench samples lost": log.lost,
         "last refit": activity.last_refit,
         "last diagnosis": activity.last_diagnosis,
         **activity.gap,

@@ -73,18 +73,18 @@ class Tally:
     reason: str = ""
     complaint: str = ""
 
-    def accept(self) -> None:
-        """Count one that was taken."""
-        self.accepted += 1
+    def accept(self, count: int = 1) -> None:
+        """Count what was taken."""
+        self.accepted += count
         self.reason = self.complaint = ""
 
     def expect(self, reason: str, complaint: str) -> None:
         """Say why one would be refused before one is; the first that is taken proves it wrong."""
         self.reason, self.complaint = reason, complaint
 
-    def refuse(self, reason: str, complaint: str) -> None:
-        """Count one that was not taken."""
-        self.refused[reason] += 1
+    def refuse(self, reason: str, complaint: str, count: int = 1) -> None:
+        """Count what was not taken."""
+        self.refused[reason] += count
         self.expect(reason, complaint)
 
     def values(self, subject: str) -> dict[str, int]:

@@ -5,20 +5,29 @@
     <state folder>/in_service.json        the models put into service one after the other
 
 The second file is replaced as a whole, so that a crash at any moment leaves the model before or
-the one after in service.
+the one after in service. It has a checksum and tells the fingerprints of the models: one that is
+not what was put into service is not served, but the one before it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from hmcvt_core import EfficiencyModel, HmcvtError, InputError, load_model
 from hmcvt_core.files.atomic import write_atomically
 
-from .state_folder import next_name
+from .state_folder import keep_newest, next_name
+
+WAYS_BACK = 20
+"""Refits that can be reverted one after the other."""
+KEPT = 50
+"""Refits kept besides those."""
+
+_Stack = list[tuple[str, str]]  # names of parameter files and fingerprints; '' if not known
 
 
 class InService(NamedTuple):
@@ -37,7 +46,7 @@ class ModelStore:
     Attributes:
         base: the parameter file that the node was given.
         in_service: the model in service.
-        complaint: why a refitted model of an earlier run was not taken up; empty when it was.
+        complaint: why another than the last model put into service serves; empty when that does.
     """
 
     def __init__(self, base: Path, folder: Path) -> None:
@@ -50,9 +59,10 @@ class ModelStore:
         self.complaint = ""
         self._models = folder / "models"
         self._state = folder / "in_service.json"
-        base_model = servable(base)
-        self._base_fingerprint = base_model.fingerprint
-        self._stack, model = self._resumed(base_model)
+        self._base_model = servable(base)
+        stack = self._resumed()
+        self._stack, model, fallen_back = self._newest_good(stack)
+        self.complaint = self.complaint or fallen_back
         self.in_service = InService(model, self._path(self._stack), utc_now())
 
     def new_path(self) -> Path:
@@ -80,53 +90,109 @@ class ModelStore:
         if instead_of not in (None, self.in_service.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call again")
-        return self._commit([*self._stack, path.name], model or servable(path))
+        model = model or servable(path)
+        return self._commit([*self._stack, (path.name, model.fingerprint)], model)
 
     def revert(self) -> EfficiencyModel:
-        """Put the model before into service.
+        """Put the model before into service, or the newest before it that is as it was.
 
         Raises:
             HmcvtError: there is none.
-            InputError, OSError: it cannot be loaded or the state not be written; nothing changes.
+            OSError: the state cannot be written; nothing changes.
         """
         if not self._stack:
             raise HmcvtError("the model in service is the one of model_file; there is none before")
-        stack = self._stack[:-1]
-        return self._commit(stack, servable(self._path(stack)))
+        return self._commit(*self._newest_good(self._stack[:-1]))
 
-    def _path(self, stack: list[str]) -> Path:
-        return self._models / stack[-1] if stack else self.base
+    def proven(self) -> Path:
+        """Return the parameter file in service.
 
-    def _commit(self, stack: list[str], model: EfficiencyModel) -> EfficiencyModel:
-        state = {"base": str(self.base), "base_fingerprint": self._base_fingerprint,
-                 "in_service": stack}
-        write_atomically(self._state, json.dumps(state, indent=1) + "\n")
-        self._stack = stack
+        Raises:
+            InputError: it is not any more what was put into service.
+        """
+        now = self.in_service
+        _proven(now.path, now.model.fingerprint)
+        return now.path
+
+    def _path(self, stack: _Stack) -> Path:
+        return self._models / stack[-1][0] if stack else self.base
+
+    def _newest_good(self, stack: _Stack) -> tuple[_Stack, EfficiencyModel, str]:
+        """Return a stack up to its last model that is as it was, that model, and what is wrong."""
+        wrong = []
+        for end in range(len(stack), 0, -1):
+            path = self._path(stack[:end])
+            name, fingerprint = stack[end - 1]
+            try:
+                model = _proven(path, fingerprint)
+            except HmcvtError as error:
+                wrong.append(str(error))
+            else:
+                stack = [*stack[:end - 1], (name, model.fingerprint)]
+                break
+        else:
+            stack, model = [], self._base_model
+        if wrong:
+            wrong.append(f"{self._path(stack)} serves instead")
+        return stack, model, "; ".join(wrong)
+
+    def _commit(
+        self, stack: _Stack, model: EfficiencyModel, complaint: str = ""
+    ) -> EfficiencyModel:
+        stack = stack[-WAYS_BACK:]
+        names = [name for name, _ in stack]
+        state = {"base": str(self.base), "base_fingerprint": self._base_model.fingerprint,
+                 "in_service": names, "fingerprints": [known for _, known in stack]}
+        sealed = {**state, "checksum": _checksum(state)}
+        write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
+        self._stack, self.complaint = stack, complaint
         self.in_service = InService(model, self._path(stack), utc_now())
+        keep_newest(self._models, KEPT, spared=names)
         return model
 
-    def _resumed(self, base: EfficiencyModel) -> tuple[list[str], EfficiencyModel]:
-        """Refits and model in service of an earlier run, as far as they can be taken up."""
+    def _resumed(self) -> _Stack:
+        """Return the models of an earlier run; none, with a complaint, if that is of no use."""
         try:
             state = json.loads(self._state.read_text(encoding="utf-8"))
-            stack = [str(name) for name in state["in_service"]]
-            fingerprint = state["base_fingerprint"]
+            stack = _stack_of(state)
         except FileNotFoundError:
-            return [], base
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            self.complaint = f"{self._state}: cannot be read ({error!r})"
-            return [], base
-        if fingerprint != base.fingerprint:
+            return []
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            self.complaint = (f"{self._state}: cannot be read or is damaged ({error!r}); "
+                              f"{self.base} serves instead")
+            return []
+        if state["base_fingerprint"] != self._base_model.fingerprint:
             # Whoever starts the node from another model wants that one, not an old refit.
-            self.complaint = f"{self._state}: is of another model_file ({state.get('base')})"
-            return [], base
-        while stack:
-            try:
-                return stack, servable(self._path(stack))
-            except HmcvtError as error:
-                self.complaint = str(error)
-                stack.pop()
-        return stack, base
+            self.complaint = f"{self._state}: is of another model_file ({state['base']})"
+            return []
+        return stack
+
+
+def _stack_of(state: dict[str, Any]) -> _Stack:
+    """Read a state, with a checksum or as version 0.1 wrote it, without fingerprints."""
+    names = state["in_service"]
+    if set(state) == {"base", "base_fingerprint", "in_service"}:
+        fingerprints = [""] * len(names)
+    elif state.pop("checksum") == _checksum(state):
+        fingerprints = state["fingerprints"]
+    else:
+        raise ValueError("checksum does not match")
+    if any(Path(name).name != name for name in names):
+        raise ValueError("names are no file names")
+    return list(zip(names, fingerprints, strict=True))
+
+
+def _checksum(state: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
+
+
+def _proven(path: Path, fingerprint: str) -> EfficiencyModel:
+    """Load the model that has a fingerprint; any where that is not known."""
+    model = servable(path)
+    if fingerprint not in ("", model.fingerprint):
+        raise InputError(f"{path}: is not what was put into service: fingerprint "
+                         f"{model.fingerprint}, not {fingerprint}")
+    return model
 
 
 def servable(path: Path) -> EfficiencyModel:

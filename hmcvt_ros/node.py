@@ -30,11 +30,12 @@ from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path
 from . import messages, parameters, qos
 from .bench_log import BenchLog
 from .clocks import NodeClock, SteadyClock
-from .diagnostics import NOT_WRITTEN, Activity, inputs_status, model_status
+from .diagnostics import Activity, inputs_status, model_status
 from .guard import Guard
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, Tally
 from .model_store import ModelStore
 from .outputs import Outputs
+from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
 from .state_folder import StateFolder
 
@@ -66,15 +67,17 @@ class EfficiencyNode(Node):
         simulated = bool(self.get_parameter("use_sim_time").value)
         self.set_descriptor("use_sim_time", ParameterDescriptor(
             description="Whether to follow /clock.", read_only=True))
-        self._clock = NodeClock(self.get_clock()) if simulated else SteadyClock()
+        self._ages = NodeClock(self.get_clock()) if simulated else SteadyClock()
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
         folder = Path(self._settings.state_folder
                       or home / self.get_fully_qualified_name().strip("/"))
         self._state = StateFolder(folder)
         self._store = ModelStore(
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
-        self._log = BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit)
         self._inputs, self._activity = Inputs(), Activity()
+        self._log = Recorder(
+            BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
+            self._activity.bench)
         if not self._state.writable:
             self._activity.bench.expect(NOT_WRITTEN, self._state.complaint)
         self._last_output = -math.inf
@@ -98,6 +101,7 @@ class EfficiencyNode(Node):
     def close(self) -> None:
         """End what runs beside the node."""
         self._service_handlers.close()
+        self._log.close()
         self._state.close()
 
     # --- set-up -------------------------------------------------------------------------------
@@ -131,7 +135,7 @@ class EfficiencyNode(Node):
             if not self.has_parameter(name):
                 logger.warning(f"parameter {name} is unknown and has no effect")
         for complaint in filter(None, (self._state.complaint, self._store.complaint,
-                                       self._log.recovered)):
+                                       self._log.complaint)):
             logger.warning(complaint)
         if not self._settings.model_file and self._store.in_service.path == self._store.base:
             logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
@@ -163,9 +167,9 @@ class EfficiencyNode(Node):
 
         def take(message: Float64, info: Mapping[str, int]) -> None:
             try:  # here, not in a wrapper: this is what runs at every message
-                now = self._clock.now()
+                now = self._ages.now()
                 if not item.take(message.data,
-                                 self._clock.received(info["received_timestamp"], now)):
+                                 self._ages.received(info["received_timestamp"], now)):
                     self._guard.warn(name, item.tally.complaint)
                 self._output_due = True
                 self._publish_outputs(now)
@@ -197,8 +201,8 @@ class EfficiencyNode(Node):
             self._last_output = time.monotonic()
 
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
-        now = self._clock.now()
-        age = (now - self._clock.received(info["received_timestamp"], now)) * NANOSECONDS
+        now = self._ages.now()
+        age = (now - self._ages.received(info["received_timestamp"], now)) * NANOSECONDS
         message, point, reason = JointState(), None, "invalid"
         try:
             message = messages.joint_state(raw)
@@ -214,20 +218,15 @@ class EfficiencyNode(Node):
 
     # --- bench samples ------------------------------------------------------------------------
 
-    def _on_bench_sample(self, raw: bytes) -> None:
-        bench, reason = self._activity.bench, "invalid"
+    def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
+        number = info["publication_sequence_number"]
         try:
             sample = messages.bench_sample_from_message(
                 messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS)
-            reason = "log full"
-            self._log.append(sample)
-            bench.accept()
         except InputError as error:
-            bench.refuse(reason, str(error))
-        except OSError as error:
-            bench.refuse(NOT_WRITTEN, f"bench log: {error}")
-        if bench.complaint:
-            self._guard.warn("bench_sample", bench.complaint)
+            self._log.refuse(INVALID, str(error), number)
+        else:
+            self._log.submit(sample, number)
 
     # --- model --------------------------------------------------------------------------------
 
@@ -240,7 +239,7 @@ class EfficiencyNode(Node):
         self._served = now
         # The limits of the map may have changed meanwhile.
         self._publish_map(grid if settings is self._settings else None)
-        self._publish_outputs(self._clock.now())
+        self._publish_outputs(self._ages.now())
 
     def _publish_map(self, grid: EfficiencyMap | None = None) -> None:
         self._map_due = False
@@ -251,8 +250,10 @@ class EfficiencyNode(Node):
 
     def _tick(self) -> None:
         self._service_handlers.poll()
+        if complaint := self._log.poll():
+            self._guard.warn("bench_sample", complaint)
         # NaN is said again and again, so that whoever listens only now hears it too.
-        now = self._clock.now()
+        now = self._ages.now()
         unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
         if self._output_due or unanswered:
             self._publish_outputs(now)
@@ -263,17 +264,17 @@ class EfficiencyNode(Node):
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
-        name, now = self.get_fully_qualified_name().strip("/"), self._clock.now()
+        name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings, {
                 "points answered": self._outputs.answered,
                 "points not answered, coasting": self._inputs.coasting,
                 "points not answered, inputs apart": self._inputs.apart,
                 **self._points.values("operating points"),
-                "clock jumps": self._inputs.clock_jumps + self._clock.jumps,
+                "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
                 "clocks refused": self._guard.clocks_refused,
                 "requests contained": self._guard.contained}),
-            model_status(name, self._served, self._activity, len(self._log),
+            model_status(name, self._served, self._store.complaint, self._activity, self._log,
                          self._point(now), self._outputs.refusal),
         ])
         array.header.stamp = self.get_clock().now().to_msg()

@@ -14,7 +14,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 INPUT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # Bench samples come in bursts and none may be lost.
-BENCH_SAMPLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+BENCH_SAMPLE = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 
 OUTPUT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 

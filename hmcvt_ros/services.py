@@ -7,7 +7,6 @@ import json
 import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future as Running
-from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,10 @@ from hmcvt_core import EfficiencyMap, HmcvtError, InputError
 from hmcvt_core.files import plain
 
 from . import jobs
-from .bench_log import BenchLog
 from .diagnostics import Activity, gap_values
 from .model_store import ModelStore, utc_now
 from .parameters import Settings
+from .recorder import Recorder
 from .worker import Worker
 
 Data = dict[str, Any]
@@ -42,14 +41,14 @@ class Services:
     """`~/reidentify`, `~/diagnose`, `~/revert` and `~/clear_samples`.
 
     None takes a file name: whoever can reach the node over the network can call them. Refits and
-    diagnoses are done by the worker process, changes of model by a thread, which waits for disks.
+    diagnoses are done by the worker process, the rest by the thread that waits for disks.
     """
 
     def __init__(
         self,
         node: Node,
         store: ModelStore,
-        log: BenchLog,
+        log: Recorder,
         activity: Activity,
         settings: Callable[[], Settings],
         announce: Callable[[Settings, EfficiencyMap | None], None],
@@ -57,7 +56,7 @@ class Services:
         self._node, self._store, self._log, self._activity = node, store, log, activity
         self._settings, self._announce = settings, announce
         self._folder = log.path.parent
-        self._worker, self._thread = Worker(), ThreadPoolExecutor(1)
+        self._worker = Worker()
         self._waiting: list[tuple[Running[Any], Future]] = []
         self._job, self._started = "", 0.0  # of the worker; empty when it has none
         # Of their own group: one that awaits a job would hold up all else in the node's default
@@ -78,9 +77,8 @@ class Services:
         self._activity.running = self._running()
 
     def close(self) -> None:
-        """Kill a running job; finish a change of model that has begun."""
+        """Kill a running job."""
         self._worker.kill()
-        self._thread.shutdown(cancel_futures=True)
 
     # --- services -----------------------------------------------------------------------------
 
@@ -88,13 +86,13 @@ class Services:
         """Refit the model in service to the bench samples and put the refit into service."""
         settings, before = self._settings(), self._store.in_service.path
         try:
-            output = self._store.new_path()
+            output = await self._on_disk(self._store.new_path)
             result, refit, grid = await self._in_worker(
                 jobs.reidentify, output=output, candidates=self._folder / "candidates",
                 min_samples=settings.reidentify_min_samples, map_axes=settings.map_axes)
             if refit is None:
                 raise _NotAdoptedError(result)
-            await self._finished(self._thread.submit(self._store.adopt, output, before, refit))
+            await self._on_disk(self._store.adopt, output, before, refit)
         except (HmcvtError, OSError) as error:
             how = "not adopted" if isinstance(error, _NotAdoptedError) else "failed"
             self._activity.last_refit = f"{utc_now()}, {how}: {error}"
@@ -119,14 +117,14 @@ class Services:
     async def revert(self) -> Data:
         """Put the model before into service."""
         settings = self._settings()
-        grid = await self._finished(self._thread.submit(
-            lambda: self._store.revert().efficiency_map(*settings.map_axes)))
+        grid = await self._on_disk(
+            lambda: self._store.revert().efficiency_map(*settings.map_axes))
         self._announce(settings, grid)
         return self._in_service()
 
     async def clear_samples(self) -> Data:
         """Begin a new bench log and keep the old one beside it."""
-        count, kept = self._log.set_aside()
+        count, kept = await self._on_disk(self._log.set_aside)
         return {"cleared": count, "kept_as": None if kept is None else str(kept)}
 
     # --- helpers ------------------------------------------------------------------------------
@@ -159,15 +157,14 @@ class Services:
 
     async def _in_worker(self, job: Callable[..., jobs.Done], **options: Any) -> jobs.Done:
         """Run a job of the worker and wait for its answer without blocking the executor."""
-        samples = self._samples()
         if self._job:
             raise HmcvtError(f"busy: {self._running()}")
-        running = self._worker.submit(
-            job, samples=samples, model=self._store.in_service.path,
-            seed=self._settings().reidentify_seed, **options)
         self._job, self._started = job.__name__, time.monotonic()
-        self._node.get_logger().info(f"{self._job}: started on {samples}")
         try:
+            samples, model = await self._on_disk(self._material)
+            running = self._worker.submit(job, samples=samples, model=model,
+                                          seed=self._settings().reidentify_seed, **options)
+            self._node.get_logger().info(f"{self._job}: started on {samples}")
             done: jobs.Done = await self._finished(running)
         except BrokenProcessPool:
             raise HmcvtError("the worker process ended with status "
@@ -177,16 +174,24 @@ class Services:
         done.answer["seconds"] = round(time.monotonic() - self._started, 3)
         return done
 
+    async def _on_disk(self, work: Callable[..., Any], *arguments: Any) -> Any:
+        """Do in the thread that waits for disks, after all samples that came before."""
+        return await self._finished(self._log.call(work, *arguments))
+
     async def _finished(self, running: Running[Any]) -> Any:
         answer = Future(executor=self._node.executor)
         self._waiting.append((running, answer))
         await answer
         return running.result()
 
+    def _material(self) -> tuple[Path, Path]:
+        """Return the samples and the model of a job, both as they were written."""
+        return self._samples(), self._store.proven()
+
     def _samples(self) -> Path:
         name = self._settings().samples_file
         if not name:
-            if len(self._log) == 0:
+            if self._log.checked() == 0:
                 raise InputError("no bench samples logged yet (topic bench_sample)")
             return self._log.path
         folder = self._folder.resolve()

@@ -6,10 +6,11 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+from collections.abc import Collection
 from pathlib import Path
 
 from hmcvt_core import InputError
-from hmcvt_core.files.atomic import make_folder, remove_leftovers
+from hmcvt_core.files.atomic import make_folder, numbered, remove_leftovers
 
 
 class StateFolder:
@@ -73,19 +74,20 @@ def next_name(folder: Path) -> Path:
         OSError: the folder cannot be made or read.
     """
     make_folder(folder)
-    return folder / f"{max(_numbered(folder).values(), default=0) + 1:04d}"
+    return folder / f"{max(numbered(folder).values(), default=0) + 1:04d}"
 
 
-def keep_newest(folder: Path, count: int) -> None:
-    """Remove numbered files but those with the `count` highest numbers; others are left alone."""
-    found = _numbered(folder)
-    kept = sorted(set(found.values()))[-count:]
-    for path, number in found.items():
-        if number not in kept:
-            with contextlib.suppress(OSError):  # a file more does no harm
+def keep_newest(
+    folder: Path, count: int, prefix: str = "", spared: Collection[str] = ()
+) -> None:
+    """Remove files named by a prefix and a number but those with the `count` highest numbers.
+
+    Others are left alone, and those whose names are `spared`.
+    """
+    with contextlib.suppress(OSError):  # a file more does no harm
+        found = {path: number for path, number in numbered(folder, prefix).items()
+                 if path.name not in spared}
+        kept = sorted(set(found.values()))[-count:]
+        for path, number in found.items():
+            if number not in kept:
                 path.unlink()
-
-
-def _numbered(folder: Path) -> dict[Path, int]:
-    return {path: int(path.stem) for path in folder.iterdir()
-            if path.stem.isdecimal() and path.is_file()}

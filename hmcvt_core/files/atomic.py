@@ -58,11 +58,16 @@ def sync_folder(folder: Path) -> None:
 
 
 def free_name(path: Path, why: str) -> Path:
-    """Return a name beside `path` that is not taken, such as `log.damaged-1.csv`."""
-    number = 1
-    while (name := path.with_name(f"{path.stem}.{why}-{number}{path.suffix}")).exists():
-        number += 1
-    return name
+    """Return a name beside `path`, such as `log.damaged-1.csv`, with a number above all there."""
+    prefix = f"{path.stem}.{why}-"
+    number = max(numbered(path.parent, prefix).values(), default=0) + 1
+    return path.with_name(f"{prefix}{number}{path.suffix}")
+
+
+def numbered(folder: Path, prefix: str = "") -> dict[Path, int]:
+    """Return what a folder holds under a prefix and a number, whatever the suffix."""
+    return {path: int(path.stem.removeprefix(prefix)) for path in folder.iterdir()
+            if path.stem.startswith(prefix) and path.stem.removeprefix(prefix).isdecimal()}
 
 
 def remove_leftovers(folder: Path) -> None:

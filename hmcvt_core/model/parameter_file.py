@@ -6,10 +6,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,12 +19,41 @@ from ..physics.effects import effect_from_mapping
 from ..transmission.mapping import get, number, section
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
 from ..transmission.stage import Stage
-from .domain import Domain
+from .domain import AXES, Domain
 from .model import SCHEMA, EfficiencyModel
+
+if TYPE_CHECKING:
+    import yaml
 
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
 _MAX_BYTES = 4 * 1024 * 1024
+_DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
 _ROUNDED = 1e-5  # a matrix in a file has six digits
+
+# The keys that there are at each place; None where there may be any. "*" is every other name.
+_PATH = dict.fromkeys(("gear_pairs", "direction", "member"))
+_QUANTITY = dict.fromkeys(("value", "unit", "standard_error"))
+_GEAR_TRAIN = {
+    "gear_pairs": None,
+    "gear_efficiency": None,
+    "planetary_rows": None,
+    "pump_motor": dict.fromkeys((
+        "pump_displacement_cm3_per_rev", "motor_displacement_cm3_per_rev", "pump_friction",
+        "motor_friction")),
+    "stages": {"*": {"planetary_row": None, "mechanical": _PATH, "motor": _PATH, "output": _PATH,
+                     "pump": dict.fromkeys(("gear_pairs", "direction"))}},
+}
+_KNOWN: Mapping[str, Mapping[str, Any]] = {
+    TRANSMISSION_SCHEMA: {"schema": None, "name": None, **_GEAR_TRAIN},
+    SCHEMA: {
+        **dict.fromkeys(("schema", "checksum", "formulation", "correlation", "provenance")),
+        "served": None,  # what a node adds on its topic ~/model
+        "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
+        "effects": dict.fromkeys(("effect", "form", "parameters")),
+        "domain": dict.fromkeys(AXES),
+        "transmission": _GEAR_TRAIN,
+    },
+}
 
 
 def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
@@ -32,15 +61,17 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
 
     Raises:
         InputError: the file is missing, damaged, of another schema or version, or a field is
-            missing or out of range; file and field are named.
+            missing, unknown or out of range; file and field are named.
     """
     with _named(path):
-        data = _read(path, SCHEMA)
+        data, tree = _read(path, SCHEMA)
         stated = data.pop("checksum", None)
         if stated is not None and stated != (_checksum(data) or None):
             raise InputError("checksum does not match: the file is damaged or was edited; "
                              "if edited on purpose, remove the line 'checksum'")
-        return _from_mapping(data)
+        model = _from_mapping(data)
+        _require_known(tree, _KNOWN[SCHEMA])
+        return model
 
 
 def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
@@ -70,7 +101,10 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
         InputError: the file or a field is wrong; both are named.
     """
     with _named(path):
-        return Stage.from_mapping(_read(path, TRANSMISSION_SCHEMA), name)
+        data, tree = _read(path, TRANSMISSION_SCHEMA)
+        stage = Stage.from_mapping(data, name)
+        _require_known(tree, _KNOWN[TRANSMISSION_SCHEMA])
+        return stage
 
 
 @contextmanager
@@ -121,7 +155,8 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     )
 
 
-def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
+def _read(path: str | os.PathLike[str], schema: str) -> tuple[dict[str, Any], yaml.Node]:
+    """Read a mapping of a schema, and the tree of the text that it was made of."""
     import yaml
 
     path = Path(path)
@@ -129,8 +164,15 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
         # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
-        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
+        kind = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        text = path.read_text(encoding="utf-8")
+        _require_plain(yaml.parse(text, kind))
+        loader = kind(text)
+        try:
+            tree = loader.get_single_node()
+            data = loader.construct_document(tree) if tree else None
+        finally:
+            loader.dispose()
     except InputError:
         raise
     except OSError as error:
@@ -139,14 +181,54 @@ def _read(path: str | os.PathLike[str], schema: str) -> dict[str, Any]:
         raise InputError(f"not UTF-8 text at byte {error.start}") from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         # PyYAML lets a ValueError through for an impossible date or an endless number.
-        mark = getattr(error, "problem_mark", None)
-        place = f" at line {mark.line + 1}" if mark else ""
+        place = _line_of(error, "problem_mark")
         raise InputError(f"not YAML{place}: {getattr(error, 'problem', error)}") from None
-    if not isinstance(data, dict):
+    if tree is None or not isinstance(data, dict):
         raise InputError("holds no mapping; is it empty or cut off?")
     if data.get("schema") != schema:
         raise InputError(f"schema = {data.get('schema')!r}; this version reads {schema!r}")
-    return data
+    return data, tree
+
+
+def _require_plain(events: Iterable[yaml.Event]) -> None:
+    """Refuse what makes much of a short text, before anything is made of it."""
+    from yaml.events import CollectionEndEvent, CollectionStartEvent
+
+    depth = 0
+    for event in events:
+        name = getattr(event, "anchor", None)
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if name or depth > _DEEPEST:
+            what = (f"{name!r} is an alias or the anchor of one: write the values out" if name
+                    else f"more than {_DEEPEST} levels")
+            raise InputError(f"not YAML of a parameter file{_line_of(event)}: {what}")
+
+
+def _line_of(item: object, mark: str = "start_mark") -> str:
+    found = getattr(item, mark, None)
+    return f" at line {found.line + 1}" if found else ""
+
+
+def _require_known(tree: yaml.Node, known: Mapping[str, Any] | None, where: str = "") -> None:
+    """Refuse keys that mean nothing, such as a misspelt one, and those that stand there twice."""
+    from yaml.nodes import MappingNode, SequenceNode
+
+    if isinstance(tree, SequenceNode):
+        for i, item in enumerate(tree.value):
+            _require_known(item, known, f"{where[:-1]}[{i}].")
+    if not isinstance(tree, MappingNode):
+        return
+    seen = set()
+    for key, value in tree.value:
+        name = str(key.value)
+        if known is not None and name not in known and "*" not in known:
+            raise InputError(f"{where}{name}{_line_of(key)} is not known; there is "
+                             f"{', '.join(known)}")
+        if name in seen:
+            raise InputError(f"{where}{name}{_line_of(key)} stands there twice")
+        seen.add(name)
+        below = None if known is None else known.get(name, known.get("*"))
+        _require_known(value, below, f"{where}{name}.")
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

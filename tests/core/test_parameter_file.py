@@ -89,13 +89,41 @@ def test_failed_save_leaves_no_file(model, tmp_path):
 @pytest.mark.parametrize(("old", "new"), [
     ("value: 0.", "value: 0.1"),
     ("transmission:", "1: one\ntransmission:"),  # what was never written
-    ("transmission:", "list: &list [*list]\ntransmission:"),
 ])
 def test_changed_text_is_noticed(saved, old, new):
     text = saved.read_text(encoding="utf-8")
     assert old in text
     saved.write_text(text.replace(old, new, 1), encoding="utf-8")
     assert_refused(saved, r"checksum does not match: the file is damaged or was edited; .*remove")
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("formulation:", "bomb: &a [x, x]\nformulation:",
+     r"not YAML of a parameter file at line 2: 'a' is an alias or the anchor of one"),
+    ("formulation:", "bomb: *a\nformulation:", r"at line 2: 'a' is an alias"),
+    ("transmission:", "list: &list [*list]\ntransmission:", r"at line \d+: 'list' is an alias"),
+    ("formulation:", "formulation: " + "[" * 200_000 + "\nformulation:",  # libyaml ends Python
+     r"not YAML of a parameter file at line 2: more than 20 levels"),
+    ("schema:", "tuning: 1\nschema:", r"tuning at line 1 is not known; there is schema, checksum"),
+    ("  leakage: {", "  leakage: {vlaue: 1.0, ",
+     r"parameters\.leakage\.vlaue at line 4 is not known; there is value, unit, standard_error"),
+    ("  leakage: {", "  leakage: {value: 1.0e-12, ", r"value at line 4 stands there twice"),
+    ("        member: carrier", "        member: carrier\n        ratio: 2",
+     r"transmission\.stages\.HM4\.mechanical\.ratio at line \d+ is not known; there is gear"),
+])
+def test_what_a_parameter_file_never_holds_is_refused_with_its_line(saved, old, new, message):
+    text = "".join(line for line in saved.read_text(encoding="utf-8").splitlines(keepends=True)
+                   if not line.startswith("checksum"))
+    assert old in text
+    saved.write_text(text.replace(old, new, 1), encoding="utf-8")
+    assert_refused(saved, message)
+
+
+def test_what_a_node_says_of_its_model_is_a_parameter_file(saved, model):
+    with saved.open("a", encoding="utf-8") as file:
+        file.write("served: {file: models/0001.yaml, since: '2026-11-22T00:00:00Z'}\n")
+    edited(saved, lambda data: None)
+    assert hmcvt.load_model(saved).fingerprint == model.fingerprint
 
 
 def test_numbers_as_people_write_them(saved):

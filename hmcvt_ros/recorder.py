@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All that waits for a disk, in a thread of its own: bench samples, and changes of model.
+
+Samples that come while the disk is busy are written together, with one wait for all of them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from hmcvt_core import BenchSamples
+
+from .bench_log import BenchLog, rows_of
+from .inputs import Tally
+
+INVALID, FULL, BUSY, NOT_WRITTEN = "invalid", "log full", "too many at once", "not written"
+BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
+"""Why a bench sample may be refused."""
+
+MOST_WAITING = 10_000
+_UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
+
+
+class Recorder:
+    """Takes bench samples and writes them to a log, in the order in which they came.
+
+    Nothing here waits for a disk but `close`.
+
+    Attributes:
+        lost: messages that were sent and did not come, since the start.
+    """
+
+    def __init__(self, log: BenchLog, tally: Tally) -> None:
+        """Write to a log, and count in `tally`, when asked by `poll`, what is on disk."""
+        self._log, self._tally = log, tally
+        self._numbers = Numbers()
+        self._lost_before = 0  # this log was begun
+        self._waiting: deque[bytes] = deque()
+        self._done: deque[Callable[[], None]] = deque()
+        self._thread = ThreadPoolExecutor(1, "storage")
+
+    def __len__(self) -> int:
+        """Samples on disk."""
+        return len(self._log)
+
+    @property
+    def path(self) -> Path:
+        """The log."""
+        return self._log.path
+
+    @property
+    def lost(self) -> int:
+        """Messages that were sent and did not come, since the start."""
+        return self._numbers.missing
+
+    @property
+    def complaint(self) -> str:
+        """What this log lacks, as a sentence; empty when nothing."""
+        lost = self.lost - self._lost_before
+        overrun = f"{lost} bench samples were sent and did not come: too many at once" * (lost > 0)
+        return "; ".join(filter(None, (self._log.recovered, overrun)))
+
+    def submit(self, samples: BenchSamples, number: int) -> None:
+        """Take samples out of the message of a number; `poll` tells what became of them."""
+        self._numbers.take(number)
+        if len(self._waiting) + len(samples) > MOST_WAITING:
+            self._tell(self._tally.refuse, BUSY, f"bench log: {MOST_WAITING} samples wait already "
+                       "for the disk")
+            return
+        self._waiting.extend(rows_of(samples))
+        self._thread.submit(self._write)
+
+    def refuse(self, reason: str, complaint: str, number: int) -> None:
+        """Count the message of a number as refused."""
+        self._numbers.take(number)
+        self._tell(self._tally.refuse, reason, complaint)
+
+    def poll(self) -> str:
+        """Count what has been done since the last call; return the last complaint of it."""
+        complaint = ""
+        while self._done:
+            self._done.popleft()()
+            complaint = self._tally.complaint or complaint
+        return complaint
+
+    def call(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Do in the thread, after all that came before, what waits for a disk."""
+        return self._thread.submit(work, *arguments)
+
+    def set_aside(self) -> tuple[int, Path | None]:
+        """Begin a new log, as `BenchLog.set_aside`; for `call`."""
+        done = self._log.set_aside()
+        self._lost_before = self.lost
+        return done
+
+    def checked(self) -> int:
+        """Check the log as `BenchLog.check` does, and count its samples; for `call`."""
+        self._log.check()
+        return len(self._log)
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        self._thread.shutdown()
+
+    # --- the thread -----------------------------------------------------------------------------
+
+    def _tell(self, count: Callable[..., None], *arguments: Any) -> None:
+        # Behind what came before, so that the last complaint is that of the last sample.
+        self._thread.submit(self._done.append, partial(count, *arguments))
+
+    def _write(self) -> None:
+        rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        refuse = partial(self._tally.refuse, count=len(rows))
+        try:
+            written = self._log.write(rows)
+        except Exception as error:  # of any kind: what was taken must be accounted for
+            self._done.append(partial(refuse, NOT_WRITTEN, f"bench log: {error}"))
+            return
+        if written:
+            self._done.append(partial(self._tally.accept, written))
+        if written < len(rows):
+            self._done.append(partial(refuse, FULL, self._log.full, count=len(rows) - written))
+
+
+class Numbers:
+    """Counts the messages that are missing, by the numbers of those that came.
+
+    Every publisher numbers its messages from 1, and a message does not tell its publisher. So a
+    number goes with the stream of which it is the next; where there is none, some of the nearest
+    stream below are missing, unless that goes on later: then this one is of another publisher,
+    which had begun before we listened.
+
+    Attributes:
+        missing: count of messages.
+    """
+
+    def __init__(self) -> None:
+        self.missing = 0
+        self._left: deque[tuple[int, int]] = deque(maxlen=64)  # last number, missing after it
+        self._going: deque[int] = deque(maxlen=64)  # last numbers
+
+    def take(self, number: int) -> None:
+        """Take the number of a message."""
+        if not 0 < number < _UNNUMBERED:
+            return
+        below = max((last for last in self._going if last < number), default=None)
+        again = [item for item in self._left if item[0] == number - 1]
+        if below != number - 1 and again:
+            self._left.remove(again[0])
+            self.missing -= again[0][1]
+        elif below is not None:
+            missing = number - below - 1
+            if missing:
+                self._left.append((below, missing))
+            self.missing += missing
+            self._going.remove(below)
+        self._going.append(number)
