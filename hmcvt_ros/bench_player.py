@@ -91,7 +91,7 @@ class BenchPlayer(Node):
             Float64MultiArray, "hmcvt/efficiency_map", lambda m: setattr(self, "map", m),
             qos.LATCHED)
         self._triggers = {name: self.create_client(Trigger, f"hmcvt/{name}") for name in (
-            "reidentify", "diagnose", "revert", "clear_samples")}
+            "reidentify", "diagnose", "adopt", "revert", "clear_samples", "cancel")}
 
     def close(self) -> None:
         """End the client."""

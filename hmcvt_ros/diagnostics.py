@@ -48,6 +48,8 @@ class Activity:
         last_diagnosis: how the last diagnosis ended.
         gap: `gap_values` of the last one that succeeded; empty before.
         running: the background job, empty when there is none.
+        trouble: why the last job did not come to its end; empty when it did, or was cancelled.
+        staged: the refit that waits for `~/adopt`; empty when there is none.
     """
 
     bench: Tally = field(default_factory=lambda: Tally(BENCH_REASONS))
@@ -55,6 +57,8 @@ class Activity:
     last_diagnosis: str = "none"
     gap: Mapping[str, str] = field(default_factory=dict)
     running: str = ""
+    trouble: str = ""
+    staged: str = ""
 
 
 def inputs_status(
@@ -104,8 +108,9 @@ def model_status(
     outside = [] if point is None or domain is None else domain.departures(*point)
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
     state = "; ".join(filter(None, (complaint, log.complaint)))
+    warnings = _refit_warnings(now)
     complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint,
-                  state]
+                  state, activity.trouble, warnings]
     message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
     level = (DiagnosticStatus.ERROR if activity.bench.reason == NOT_WRITTEN  # data is being lost
              else DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK)
@@ -117,6 +122,8 @@ def model_status(
         "source": model.provenance.get("source", "-"),
         "identified": model.provenance.get("date", "-"),
         "fit error [-]": model.provenance.get("fit_error", "-"),
+        "drift [-]": model.provenance.get("drift", "-"),
+        "refit warnings": warnings or "none",
         "in service since": now.since,
         "extrapolation": "; ".join(outside) or "no",
         "state folder": state or "intact",
@@ -124,11 +131,17 @@ def model_status(
         **activity.bench.values("bench samples"),
         "bench samples lost": log.lost,
         "last refit": activity.last_refit,
+        "staged refit": activity.staged or "-",
         "last diagnosis": activity.last_diagnosis,
         **activity.gap,
         "running": activity.running or "-",
     }
     return _status(name, "model", level, message, values)
+
+
+def _refit_warnings(now: InService) -> str:
+    found = now.model.provenance.get("warnings", [])
+    return "; ".join(map(str, found)) if isinstance(found, list) else str(found)
 
 
 def _status(

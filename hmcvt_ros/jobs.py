@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,20 +14,21 @@ from numpy.typing import ArrayLike
 import hmcvt_core as hmcvt
 from hmcvt_core.files import plain
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.identification.cross_validation import FEWEST, QUICK, cross_validate
-from hmcvt_core.model.agreement import RelativeError, predicted_at
+from hmcvt_core.identification.refit import refit
 
 from .model_store import servable
 from .state_folder import keep_newest, next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
+SENTENCES = 20
+"""Most warnings of a refit: there may be one for each sample."""
 
 
 class Done(NamedTuple):
     """What a job found, as plain data for the caller of the service.
 
-    With a refit to adopt, if there is one, and its map: there is no time to compute it later.
+    With a refit that may serve, if there is one, and its map: there is no time to compute it later.
     """
 
     answer: dict[str, Any]
@@ -35,61 +37,63 @@ class Done(NamedTuple):
 
 
 def reidentify(
-    samples: Path, model: Path, seed: int, output: Path, candidates: Path, min_samples: int,
-    map_axes: tuple[ArrayLike, ArrayLike, ArrayLike],
+    samples: Path, model: Path, base: Path, seed: int, max_drift: float, output: Path,
+    candidates: Path, min_samples: int, map_axes: tuple[ArrayLike, ArrayLike, ArrayLike],
 ) -> Done:
     """Refit a model to samples.
 
     Args:
         samples, model: files to read.
+        base: parameter file of the model that the refits began with.
         seed: of the random numbers.
-        output: file for the refit; in the folder `candidates` instead, when it is worse than the
-            model on samples held back.
+        max_drift: largest difference to `base` within the domain [-].
+        output: file for the refit; in the folder `candidates` instead, when it must not serve.
         min_samples: fewer are refused.
         map_axes: of the efficiency map of the refit.
 
     Returns:
         Sample count, error (mean |predicted - measured| / measured) before and after, parameters
-        with standard errors, what the samples leave open, and the comparison on samples held back;
-        `refused` and `candidate` when the refit is worse.
+        with standard errors, which samples are set aside, what is kept from the model in service,
+        what the samples leave open, by how much answers change, and the comparison on samples held
+        back; `refused` and `candidate` when something speaks against the refit.
     """
     bench = hmcvt.read_bench(samples)
     if len(bench) < min_samples:
         raise hmcvt.InputError(f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
                                f"= {min_samples}")
-    served = hmcvt.load_model(model)
-
-    def fitted(
-        part: hmcvt.BenchSamples, schedule: hmcvt.Schedule | None = None
-    ) -> hmcvt.Identification:
-        return hmcvt.identify(part, stage=served.stage, formulation=served.formulation,
-                              effects=served.effects, schedule=schedule, seed=seed)
-
-    fit = fitted(bench)
-    compared = cross_validate(
-        bench, fit.model, served, lambda part: fitted(part, QUICK).model, seed)
-    unchecked = [] if compared is not None else [
-        f"fewer than {FEWEST} samples: none could be held back to check the refit"]
+    found = refit(bench, hmcvt.load_model(model), hmcvt.load_model(base), seed=seed,
+                  max_drift=max_drift)
+    warnings = _shortened(found.warnings)
+    # In the file: they hold as long as the model serves, also after a restart.
+    fitted = replace(found.model, provenance={
+        **found.model.provenance, "drift": float(f"{found.drift:.6g}"), "warnings": warnings})
     answer = {
         "samples": len(bench),
         "source": bench.source,
-        "error_before": RelativeError.of(predicted_at(served, bench), bench.efficiency).mean,
-        "error_after": float(fit.fit_error),
-        "parameters": fit.model.to_mapping()["parameters"],
-        "warnings": [*fit.warnings, *unchecked],
-        "held_back": None if compared is None else asdict(compared),
+        "error_before": found.error_before,
+        "error_after": found.error_after,
+        "parameters": fitted.to_mapping()["parameters"],
+        "warnings": warnings,
+        "set_aside": found.set_aside,
+        "kept": found.kept,
+        "largest_change": found.largest_change,
+        "drift": found.drift,
+        "held_back": None if found.held_back is None else asdict(found.held_back),
     }
-    if compared is not None and compared.worse:
+    if found.refused:
         path = next_name(candidates).with_suffix(".yaml")
-        hmcvt.save_model(fit.model, path)
+        hmcvt.save_model(fitted, path)
         keep_newest(candidates, CANDIDATES_KEPT)
-        return Done({**answer, "candidate": str(path), "refused": (
-            "the refit is worse on samples held back: mean error "
-            f"{100 * compared.error_refit:.2f} %, model in service "
-            f"{100 * compared.error_in_service:.2f} %; it is kept as {path}")})
-    fit.save(output)
-    refit = servable(output)  # what a restart would read, to the last digit
-    return Done(answer, refit, refit.efficiency_map(*map_axes))
+        return Done({**answer, "candidate": str(path),
+                     "refused": f"{found.refused}; it is kept as {path}"})
+    hmcvt.save_model(fitted, output)
+    served = servable(output)  # what a restart would read, to the last digit
+    return Done(answer, served, served.efficiency_map(*map_axes))
+
+
+def _shortened(sentences: Sequence[str]) -> list[str]:
+    more = len(sentences) - SENTENCES
+    return [*sentences[:SENTENCES], *([f"and {more} more"] if more > 0 else [])]
 
 
 def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> Done:

@@ -66,11 +66,12 @@ class ModelStore:
         self.in_service = InService(model, self._path(self._stack), utc_now())
 
     def new_path(self) -> Path:
-        """Return a free name for a refitted model.
+        """Return a free name for a refitted model, and remove refits that are too many.
 
         Raises:
             OSError: the folder cannot be made.
         """
+        keep_newest(self._models, KEPT, spared=[name for name, _ in self._stack])
         return next_name(self._models).with_suffix(".yaml")
 
     def adopt(self, path: Path, instead_of: Path | None = None,
@@ -89,7 +90,7 @@ class ModelStore:
         """
         if instead_of not in (None, self.in_service.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
-                             "compared with the one before; call again")
+                             "compared with the one before; call ~/reidentify again")
         model = model or servable(path)
         return self._commit([*self._stack, (path.name, model.fingerprint)], model)
 
@@ -108,10 +109,11 @@ class ModelStore:
         """Return the parameter file in service.
 
         Raises:
-            InputError: it is not any more what was put into service.
+            InputError: it or the base is not any more what was put into service.
         """
         now = self.in_service
         _proven(now.path, now.model.fingerprint)
+        _proven(self.base, self._base_model.fingerprint)
         return now.path
 
     def _path(self, stack: _Stack) -> Path:
@@ -140,14 +142,13 @@ class ModelStore:
         self, stack: _Stack, model: EfficiencyModel, complaint: str = ""
     ) -> EfficiencyModel:
         stack = stack[-WAYS_BACK:]
-        names = [name for name, _ in stack]
         state = {"base": str(self.base), "base_fingerprint": self._base_model.fingerprint,
-                 "in_service": names, "fingerprints": [known for _, known in stack]}
+                 "in_service": [name for name, _ in stack],
+                 "fingerprints": [known for _, known in stack]}
         sealed = {**state, "checksum": _checksum(state)}
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
         self._stack, self.complaint = stack, complaint
         self.in_service = InService(model, self._path(stack), utc_now())
-        keep_newest(self._models, KEPT, spared=names)
         return model
 
     def _resumed(self) -> _Stack:

@@ -49,7 +49,7 @@ class EfficiencyNode(Node):
     Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `operating_point`,
     `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
     `optimal_engine_speed` [rad/s], `advice`, `~/model`, `~/efficiency_map`, `/diagnostics`;
-    services `~/reidentify`, `~/diagnose`, `~/revert`, `~/clear_samples`.
+    services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`, `~/clear_samples`, `~/cancel`.
 
     Raises:
         InputError: a parameter is wrong, the model file cannot be used, or another node has the

@@ -9,13 +9,16 @@ that the process loads, and at full priority: nothing but the standard library.
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any
 
 
@@ -26,8 +29,10 @@ class Worker:
         self._pool: ProcessPoolExecutor | None = None
         self._processes: list[BaseProcess] = []
 
-    def submit(self, job: Callable[..., Any], **options: Any) -> Future[Any]:
-        """Start a job; the future raises `BrokenProcessPool` when the process dies meanwhile.
+    def submit(self, job: Callable[..., Any], memory: int, **options: Any) -> Future[Any]:
+        """Start a job that may take so much memory [MiB].
+
+        The future raises `BrokenProcessPool` when the process dies meanwhile, and `MemoryError`.
 
         Raises:
             OSError: no process can be started.
@@ -35,10 +40,10 @@ class Worker:
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
         try:
-            return self._pool.submit(job, **options)
+            return self._pool.submit(_limited, job, memory, options)
         except BrokenProcessPool:  # it has died while it had nothing to do
             self.kill()
-            return self.submit(job, **options)
+            return self.submit(job, memory, **options)
         except OSError:
             self.kill()
             raise
@@ -52,12 +57,21 @@ class Worker:
             process.join(timeout=1.0)
         return next((process.exitcode for process in self._processes), None)
 
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal has stopped the process, so that it neither works nor ends."""
+        with suppress(ChildProcessError):  # it has just ended
+            return any(
+                os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
+                for process in self._processes if process.pid and process.is_alive())
+        return False
+
     def kill(self) -> None:
         """Kill the process, and a running job with it."""
         for process in self._processes:
             process.kill()
         if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
+            self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool, self._processes = None, []
 
 
@@ -67,9 +81,23 @@ def _begin() -> None:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     else:
         os.nice(19)
+    with suppress(OSError):  # Linux: where memory runs out, end this process and not the node
+        Path("/proc/self/oom_score_adj").write_text("1000")
     # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _limited(job: Callable[..., Any], memory: int, options: Mapping[str, Any]) -> Any:
+    """Do a job within a limit to the memory that it may write to [MiB]."""
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    limit = memory << 20
+    resource.setrlimit(resource.RLIMIT_DATA, (
+        limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+    try:
+        return job(**options)
+    except MemoryError:  # NumPy's own kind does not have to come through to the node
+        raise MemoryError from None
 
 
 def _end_with_parent() -> None:
