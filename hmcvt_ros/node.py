@@ -70,7 +70,7 @@ class EfficiencyNode(Node):
         self._ages = NodeClock(self.get_clock()) if simulated else SteadyClock()
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
         folder = Path(self._settings.state_folder
-                      or home / self.get_fully_qualified_name().strip("/"))
+                      or home / self.get_fully_qualified_name().strip("/")).absolute()
         self._state = StateFolder(folder)
         self._store = ModelStore(
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
