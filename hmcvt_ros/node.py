@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
@@ -65,8 +65,9 @@ class EfficiencyNode(Node):
         # Ages follow the clock that is chosen at the start: no stranger may exchange it.
         simulated = bool(self.get_parameter("use_sim_time").value)
         self.set_descriptor("use_sim_time", ParameterDescriptor(
-            description="Whether to follow /clock.", read_only=True))
-        self._clock = NodeClock(self.get_clock()) if simulated else SteadyClock()
+            type=ParameterType.PARAMETER_BOOL, description="Whether to follow /clock.",
+            read_only=True))
+        self._ages = NodeClock(self.get_clock()) if simulated else SteadyClock()
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
         folder = Path(self._settings.state_folder
                       or home / self.get_fully_qualified_name().strip("/"))
@@ -163,9 +164,9 @@ class EfficiencyNode(Node):
 
         def take(message: Float64, info: Mapping[str, int]) -> None:
             try:  # here, not in a wrapper: this is what runs at every message
-                now = self._clock.now()
+                now = self._ages.now()
                 if not item.take(message.data,
-                                 self._clock.received(info["received_timestamp"], now)):
+                                 self._ages.received(info["received_timestamp"], now)):
                     self._guard.warn(name, item.tally.complaint)
                 self._output_due = True
                 self._publish_outputs(now)
@@ -197,8 +198,8 @@ class EfficiencyNode(Node):
             self._last_output = time.monotonic()
 
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
-        now = self._clock.now()
-        age = (now - self._clock.received(info["received_timestamp"], now)) * NANOSECONDS
+        now = self._ages.now()
+        age = (now - self._ages.received(info["received_timestamp"], now)) * NANOSECONDS
         message, point, reason = JointState(), None, "invalid"
         try:
             message = messages.joint_state(raw)
@@ -240,7 +241,7 @@ class EfficiencyNode(Node):
         self._served = now
         # The limits of the map may have changed meanwhile.
         self._publish_map(grid if settings is self._settings else None)
-        self._publish_outputs(self._clock.now())
+        self._publish_outputs(self._ages.now())
 
     def _publish_map(self, grid: EfficiencyMap | None = None) -> None:
         self._map_due = False
@@ -252,7 +253,7 @@ class EfficiencyNode(Node):
     def _tick(self) -> None:
         self._service_handlers.poll()
         # NaN is said again and again, so that whoever listens only now hears it too.
-        now = self._clock.now()
+        now = self._ages.now()
         unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
         if self._output_due or unanswered:
             self._publish_outputs(now)
@@ -263,14 +264,14 @@ class EfficiencyNode(Node):
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
-        name, now = self.get_fully_qualified_name().strip("/"), self._clock.now()
+        name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings, {
                 "points answered": self._outputs.answered,
                 "points not answered, coasting": self._inputs.coasting,
                 "points not answered, inputs apart": self._inputs.apart,
                 **self._points.values("operating points"),
-                "clock jumps": self._inputs.clock_jumps + self._clock.jumps,
+                "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
                 "clocks refused": self._guard.clocks_refused,
                 "requests contained": self._guard.contained}),
             model_status(name, self._served, self._activity, len(self._log),
