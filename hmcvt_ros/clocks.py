@@ -10,7 +10,8 @@ from rclpy.clock import Clock
 # It goes on while the machine sleeps, where the system has such a clock.
 _STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 _STEP = 20_000_000  # ns between two looks by which no clock is drawn right, only set
-_DRAINED = 200_000_000  # ns in which the messages that waited while a clock was set are taken
+_STOPPED = 1_000_000_000  # ns between two looks: the process, or the machine, has been stopped
+_DRAINED = 200_000_000  # ns in which the messages that have waited meanwhile are taken
 
 
 class SteadyClock:
@@ -18,8 +19,8 @@ class SteadyClock:
 
     The middleware stamps what it receives by the system clock. As long as that keeps its distance
     from the steady clock, the stamp tells the age of a message, however long it has waited. When
-    the system clock is set, stamps of before mean nothing; what is taken right afterwards counts
-    as received when the clock was last seen right, the earliest that it can have come.
+    the system clock is set, stamps of before mean nothing; and a process that was stopped stamps
+    late. What is taken right afterwards counts as received when all was last seen well.
 
     Attributes:
         jumps: how often the system clock was set.
@@ -29,15 +30,16 @@ class SteadyClock:
         self.jumps = 0
         self._seen = time.clock_gettime_ns(_STEADY)
         self._offset = time.time_ns() - self._seen
-        self._last_right = self._doubtful_until = self._seen
+        self._last_well = self._doubtful_until = self._seen
 
     def now(self) -> int:
         """Return the time; to be asked ten times a second at least."""
         now = time.clock_gettime_ns(_STEADY)
         offset = time.time_ns() - now
-        if not -_STEP < offset - self._offset < _STEP:
-            self.jumps += 1
-            self._last_right, self._doubtful_until = self._seen, now + _DRAINED
+        was_set = not -_STEP < offset - self._offset < _STEP
+        if was_set or now - self._seen > _STOPPED:
+            self.jumps += was_set
+            self._last_well, self._doubtful_until = self._seen, now + _DRAINED
         self._offset, self._seen = offset, now
         return now
 
@@ -49,7 +51,7 @@ class SteadyClock:
             now: what `now` has just given.
         """
         if now < self._doubtful_until:
-            return self._last_right
+            return self._last_well
         return min(stamp - self._offset, now) if stamp > 0 else now
 
 

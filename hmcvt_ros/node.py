@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -66,7 +66,8 @@ class EfficiencyNode(Node):
         # Ages follow the clock that is chosen at the start: no stranger may exchange it.
         simulated = bool(self.get_parameter("use_sim_time").value)
         self.set_descriptor("use_sim_time", ParameterDescriptor(
-            description="Whether to follow /clock.", read_only=True))
+            type=ParameterType.PARAMETER_BOOL, description="Whether to follow /clock.",
+            read_only=True))
         self._ages = NodeClock(self.get_clock()) if simulated else SteadyClock()
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
         folder = Path(self._settings.state_folder
@@ -107,26 +108,29 @@ class EfficiencyNode(Node):
     # --- set-up -------------------------------------------------------------------------------
 
     def _create_topics(self) -> None:
-        def create(kind: Any, topic: str, profile: Any, **options: Any) -> Any:
-            return self.create_publisher(kind, topic, **qos.overridable(profile), **options)
+        # rclpy goes through every event of every topic before each message. The default ones warn
+        # of a peer that asks for or offers too little: hardly possible with these profiles, and
+        # the peer is told as well. A best-effort publisher of bench samples is another matter.
+        quiet = PublisherEventCallbacks(use_default_callbacks=False)
+        quiet_too = SubscriptionEventCallbacks(use_default_callbacks=False)
+
+        def create(kind: Any, topic: str, profile: Any) -> Any:
+            return self.create_publisher(
+                kind, topic, **qos.overridable(profile), event_callbacks=quiet)
 
         self._outputs = Outputs(create)
-        # rclpy goes through every event of every topic before each message. The default ones warn
-        # of subscribers that ask for more than is offered, which is hardly possible here.
-        rare = {"event_callbacks": PublisherEventCallbacks(use_default_callbacks=False)}
-        self._model_publisher = create(String, "~/model", qos.LATCHED, **rare)
-        self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED, **rare)
-        self._diagnostics_publisher = create(
-            DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS, **rare)
+        self._model_publisher = create(String, "~/model", qos.LATCHED)
+        self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED)
+        self._diagnostics_publisher = create(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
         for limits in INPUT_RANGES:
             self.create_subscription(Float64, limits.name, self._input_callback(limits.name),
-                                     **qos.overridable(qos.INPUT))
+                                     **qos.overridable(qos.INPUT), event_callbacks=quiet_too)
         # Raw: whether a message is too long is to be known before work is spent on it.
-        for topic, callback, profile in (
-                ("operating_point", self._on_operating_point, qos.INPUT),
-                ("bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)):
+        for topic, callback, profile, events in (
+                ("operating_point", self._on_operating_point, qos.INPUT, quiet_too),
+                ("bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None)):
             self.create_subscription(JointState, topic, self._guard.callback(callback), raw=True,
-                                     **qos.overridable(profile))
+                                     **qos.overridable(profile), event_callbacks=events)
 
     def _report_start(self) -> None:
         logger = self.get_logger()

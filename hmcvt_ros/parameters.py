@@ -151,7 +151,7 @@ class Settings:
     input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
     input_timeouts_load_torque: float = _input_timeout(LOAD_TORQUE)
     max_input_skew: float = _parameter(
-        0.25, "s",
+        0.0, "s",
         "Time between the oldest and the newest of the three inputs beyond which there is no "
         "output: they do not belong together; 0 for no limit but their ages.",
         (0.0, LONGEST_TIMEOUT))

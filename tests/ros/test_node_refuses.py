@@ -14,7 +14,7 @@ BAD = [
     ("load_torque", math.inf, "not finite"),
     ("engine_speed", 750.0, "r/min"),
     ("displacement_ratio", 1.3, "-1 to 1"),
-    ("load_torque", -20.0, "1 to 5000 N m"),
+    ("load_torque", -9000.0, "1 to 5000 N m"),
 ]
 
 

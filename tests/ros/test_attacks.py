@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No message, request or clock from outside ends the node, holds it up, or makes it say old things.
+
+One node for all, with a clock and a main thread that the tests take hold of.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+import signal
+import struct
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from ros_bench import GOOD, send_table
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from type_description_interfaces.srv import GetTypeDescription
+
+import hmcvt_core as hmcvt
+from hmcvt_ros import qos
+from hmcvt_ros.outputs import ADVICE
+
+SHIM = Path(__file__).with_name("clock_shim.c")
+BAD_TYPE = Parameter(name="input_timeout", value=ParameterValue(type=99))
+GOOD_VALUE = Parameter(name="input_timeout", value=ParameterValue(type=3, double_value=0.4))
+LONG = "x" * 5_000_000
+
+
+class Orders:
+    """What the shim in the node is told."""
+
+    def __init__(self, path):
+        path.write_bytes(bytes(16))
+        self._file = path.open("r+b")
+        self._map = mmap.mmap(self._file.fileno(), 16)
+
+    def close(self):
+        self._map.close()
+        self._file.close()
+
+    def set_clock(self, seconds):
+        self._map[:8] = struct.pack("q", seconds)
+
+    def stall(self, seconds):
+        self._map[8:] = struct.pack("q", int(seconds * 1000))
+
+
+@pytest.fixture(scope="module")
+def attacked(start_node, paper_file, tmp_path_factory):
+    """A node and what gives orders to its clock."""
+    folder = tmp_path_factory.mktemp("shim")
+    library, orders = folder / "clock_shim.so", folder / "orders"
+    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, SHIM], check=True)
+    given = Orders(orders)
+    yield start_node(paper_file, launcher=(
+        "env", f"LD_PRELOAD={library}", f"CLOCK_SHIM_FILE={orders}")), given
+    given.close()
+
+
+@pytest.fixture
+def node(attacked):
+    attacked[0].reset()
+    return attacked[0]
+
+
+def ask(node, kind, service, **request):
+    """Call a service of rclpy's own; return the reply."""
+    client = node.player.create_client(kind, f"{node.namespace}/hmcvt/{service}")
+    assert node.comes(client.service_is_ready)
+    future = client.call_async(kind.Request(**request))
+    assert node.comes(future.done, 20.0), service
+    node.player.destroy_client(client)
+    return future.result()
+
+
+def answers(node):
+    return node.process.poll() is None and node.player.hold(GOOD).efficiency is not None
+
+
+def counted(node, key):
+    """A count of the inputs' status, from diagnostics that come from now on."""
+    node.forget_status()
+    assert node.comes(lambda: "inputs" in node.player.statuses)
+    return int(node.value(key, "inputs"))
+
+
+def flow(node, seconds, point=GOOD, rate=50.0):
+    """Hold a point; return the times of the arrivals at which answers came, and of what is sent."""
+    node.player.efficiencies.clear()
+    heard, end = [], time.monotonic() + seconds
+    while time.monotonic() < end:
+        node.player.send_inputs(point)
+        node.player.spin_for(1.0 / rate)
+        heard.append(len(node.player.efficiencies))
+    return heard
+
+
+# --- requests to what rclpy serves ----------------------------------------------------------------
+
+
+def test_parameter_of_an_unknown_type_is_refused(node):
+    before = counted(node, "requests contained")
+    results = ask(node, SetParameters, "set_parameters",
+                  parameters=[BAD_TYPE, GOOD_VALUE]).results
+    assert [result.successful for result in results] == [False, True]
+    assert "99" in results[0].reason
+    result = ask(node, SetParametersAtomically, "set_parameters_atomically",
+                 parameters=[GOOD_VALUE, BAD_TYPE]).result
+    assert not result.successful and "99" in result.reason
+    assert answers(node) and node.says("99 is not a valid")
+    assert counted(node, "requests contained") == before + 2
+
+
+@pytest.mark.parametrize(("kind", "service", "request_"), [
+    (SetParameters, "set_parameters", {"parameters": [GOOD_VALUE] * 5000}),
+    (SetParametersAtomically, "set_parameters_atomically", {"parameters": [GOOD_VALUE] * 5000}),
+    (SetParameters, "set_parameters", {"parameters": [Parameter(
+        name="samples_file", value=ParameterValue(type=4, string_value=LONG))]}),
+    (GetParameters, "get_parameters", {"names": ["input_timeout"] * 5000}),
+    (GetParameterTypes, "get_parameter_types", {"names": [LONG]}),
+    (DescribeParameters, "describe_parameters", {"names": ["input_timeout"] * 5000}),
+    (ListParameters, "list_parameters", {"prefixes": ["input_timeouts"] * 5000}),
+    (GetTypeDescription, "get_type_description", {"type_name": LONG}),
+])
+def test_large_request_is_refused_and_holds_nothing_up(node, kind, service, request_):
+    before, size = counted(node, "requests contained"), len(node.log)
+    reply = ask(node, kind, service, **request_)
+    if hasattr(reply, "results"):
+        assert len(reply.results) == len(request_["parameters"])
+        assert not any(result.successful for result in reply.results)
+        assert "allowed are" in reply.results[0].reason
+    if hasattr(reply, "result") and hasattr(reply.result, "successful"):
+        assert not reply.result.successful and "5000 entries" in reply.result.reason
+    assert answers(node)
+    assert counted(node, "requests contained") == before + 1
+    assert len(node.log) - size < 2000
+
+
+def test_clock_of_the_ages_cannot_be_exchanged(node):
+    result, = node.set(use_sim_time=True)
+    assert not result.successful and "read-only" in result.reason
+    for kind in (0, 1):  # to take a parameter away is a change too
+        result, = ask(node, SetParameters, "set_parameters", parameters=[Parameter(
+            name="use_sim_time", value=ParameterValue(type=kind))]).results
+        assert not result.successful
+    assert answers(node)
+
+
+def test_clock_of_no_time_is_ignored_and_told(sim_node):
+    clock = sim_node.player.create_publisher(Clock, "/clock", 1)
+    assert sim_node.comes(clock.get_subscription_count)
+    message = Clock()
+    message.clock.sec = -5
+
+    def counted_one():
+        clock.publish(message)
+        return int(sim_node.value("clocks refused", "inputs") or 0) > 0
+
+    assert sim_node.comes(counted_one), sim_node.log
+    assert sim_node.says("/clock: -5 s, 0 ns is no time and is ignored")
+    assert answers(sim_node)
+    sim_node.player.destroy_publisher(clock)
+
+
+@pytest.mark.parametrize("topic", ["operating_point", "bench_sample"])
+def test_broken_or_huge_message_is_refused(node, topic):
+    publisher = node.player.create_publisher(JointState, f"{node.namespace}/{topic}", 10)
+    part, key = (("inputs", "operating points refused, invalid") if topic == "operating_point"
+                 else ("model", "bench samples refused, invalid"))
+    assert node.comes(publisher.get_subscription_count)
+    node.forget_status()
+    assert node.comes(lambda: part in node.player.statuses)
+    before = int(node.value(key, part))
+    for sent in (JointState(name=["engine"] * 100_000), b"\x00\x01\x00\x00\xff\xff\xff\xff\xff", b""):
+        publisher.publish(sent)
+    assert node.comes(lambda: int(node.value(key, part)) >= before + 2), node.status(part)
+    assert answers(node)
+    node.player.destroy_publisher(publisher)
+
+
+# --- clocks and stalls ----------------------------------------------------------------------------
+
+
+def test_stalled_node_does_not_answer_from_old_inputs(attacked, node):
+    node.set(input_timeout=0.3)
+    assert answers(node)
+    attacked[1].stall(1.0)
+    node.player.spin_for(0.2)
+    node.player.efficiencies.clear()
+    for _ in range(5):  # they wait in the queue until it goes on
+        node.player.send_inputs(GOOD)
+        node.player.spin_for(0.02)
+    node.player.spin_for(1.2)
+    assert node.player.efficiencies == []
+    assert answers(node)
+
+
+def test_stopped_node_does_not_answer_from_old_inputs(node):
+    node.set(input_timeout=0.3)
+    assert answers(node)
+    os.kill(node.process.pid, signal.SIGSTOP)
+    node.player.efficiencies.clear()
+    for _ in range(5):
+        node.player.send_inputs(GOOD)
+        node.player.spin_for(0.02)
+    node.player.spin_for(1.2)
+    os.kill(node.process.pid, signal.SIGCONT)
+    node.player.spin_for(0.5)
+    assert node.player.efficiencies == []
+    assert answers(node)
+
+
+@pytest.mark.parametrize("seconds", [-30, 3600])
+def test_system_clock_that_is_set_does_no_harm(attacked, node, seconds):
+    jumps = counted(node, "clock jumps")
+    assert answers(node)
+    before = counted(node, "load_torque received"), counted(node, "points answered")
+    flow(node, 0.3)
+    attacked[1].set_clock(seconds)
+    flow(node, 0.6)
+    sent, answered = (counted(node, key) - old for key, old in zip(
+        ("load_torque received", "points answered"), before, strict=True))
+    # The first two of each stretch complete the set only.
+    assert answered >= 3 * sent - 4 > 10
+    attacked[1].set_clock(0)
+    assert counted(node, "clock jumps") >= jumps + 1
+    node.player.spin_for(0.6)
+    flow(node, 0.1)
+    assert node.player.efficiencies
+
+
+# --- what is daily life, and what does not belong together ----------------------------------------
+
+
+def reported(node, point, level, *words):
+    def found():
+        node.player.send_inputs(point)
+        status = node.status("inputs")
+        return status["level"] == level and all(word in status["message"] for word in words)
+
+    node.forget_status()
+    return node.comes(found)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.9, -250.0])
+def test_coasting_is_silence_and_no_trouble(node, torque):
+    before = counted(node, "points not answered, coasting")
+    point = GOOD._replace(load_torque=torque)
+    assert node.player.hold(point, patience=0.0).efficiency is None
+    assert reported(node, point, DiagnosticStatus.OK, f"load_torque = {torque:g} N m: coasting")
+    assert node.value("load_torque state", "inputs") == "coasting"
+    assert counted(node, "points not answered, coasting") > before
+    assert answers(node)
+
+
+def test_stroke_a_hair_beyond_one_is_taken_as_one(node, paper_file):
+    model = hmcvt.load_model(paper_file)
+    before = counted(node, "displacement_ratio taken as the limit")
+    for stroke, limit in ((1.001, 1.0), (-1.02, -1.0)):
+        found = node.player.hold(GOOD._replace(displacement_ratio=stroke)).efficiency
+        assert found == model.efficiency(*GOOD._replace(displacement_ratio=limit))
+    assert counted(node, "displacement_ratio taken as the limit") > before
+    assert reported(node, GOOD._replace(displacement_ratio=1.001), DiagnosticStatus.OK)
+    assert reported(node, GOOD._replace(displacement_ratio=1.03), DiagnosticStatus.ERROR,
+                    "displacement_ratio = 1.03 is outside -1 to 1")
+
+
+def test_inputs_of_different_times_are_not_answered(node):
+    node.set(max_input_skew=0.1)
+    assert answers(node)
+    before = counted(node, "points not answered, inputs apart")
+    assert answers(node)
+    node.player.spin_for(0.2)
+    node.player.efficiencies.clear()
+    first, second, _ = node.player._inputs
+    for publisher, value in ((first, 0.5), (second, 100.0)):
+        publisher.publish(Float64(data=value))
+        node.player.spin_for(0.02)
+    assert node.player.efficiencies == []
+    assert node.comes(lambda: "load_torque is 0.2" in node.status("inputs")["message"]), (
+        node.status("inputs"))
+    assert "max_input_skew = 0.1" in node.status("inputs")["message"]
+    assert counted(node, "points not answered, inputs apart") == before + 2
+
+
+# --- answers that say what they belong to ---------------------------------------------------------
+
+
+def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
+    model = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
+    heard = []
+    publisher = node.player.create_publisher(
+        JointState, f"{node.namespace}/operating_point", qos.INPUT)
+    node.player.create_subscription(JointState, "advice", heard.append, qos.OUTPUT)
+    speeds = []
+    node.player.create_subscription(
+        Float64, "optimal_engine_speed", lambda message: speeds.append(message.data), qos.OUTPUT)
+    assert node.comes(lambda: publisher.get_subscription_count() and node.player.count_publishers(
+        f"{node.namespace}/advice"))
+
+    def advice(second, **changes):
+        values = {"engine": (100.0, math.nan), "output": (80.0, 250.0), "stroke": 0.5, **changes}
+        message = JointState(
+            name=["output", "engine", "displacement"], position=[0.0, 0.0, values["stroke"]],
+            velocity=[values["output"][0], values["engine"][0], 0.0],
+            effort=[values["output"][1], values["engine"][1], 0.0])
+        message.header.stamp.sec = second
+        for _ in range(3):  # best effort
+            publisher.publish(message)
+            if node.comes(lambda: heard and heard[-1].header.stamp.sec == second, 2.0):
+                break
+        assert list(heard[-1].name) == list(ADVICE)
+        assert heard[-1].header.frame_id == f"{model.fingerprint}:HM4"
+        return dict(zip(heard[-1].name, heard[-1].position, strict=True))
+
+    found = advice(17)  # 250 N m x 80 rad/s at 100 rad/s: 200 N m
+    assert found["efficiency"] == model.efficiency(*GOOD)
+    assert found["power_loss"] == pytest.approx(20e3 / found["efficiency"] - 20e3)
+    assert found["optimal_displacement_ratio"] == model.optimal_displacement_ratio(
+        100.0, 200.0).displacement_ratio
+    assert found["optimal_engine_speed"] == 100.0
+    assert math.isnan(found["fuel_rate"])
+    node.set(optimum_hold="output_speed")
+    best = model.optimal_displacement_ratio(
+        100.0, 200.0, hold="output_speed", displacement_ratio=0.5,
+        engine_speed_limits=(78.54, 230.38))
+    found = advice(18)
+    assert found["optimal_engine_speed"] == best.engine_speed
+    assert node.player.hold(GOOD).optimal_displacement_ratio == best.displacement_ratio
+    assert speeds[-1] == best.engine_speed
+    for number, changes in enumerate((
+            {"stroke": 1.3}, {"output": (80.0, 0.0)}, {"engine": (math.nan, 1.0)},
+            {"output": (math.nan, 250.0)})):
+        assert all(map(math.isnan, advice(20 + number, **changes).values())), changes
+    assert advice(30, stroke=1.001)["efficiency"] > 0.0
+
+
+def test_model_is_published_before_its_first_answer(node, table2, paper_file):
+    heard = []
+
+    def note(kind):
+        return lambda message, info: heard.append((info["received_timestamp"], kind, message.data))
+
+    ends = [node.player.create_subscription(String, "hmcvt/model", note("model"), qos.LATCHED),
+            node.player.create_subscription(Float64, "efficiency", note("answer"), qos.OUTPUT)]
+    send_table(node, table2)
+    future = node.player.request("reidentify")
+    while not future.done():
+        flow(node, 0.05)
+    flow(node, 0.3)
+    for end in ends:
+        node.player.destroy_subscription(end)
+    old = hmcvt.load_model(paper_file).efficiency(*GOOD)
+    published = max(stamp for stamp, kind, _ in heard if kind == "model")
+    changed = min(stamp for stamp, kind, value in heard if kind == "answer" and value != old)
+    assert published <= changed
