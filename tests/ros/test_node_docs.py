@@ -18,6 +18,7 @@ from rcl_interfaces.srv import GetParameters
 from ros_bench import GOOD, command, send_table
 
 import hmcvt_core as hmcvt
+from hmcvt_core.identification.refit import refit
 from hmcvt_ros.diagnostics import _LEVELS
 from hmcvt_ros.inputs import INPUT_RANGES
 
@@ -185,7 +186,7 @@ def test_diagnosis_leaves_a_report_and_stands_in_diagnostics(node, replies):
     found, page = replies["diagnose"], node.state / "reports" / "0001.html"
     assert {"gap", "where", "component", "verdict", "causes", "shrinkage", "next_tests"} <= set(
         found)
-    assert found["gap"]["samples"] == 8 and found["report"] == str(page)
+    assert found["gap"]["samples"] == 8 and found["report"] == "reports/0001.html"
     text = page.read_text()
     assert text.startswith("<!DOCTYPE html>") and text.rstrip().endswith("</html>")
     data = json.loads(page.with_suffix(".json").read_text())
@@ -206,28 +207,26 @@ def test_diagnosis_leaves_a_report_and_stands_in_diagnostics(node, replies):
     assert values["gap diagnosed"].endswith("Z, 8 samples")
 
 
-def test_worse_refit_is_refused_and_kept_as_a_candidate(refused):
+def test_refit_that_leads_too_far_is_refused_and_kept_as_a_candidate(refused, paper_file):
     node, (success, data) = refused
     assert not success
     same(reply("reidentify, refused"), data)
-    compared, served = data["held_back"], hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    assert compared["error_refit"] > compared["error_in_service"] + compared["allowance"]
+    served = hmcvt.load_model(paper_file)
 
-    # The reason names both figures and the file, in the answer, the log and diagnostics.
+    # The reason names the change, the limit and the file, in the answer, the log and diagnostics.
     candidate = node.state / "candidates" / "0001.yaml"
-    assert data["candidate"] == str(candidate)
-    for word in (f"{100 * compared['error_refit']:.2f} %",
-                 f"{100 * compared['error_in_service']:.2f} %", str(candidate)):
+    assert data["candidate"] == "candidates/0001.yaml"
+    for word in (f"{100 * data['drift']:.1f} points", "the 10 points allowed", data["candidate"]):
         assert word in data["error"]
-    assert node.says(f"reidentify: {data['error']}")
+    assert node.says("reidentify: the refit would differ from the base model")
     assert "[WARN]" in next(
-        line for line in node.log.splitlines() if "samples held back" in line)
+        line for line in node.log.splitlines() if "points allowed" in line)
     assert node.comes(
-        lambda: "not adopted: the refit is worse" in node.value("last refit"))
+        lambda: "not adopted: the refit would differ" in node.value("last refit"))
 
     # The refit to all samples is there to be looked at; nothing of the service has changed.
-    refit = hmcvt.identify(hmcvt.read_bench(node.bench_file), stage=served.stage).model
-    assert hmcvt.load_model(candidate).fingerprint == refit.fingerprint
+    found = refit(hmcvt.read_bench(node.bench_file), served, served)
+    assert hmcvt.load_model(candidate).fingerprint == found.model.fingerprint
     assert served.fingerprint in node.player.model_text
     assert node.player.hold(GOOD).efficiency == served.efficiency(*GOOD)
     assert list((node.state / "models").iterdir()) == []

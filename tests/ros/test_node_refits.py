@@ -15,6 +15,7 @@ import pytest
 from ros_bench import GOOD, message, points, send_table
 
 import hmcvt_core as hmcvt
+from hmcvt_core.identification.refit import refit
 from hmcvt_ros import jobs
 from hmcvt_ros.messages import bench_sample_to_message
 
@@ -31,13 +32,15 @@ def test_refit_improves_and_revert_goes_back(node, paper_file, table2):
 
     reply = node.player.call("reidentify")
     assert reply.success, reply.data
-    assert node.says(f"reidentify: {reply.data['file']} ({reply.data['model']}) in service")
+    assert node.says(f"{reply.data['file']} ({reply.data['model']}) in service")
     assert reply.data["samples"] == 8
     assert reply.data["error_before"] == pytest.approx(before, rel=1e-9)
     after = relative_error(node, table2)
-    assert after < 0.02 < 0.2 < before
+    assert after < 0.04 < 0.2 < before
     assert reply.data["error_after"] == pytest.approx(after, rel=1e-6)
     assert "leakage" in reply.data["parameters"]
+    assert reply.data["set_aside"] == [] and reply.data["staged"] is False
+    assert ["leakage is kept from the model" in text for text in reply.data["kept"]] == [True]
     compared = reply.data["held_back"]
     assert set(compared) == {"samples", "folds", "error_refit", "error_in_service", "allowance",
                              "change"}
@@ -45,7 +48,10 @@ def test_refit_improves_and_revert_goes_back(node, paper_file, table2):
     assert after < compared["error_refit"] < 0.1
 
     # What the core makes of the same file is what the node serves now, on all its topics.
-    refitted = hmcvt.identify(hmcvt.read_bench(node.bench_file), seed=0).model
+    paper = hmcvt.load_model(paper_file)
+    found = refit(hmcvt.read_bench(node.bench_file), paper, paper, seed=0)
+    assert reply.data["drift"] == reply.data["largest_change"] == pytest.approx(found.drift)
+    refitted = found.model
     assert node.player.hold(GOOD).efficiency == pytest.approx(refitted.efficiency(*GOOD), rel=1e-9)
     assert node.comes(lambda: reply.data["model"] in node.player.model_text)
     data = node.player.map.data  # 41, 17 and 15 values of the axes, then the efficiencies
@@ -58,8 +64,7 @@ def test_refit_improves_and_revert_goes_back(node, paper_file, table2):
     assert again.data["held_back"]["change"] == pytest.approx(0.0, abs=1e-9)
 
     assert node.player.call("revert").data["file"] == reply.data["file"]
-    assert node.player.call("revert").success
-    paper = hmcvt.load_model(paper_file)
+    assert node.player.call("revert").data["file"] == paper_file.name
     assert node.player.hold(GOOD).efficiency == paper.efficiency(*GOOD)
     reply = node.player.call("revert")
     assert not reply.success
@@ -225,6 +230,7 @@ def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, ta
     again = start_node(paper_file, state=node.state)
     assert fingerprint in again.player.model_text
     assert again.says("8 bench samples")
+    assert again.comes(lambda: "leakage is not determined" in again.status()["message"])
     again.player.request("reidentify")
     assert again.comes(again.children)
     workers = again.children()

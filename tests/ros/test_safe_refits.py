@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Refits that can do no harm, and jobs that have limits: attacks on a node over DDS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import timeit
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_bench import GOOD, send_table
+from test_node_refits import alive, worker_of
+
+import hmcvt_core as hmcvt
+from hmcvt_ros.worker import Worker
+
+NOISE = 0.003
+POINTS = np.meshgrid(np.linspace(-1.0, 1.0, 9), np.linspace(90.0, 220.0, 5),
+                     np.linspace(100.0, 300.0, 5))
+MANY = 60_000
+
+
+@pytest.fixture(scope="module")
+def base():
+    return hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+
+
+@pytest.fixture(scope="module")
+def unit_under_test(start_node):
+    return start_node("''")
+
+
+@pytest.fixture
+def node(unit_under_test):
+    unit_under_test.reset()
+    return unit_under_test
+
+
+@pytest.fixture
+def many(node, base):
+    """A job that takes a second at least: it has to read this file."""
+    samples = measured(base, 20).select(np.arange(MANY) % 20)
+    hmcvt.write_bench(node.state / "many.csv", samples)
+    node.set(samples_file="many.csv")
+
+
+def worn(base, *factors):
+    values = base.parameters.to_array() * factors
+    return replace(base, parameters=hmcvt.HydraulicParameters(*values.tolist()))
+
+
+def measured(unit, count, stroke=None, seed=0):
+    """Samples of a unit, with noise."""
+    rng = np.random.default_rng(seed)
+    ratio = rng.uniform(-1.0, 1.0, count) if stroke is None else np.full(count, stroke)
+    speed = rng.uniform(100.0, 220.0, count)
+    load = rng.uniform(100.0, 300.0, count)
+    efficiency = unit.efficiency(ratio, speed, load) * (1.0 + NOISE * rng.standard_normal(count))
+    return hmcvt.BenchSamples(ratio, speed, load, efficiency)
+
+
+def apart(one, other):
+    """Largest difference between two models [-]."""
+    return float(np.abs(one.efficiency(*POINTS) - other.efficiency(*POINTS)).max())
+
+
+def served(node, reply):
+    assert reply.success, reply.data
+    return hmcvt.load_model(node.state / reply.data["file"])
+
+
+def told(node, *words):
+    """Wait until the status of the model warns with these words."""
+    def found():
+        status = node.status()
+        return status["level"] == DiagnosticStatus.WARN and all(
+            word in status["message"] for word in words)
+
+    return node.comes(found, 60.0)
+
+
+# --- refits ---------------------------------------------------------------------------------------
+
+
+def test_one_bad_sample_of_twenty_is_named_and_decides_nothing(node, base):
+    unit = worn(base, 1.3, 1.3, 1.3)
+    samples = measured(unit, 20)
+    low = 0.30 * (np.arange(20) == 4)
+    send_table(node, replace(samples, efficiency=samples.efficiency - low))
+    reply = node.player.call("reidentify")
+    assert apart(served(node, reply), unit) < apart(base, unit) + 0.01
+    assert reply.data["set_aside"] == [5]
+    sentence = reply.data["warnings"][0]
+    assert sentence.startswith("sample 5 is set aside: it reads")
+
+    # As long as the model serves, and no longer.
+    assert told(node, sentence)
+    assert sentence in node.value("refit warnings")
+    assert float(node.value("drift [-]")) == pytest.approx(reply.data["drift"], rel=1e-5)
+    assert node.player.call("revert").success
+    assert node.comes(lambda: node.value("refit warnings") == "none")
+    assert node.comes(lambda: node.status()["level"] == DiagnosticStatus.OK)
+
+
+def test_samples_at_one_stroke_change_nothing_elsewhere(node, base):
+    send_table(node, measured(base, 12, stroke=0.5))
+    reply = node.player.call("reidentify")
+    assert apart(served(node, reply), base) < 0.01
+    assert reply.data["kept"]
+
+
+def test_copies_of_a_sample_do_not_count(node, base):
+    one = measured(base, 1)
+    send_table(node, one)
+    node.set(reidentify_min_samples=1)
+    reply = node.player.call("reidentify")
+    assert not reply.success and "needs at least 3 points" in reply.data["error"]
+    send_table(node, one.select([0] * 3))
+    reply = node.player.call("reidentify")
+    assert not reply.success and "4 samples at 1 distinct working point " in reply.data["error"]
+
+
+def test_drift_over_refits_is_told_and_bounded(node, base):
+    node.set(reidentify_max_drift=0.04)
+    samples, models = measured(base, 40), [base]
+    for _ in range(10):
+        samples = replace(samples, efficiency=samples.efficiency - 0.01)
+        if node.logged():
+            assert node.player.call("clear_samples").success
+        send_table(node, samples)
+        reply = node.player.call("reidentify")
+        if not reply.success:
+            break
+        models.append(served(node, reply))
+        assert apart(models[-1], base) < reply.data["drift"] + 0.005
+    assert "would differ from the base model" in reply.data["error"]
+    assert 2 < len(models) < 10 and apart(models[-1], base) < 0.045
+    assert models[-1].fingerprint in node.player.model_text
+
+
+def test_staged_refit_waits_for_adopt(node, base):
+    assert "no refit is staged" in node.player.call("adopt").data["error"]
+    samples = measured(worn(base, 1.3, 1.3, 1.3), 30)
+    send_table(node, samples)
+    node.set(reidentify_mode="stage")
+    before = node.player.hold(GOOD).efficiency
+    staged = node.player.call("reidentify").data
+    assert staged["staged"] is True
+    assert (node.state / staged["file"]).exists()
+    assert node.comes(lambda: staged["model"] in node.value("staged refit"))
+    assert node.player.hold(GOOD).efficiency == before
+
+    reply = node.player.call("adopt")
+    assert reply.data == {"model": staged["model"], "file": staged["file"]}
+    assert node.player.hold(GOOD).efficiency == served(node, reply).efficiency(*GOOD) != before
+    assert node.comes(lambda: node.value("staged refit") == "-")
+    assert not node.player.call("adopt").success
+
+    # One of samples that have been cleared is of another transmission.
+    assert node.player.call("reidentify").data["staged"]
+    assert node.player.call("clear_samples").success
+    assert "no refit is staged" in node.player.call("adopt").data["error"]
+
+
+# --- limits of jobs -------------------------------------------------------------------------------
+
+
+def running(node, service):
+    """Call a service and wait until its job runs."""
+    already = node.log.count(f"{service}: started")
+    reply = node.player.request(service)
+    assert node.comes(lambda: node.log.count(f"{service}: started") > already)
+    return reply
+
+
+def ends(node, reply, word):
+    """Whether a job fails for a reason, and the next one runs."""
+    assert node.comes(reply.done, 60.0)
+    assert not reply.result().success and word in reply.result().message, reply.result()
+    node.set(samples_file="", reidentify_min_samples=9)
+    return "no bench samples" in node.player.call("reidentify").data["error"]
+
+
+def test_samples_are_not_cleared_during_a_refit(node, many):
+    reply = running(node, "reidentify")
+    refused = node.player.call("clear_samples")
+    assert not refused.success
+    assert "busy: reidentify has been running for" in refused.data["error"]
+    assert "cancelled" in node.player.call("cancel").data
+    assert node.comes(reply.done)
+
+
+def test_job_is_cancelled(node, many):
+    reply = running(node, "diagnose")
+    worker = worker_of(node)
+    assert node.player.call("cancel").data["cancelled"] == "diagnose"
+    assert node.comes(lambda: not alive(worker))
+    assert ends(node, reply, "ended by ~/cancel")
+    assert "no job is running" in node.player.call("cancel").data["error"]
+    assert node.comes(lambda: node.status()["level"] == DiagnosticStatus.OK)
+
+
+def test_job_that_takes_too_long_is_ended(node, many):
+    node.set(job_time_limit=1.0)
+    reply = running(node, "diagnose")
+    assert told(node, "diagnose: ended after job_time_limit = 1 s")
+    assert ends(node, reply, "ended after job_time_limit = 1 s")
+
+
+def test_stopped_worker_is_noticed_and_ended(node, many):
+    reply = running(node, "diagnose")
+    worker = worker_of(node)
+    os.kill(worker, signal.SIGSTOP)
+    assert told(node, "the worker process was stopped by a signal, and has been ended")
+    assert not alive(worker)
+    assert ends(node, reply, "was stopped by a signal")
+
+
+def test_job_that_needs_too_much_memory_is_ended():
+    worker = Worker()
+    try:
+        work = {"stmt": "bytes(1 << 29)", "number": 1}
+        with pytest.raises(MemoryError):
+            worker.submit(timeit.timeit, 512, **work).result(timeout=20.0)
+        assert worker.submit(timeit.timeit, 2048, **work).result(timeout=20.0) > 0.0
+    finally:
+        worker.kill()
+
+
+def test_memory_limit_is_told(node, base):
+    hmcvt.write_bench(node.state / "many.csv", measured(base, 20_000))
+    node.set(samples_file="many.csv", job_memory_limit=512)
+    reply = running(node, "diagnose")
+    assert told(node, "diagnose: ended, for it needs more than job_memory_limit = 512 MiB")
+    assert ends(node, reply, "job_memory_limit")
