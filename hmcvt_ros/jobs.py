@@ -21,7 +21,7 @@ from .state_folder import keep_newest, next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
-SENTENCES = 20
+SENTENCES = 10
 """Most warnings of a refit: there may be one for each sample."""
 
 

@@ -143,7 +143,7 @@ class Services:
                     self._staged = _Staged(output, before, refit)
                 else:
                     await self._on_disk(self._store.adopt, output, before, refit)
-        except (HmcvtError, OSError) as error:
+        except Exception as error:
             how = "not adopted" if isinstance(error, _NotAdoptedError) else "failed"
             self._activity.last_refit = f"{utc_now()}, {how}: {error}"
             raise
@@ -171,7 +171,7 @@ class Services:
             with self._under_way("diagnose"):
                 result, *_ = await self._in_worker(
                     jobs.diagnose, reports=self._folder / "reports")
-        except (HmcvtError, OSError) as error:
+        except Exception as error:
             self._activity.last_diagnosis = f"{utc_now()}, failed: {error}"
             raise
         self._activity.gap = gap_values(result, fingerprint, utc_now())
