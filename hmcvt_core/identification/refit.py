@@ -39,8 +39,9 @@ from .evidence import Campaign, Prior
 from .problem import Problem, findings
 
 Array = NDArray[np.float64]
-MAX_DRIFT = 0.20
-"""Leakage doubled moves the corner of the domain where pressure is highest by 10 to 20 points."""
+MAX_DRIFT = 0.25
+"""Leakage doubled moves the corner of the domain where pressure is highest by 10 to 20 points; from
+the paper's parameters to those of its own bench it is 22."""
 
 _MOST_SET_ASIDE = 1.0 / 3.0  # of the samples; with more no majority is to be trusted
 _NOTICED = 0.01  # change of an efficiency that has to be supported by the samples
@@ -125,11 +126,14 @@ def refit(
     refused = next(_objections(
         samples, belongs, held_back, after - before,
         np.array([_answers(part, grid) for part in parts]), grid, after - first, max_drift), "")
-    measured = samples.efficiency
+    drift, measured = float(np.abs(after - first).max()), samples.efficiency
     remark = output_speed_remark(served.stage, samples)
     warnings = [
         *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
           f"{campaign.predicted(fit)[i]:.4g}" for i in np.flatnonzero(~belongs)),
+        *([] if drift <= 0.5 * max_drift else [
+            f"the refit differs from the base model by up to {100 * drift:.1f} points, the limit "
+            f"is {100 * max_drift:.3g}"]),
         *findings(used.problem.samples, to_scaled(model.parameters.to_array()),
                   model.standard_errors, np.asarray(model.correlation)),
         *([] if remark is None else [remark]),
@@ -150,8 +154,7 @@ def refit(
     return Refit(
         replace(model, domain=domain, provenance=provenance),
         tuple((np.flatnonzero(~belongs) + 1).tolist()), evidence.kept(campaign.prior), refused,
-        float(np.abs(after - before).max()), float(np.abs(after - first).max()), tuple(warnings),
-        held_back, *errors)
+        float(np.abs(after - before).max()), drift, tuple(warnings), held_back, *errors)
 
 
 def _joined(domain: Domain, other: Domain | None) -> Domain:
