@@ -8,11 +8,11 @@
 2. What they say: the information of the others, measured in the width of what was known before (the
    covariance of the model in service, and the wear that hydraulics may have: `PRIOR_SPREAD`), falls
    into three independent directions. In each the change has a significance t, the least that is
-   left when any one sample is taken away.
+   left when any one working point is taken away.
 3. What is followed: the prior is the model in service; its variance in each direction is the
-   smallest under which the change lies within `_SIGNIFICANT` standard deviations (covariance
-   inflation of an adaptive Kalman filter [Jazwinski 1969, Automatica 5]). That follows 1 - c2/t2 of
-   a change: wear is followed though the prior be tight, noise is not though it be wide.
+   smallest under which the change lies within c standard deviations, c two or the like quantile of
+   Student's t (covariance inflation of an adaptive Kalman filter [Jazwinski 1969, Automatica 5]).
+   That follows 1 - c2/t2 of a change: wear, though the prior be tight; no noise, though it be wide.
 4. Whether that may serve: `Refit.refused` says what speaks against it.
 """
 
@@ -39,12 +39,14 @@ from .evidence import Campaign, Prior
 from .problem import Problem, findings
 
 Array = NDArray[np.float64]
-MAX_DRIFT = 0.20
-"""Leakage doubled moves the corner of the domain where pressure is highest by 10 to 20 points."""
+MAX_DRIFT = 0.30
+"""Leakage doubled moves the corner of the domain where pressure is highest by 10 to 20 points; from
+the paper's parameters to those of its own bench it is 29."""
 
 _MOST_SET_ASIDE = 1.0 / 3.0  # of the samples; with more no majority is to be trusted
 _NOTICED = 0.01  # change of an efficiency that has to be supported by the samples
 _CERTAIN = 2.0  # standard errors
+_NAMED = 20  # samples with a sentence of their own
 _GRID = (11, 5, 5)
 
 
@@ -125,11 +127,17 @@ def refit(
     refused = next(_objections(
         samples, belongs, held_back, after - before,
         np.array([_answers(part, grid) for part in parts]), grid, after - first, max_drift), "")
-    measured = samples.efficiency
+    drift, measured = float(np.abs(after - first).max()), samples.efficiency
+    expected, aside = campaign.predicted(fit), np.flatnonzero(~belongs)
     remark = output_speed_remark(served.stage, samples)
     warnings = [
         *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
-          f"{campaign.predicted(fit)[i]:.4g}" for i in np.flatnonzero(~belongs)),
+          f"{expected[i]:.4g}" for i in aside[:_NAMED]),
+        *([] if len(aside) <= _NAMED else [
+            f"{len(aside) - _NAMED} more samples are set aside like these"]),
+        *([] if drift <= 0.5 * max_drift else [
+            f"the refit differs from the base model by up to {100 * drift:.1f} points, the limit "
+            f"is {100 * max_drift:.3g}"]),
         *findings(used.problem.samples, to_scaled(model.parameters.to_array()),
                   model.standard_errors, np.asarray(model.correlation)),
         *([] if remark is None else [remark]),
@@ -143,15 +151,14 @@ def refit(
         "data": Path(samples.source).name,
         "data_sha256": samples.sha256,
         "samples": len(samples),
-        "set_aside": int(np.sum(~belongs)),
+        "set_aside": len(aside),
         "seed": seed,
         "fit_error": float(f"{errors[1]:.6g}"),
     }
     return Refit(
         replace(model, domain=domain, provenance=provenance),
-        tuple((np.flatnonzero(~belongs) + 1).tolist()), evidence.kept(campaign.prior), refused,
-        float(np.abs(after - before).max()), float(np.abs(after - first).max()), tuple(warnings),
-        held_back, *errors)
+        tuple((aside + 1).tolist()), evidence.kept(campaign.prior), refused,
+        float(np.abs(after - before).max()), drift, tuple(warnings), held_back, *errors)
 
 
 def _joined(domain: Domain, other: Domain | None) -> Domain:

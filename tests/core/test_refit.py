@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A refit with the model in service as prior: bad samples, few samples, wear, drift."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.identification.cross_validation import QUICK
+from hmcvt_core.identification.refit import refit
+
+NOISE = 0.004
+WORN = (1.4, 1.1, 1.2)
+
+
+@pytest.fixture(scope="module")
+def new():
+    """A unit whose model has wide errors: five samples."""
+    return hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+
+
+@pytest.fixture(scope="module")
+def known(new):
+    """The same unit, its model identified from many samples."""
+    return hmcvt.identify(campaign(new, 96, seed=100), schedule=QUICK).model
+
+
+def worn(model, factors=WORN):
+    values = model.parameters.to_array() * factors
+    return replace(model, parameters=hmcvt.HydraulicParameters(*values.tolist()))
+
+
+def campaign(unit, count, seed, stroke=None, noise=NOISE):
+    rng = np.random.default_rng(seed)
+    ratio = rng.uniform(-1.0, 1.0, count) if stroke is None else np.full(count, stroke)
+    speed, torque = rng.uniform(80.0, 220.0, count), rng.uniform(80.0, 300.0, count)
+    efficiency = unit.efficiency(ratio, speed, torque) * (1 + noise * rng.standard_normal(count))
+    return hmcvt.BenchSamples(ratio, speed, torque, efficiency)
+
+
+def spoiled(samples, rows, by):
+    efficiency = samples.efficiency.copy()
+    efficiency[np.array(rows) - 1] += by
+    return replace(samples, efficiency=np.clip(efficiency, 0.01, 0.99))
+
+
+def error(model, truth):
+    """Largest over the working range."""
+    grid = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(80, 220, 5), np.linspace(80, 300, 5))
+    return np.abs(model.efficiency(*grid) - truth.efficiency(*grid)).max()
+
+
+@pytest.mark.parametrize("name", ["new", "known"])
+def test_wear_is_followed_however_sure_the_model_in_service_was(request, name):
+    served = request.getfixturevalue(name)
+    found = refit(campaign(worn(served), 30, seed=1), served, served)
+    assert not found.refused and not found.set_aside
+    assert error(served, worn(served)) > 0.04
+    assert error(found.model, worn(served)) < 0.012
+    assert found.error_after < 0.1 * found.error_before
+    assert found.drift == found.largest_change > 0.04
+
+
+@pytest.mark.parametrize(("rows", "by"), [([7], -0.30), ([3], 0.05), ([2, 9, 17], [-0.3, 0.2, 0.1]),
+                                          ([5, 6, 7], -0.2)])
+def test_bad_samples_are_named_and_do_not_count(known, rows, by):
+    samples = campaign(worn(known), 20, seed=2)
+    clean = refit(samples, known, known)
+    found = refit(spoiled(samples, rows, by), known, known)
+    assert found.set_aside == tuple(rows)
+    assert any(text.startswith(f"sample {rows[0]} is set aside: it reads ")
+               for text in found.warnings)
+    assert not found.refused
+    # Never more than a point worse than the worse of the two.
+    worst = max(error(clean.model, worn(known)), error(known, worn(known)))
+    assert error(found.model, worn(known)) < worst
+
+
+def test_a_campaign_without_a_majority_is_refused(known):
+    samples = spoiled(campaign(known, 20, seed=3), range(1, 9),
+                      np.array([-0.3, 0.2, -0.25, 0.15, -0.35, 0.22, -0.2, 0.18]))
+    found = refit(samples, known, known)
+    assert found.set_aside == tuple(range(1, 9))
+    assert found.refused.startswith("8 of 20 samples disagree with the others, more than a third")
+
+
+@pytest.mark.parametrize("name", ["new", "known"])
+@pytest.mark.parametrize("seed", range(3))
+def test_honest_samples_at_one_stroke_change_nothing_elsewhere(request, name, seed):
+    served = request.getfixturevalue(name)
+    found = refit(campaign(served, 12, seed, stroke=0.5), served, served)
+    assert found.refused or found.largest_change < 0.001
+    assert len(found.kept) == 3 and "the samples prove 0 %" in found.kept[0]
+
+
+def test_what_is_kept_keeps_its_errors(new):
+    found = refit(campaign(new, 12, 0, stroke=0.5), new, new)
+    assert found.model.parameters == new.parameters
+    assert found.model.standard_errors == pytest.approx(new.standard_errors)
+    np.testing.assert_allclose(found.model.correlation, new.correlation, atol=1e-6)
+    # The domain is that of both.
+    assert found.model.domain.displacement_ratio == (-1.0, 1.0)
+    assert found.model.domain.engine_speed[1] > 200.0
+
+
+@pytest.mark.parametrize(("rows", "where"), [([0], "1 samples at 1 distinct working point "),
+                                             ([0] * 4, "4 samples at 1 distinct working point "),
+                                             ([0, 1, 0, 1], "4 samples at 2 distinct working poi")])
+def test_fewer_points_than_parameters_are_refused(new, rows, where):
+    with pytest.raises(hmcvt.IdentificationError, match=where):
+        refit(campaign(new, 5, seed=0).select(rows), new, new)
+
+
+def test_copies_of_a_bad_sample_have_one_vote(known):
+    samples = spoiled(campaign(worn(known), 20, seed=4), [1], -0.15)
+    found = refit(samples.select([*range(20), *[0] * 19]), known, known)
+    assert set(found.set_aside) == {1, *range(21, 40)}
+    alone = refit(samples, known, known)
+    np.testing.assert_allclose(found.model.parameters.to_array(),
+                               alone.model.parameters.to_array(), rtol=1e-3)
+
+
+def test_drift_is_told_and_bounded(new):
+    served, told = new, []
+    for step in range(1, 13):
+        samples = campaign(new, 30, seed=step)
+        lower = spoiled(samples, range(1, 31), -0.01 * step)
+        found = refit(lower, served, new, max_drift=0.10)
+        if found.refused:
+            break
+        served = found.model
+        told.append(found.drift)
+    assert len(told) >= 3 and max(told) <= 0.10
+    assert found.drift > 0.10
+    assert "the refit would differ from the base model by -" in found.refused
+    assert "more than the 10 points allowed" in found.refused
+    assert " at displacement ratio " in found.refused and "\n" not in found.refused
+    assert any("the limit is 10" in text for text in found.warnings)
+
+
+def test_a_model_without_errors_is_refitted(new):
+    bare = replace(new, standard_errors={}, correlation=None, domain=None)
+    found = refit(campaign(worn(bare), 30, seed=5), bare, bare)
+    assert not found.refused and error(found.model, worn(bare)) < 0.015
+    hmcvt.EfficiencyModel.to_mapping(found.model)
+
+
+def test_a_refit_can_be_repeated(known):
+    samples = campaign(worn(known), 25, seed=6)
+    one, other = (refit(samples, known, known, seed=7) for _ in range(2))
+    assert one.model.parameters == other.model.parameters
+    assert one.held_back == other.held_back and one.held_back.samples == 25
