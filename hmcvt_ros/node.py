@@ -110,10 +110,11 @@ class EfficiencyNode(Node):
         self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED, **rare)
         self._diagnostics_publisher = create(
             DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS, **rare)
-        for kind, topic, callback, profile in (
-                *((Float64, limits.name, self._input_callback(limits.name), qos.INPUT)
-                  for limits in INPUT_RANGES),
-                (JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)):
+        subscribed: list[tuple[Any, str, Callable[..., None], Any]] = [
+            *((Float64, limits.name, self._input_callback(limits.name), qos.INPUT)
+              for limits in INPUT_RANGES),
+            (JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)]
+        for kind, topic, callback, profile in subscribed:
             self.create_subscription(
                 kind, topic, callback=self._guarded(callback), **qos.overridable(profile))
 
