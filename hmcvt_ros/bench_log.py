@@ -84,6 +84,8 @@ class BenchLog:
         if self.path.stat().st_size != self._size:
             self.check()  # new, or changed by someone else
         rows = rows[:max(self._limit - self._count, 0)]
+        if not rows:
+            return 0
         text = b"".join(rows)
         with self.path.open("ab", buffering=0) as file:
             try:

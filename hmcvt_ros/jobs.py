@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,8 +20,6 @@ from .state_folder import keep_newest, next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
-SENTENCES = 10
-"""Most warnings of a refit: there may be one for each sample."""
 
 
 class Done(NamedTuple):
@@ -63,17 +60,16 @@ def reidentify(
                                f"= {min_samples}")
     found = refit(bench, hmcvt.load_model(model), hmcvt.load_model(base), seed=seed,
                   max_drift=max_drift)
-    warnings = _shortened(found.warnings)
     # In the file: they hold as long as the model serves, also after a restart.
     fitted = replace(found.model, provenance={
-        **found.model.provenance, "drift": float(f"{found.drift:.6g}"), "warnings": warnings})
+        **found.model.provenance, "drift": float(f"{found.drift:.6g}"), "warnings": list(found.warnings)})
     answer = {
         "samples": len(bench),
         "source": bench.source,
         "error_before": found.error_before,
         "error_after": found.error_after,
         "parameters": fitted.to_mapping()["parameters"],
-        "warnings": warnings,
+        "warnings": found.warnings,
         "set_aside": found.set_aside,
         "kept": found.kept,
         "largest_change": found.largest_change,
@@ -89,11 +85,6 @@ def reidentify(
     hmcvt.save_model(fitted, output)
     served = servable(output)  # what a restart would read, to the last digit
     return Done(answer, served, served.efficiency_map(*map_axes))
-
-
-def _shortened(sentences: Sequence[str]) -> list[str]:
-    more = len(sentences) - SENTENCES
-    return [*sentences[:SENTENCES], *([f"and {more} more"] if more > 0 else [])]
 
 
 def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> Done:

@@ -115,6 +115,8 @@ class Recorder:
 
     def _write(self) -> None:
         rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        if not rows:
+            return  # they were written with those before
         refuse = partial(self._tally.refuse, count=len(rows))
         try:
             written = self._log.write(rows)
@@ -131,9 +133,9 @@ class Numbers:
     """Counts the messages that are missing, by the numbers of those that came.
 
     Every publisher numbers its messages from 1, and a message does not tell its publisher. So a
-    number goes with the stream of which it is the next; where there is none, some of the nearest
-    stream below are missing, unless that goes on later: then this one is of another publisher,
-    which had begun before we listened.
+    number goes with the stream of which it is the next; where there is none, the nearest stream
+    below lacks some, unless that goes on later: then it was the next one below, if any. A stream
+    that is met in the middle lacks nothing: it had begun before we listened.
 
     Attributes:
         missing: count of messages.
@@ -141,22 +143,28 @@ class Numbers:
 
     def __init__(self) -> None:
         self.missing = 0
-        self._left: deque[tuple[int, int]] = deque(maxlen=64)  # last number, missing after it
-        self._going: deque[int] = deque(maxlen=64)  # last numbers
+        self._last: deque[int] = deque(maxlen=64)  # of each stream
+        self._jumps: deque[tuple[int, int]] = deque(maxlen=64)  # last number before, first after
 
     def take(self, number: int) -> None:
         """Take the number of a message."""
         if not 0 < number < _UNNUMBERED:
             return
-        below = max((last for last in self._going if last < number), default=None)
-        again = [item for item in self._left if item[0] == number - 1]
-        if below != number - 1 and again:
-            self._left.remove(again[0])
-            self.missing -= again[0][1]
-        elif below is not None:
-            missing = number - below - 1
-            if missing:
-                self._left.append((below, missing))
-            self.missing += missing
-            self._going.remove(below)
-        self._going.append(number)
+        if number - 1 in self._last:
+            self._last.remove(number - 1)
+        elif doubted := [jump for jump in self._jumps if jump[0] == number - 1]:
+            before, after = doubted[0]
+            self._jumps.remove(doubted[0])
+            self.missing -= after - before - 1
+            self._jump(before, after)
+        else:
+            self._jump(number, number)
+        self._last.append(number)
+
+    def _jump(self, below: int, after: int) -> None:
+        """Lay a jump to a number to the nearest stream below another."""
+        if streams := [last for last in self._last if last < below]:
+            before = max(streams)
+            self._last.remove(before)
+            self._jumps.append((before, after))
+            self.missing += after - before - 1

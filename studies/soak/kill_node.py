@@ -21,9 +21,10 @@ import yaml
 from rclpy.context import Context
 
 import hmcvt_core as hmcvt
+from hmcvt_ros.bench_log import rows_of
 from hmcvt_ros.bench_player import BenchPlayer
 from hmcvt_ros.messages import bench_sample_from_message, bench_sample_to_message
-from hmcvt_ros.model_store import ModelStore
+from hmcvt_ros.model_store import WAYS_BACK, ModelStore
 
 from . import processes
 from .kill_lines import BASE, leftovers, model
@@ -33,7 +34,6 @@ from .processes import Process
 _PERIOD = 0.01  # seconds between two samples
 _BURST = 50  # samples that come at once
 _TORQUE, _EFFICIENCY = 200.0, 0.8
-_REFITS = 60  # that can be reverted one after the other
 _COMPLAINT = re.compile(r"Traceback|cannot be read|damaged lines")
 _numbers = itertools.count(1)
 
@@ -224,9 +224,8 @@ def _message(number: int, ratio: float = 0.1, speed: float = 0.0, torque: float 
 def _row(number: int) -> bytes:
     """Return the line of the log that a sample must become."""
     found = bench_sample_from_message(_message(number), 0.0)
-    columns = (found.stamp, found.displacement_ratio, found.engine_speed, found.load_torque,
-               found.efficiency, found.output_speed)
-    return ",".join(repr(float(np.ravel(column)[0])) for column in columns).encode()
+    row, = rows_of(found)
+    return row.removesuffix(b"\n")
 
 
 def _rows(log: Path) -> list[bytes]:
@@ -239,7 +238,7 @@ def _rows(log: Path) -> list[bytes]:
 def _fill(state: Path) -> None:
     """Put refits into service that can be reverted."""
     store = ModelStore(BASE, state)
-    while len(_stack(state)) < _REFITS:
+    while len(_stack(state)) < WAYS_BACK:
         path = store.new_path()
         hmcvt.save_model(model(int(path.stem)), path)
         store.adopt(path)

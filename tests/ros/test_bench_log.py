@@ -11,6 +11,7 @@ from full_disk import file_limit
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.bench_log import BenchLog
+from hmcvt_ros.recorder import Numbers
 
 
 def sample(number: int) -> hmcvt.BenchSamples:
@@ -143,3 +144,49 @@ def test_sample_without_a_column_is_refused(path, column):
     with pytest.raises(hmcvt.InputError, match=f"{column} is missing"):
         log.append(dataclasses.replace(sample(1), **{column: None}))
     assert len(hmcvt.read_bench(path)) == len(log) == 1
+
+
+def test_flipped_bits_change_no_value_silently(path):
+    filled(path, 3)
+    whole = path.read_bytes()
+    original = path.read_text().splitlines()[1:]
+    for place in range(0, len(whole), 4):
+        raw = bytearray(whole)
+        raw[place] ^= 1 << place // 4 % 8
+        path.write_bytes(raw)
+        log = BenchLog(path, limit=100)
+        assert log.recovered, place
+        rows = path.read_text().splitlines()[1:]
+        assert len(rows) == len(log) >= 1  # a line end that is gone takes two
+        assert set(rows) <= set(original)
+    assert len(list(path.parent.glob("log.damaged-*.csv"))) == 10
+    assert path.with_name(f"log.damaged-{place // 4 + 1}.csv").read_bytes() == bytes(raw)
+
+
+def test_log_without_checksums_is_taken_over(path):
+    filled(path, 3)
+    new = path.read_bytes()
+    old = b"".join(line.rpartition(b",")[0] + b"\n" for line in new.splitlines())
+    path.write_bytes(old)
+    log = BenchLog(path, limit=100)
+    assert len(log) == 3 and log.recovered == ""
+    assert path.read_bytes() == new
+    log.append(sample(3))
+    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(4.0))
+
+
+@pytest.mark.parametrize(("numbers", "missing"), [
+    ([1, 2, 3], 0),
+    ([40, 41, 42], 0),  # begun before we listened
+    ([1, 2, 5, 6, 10], 5),
+    ([1, 1, 2, 2, 3, 3, 1, 2], 0),  # three publishers
+    ([7, 90, 8, 91, 9, 92], 0),  # two that had begun before
+    ([1, 2, 60, 61, 70, 62, 71, 3], 0),  # three, by and by
+    ([1, 2, 60, 1, 2, 3], 57),
+    ([2**64 - 1, 2**64 - 1, 0], 0),  # not told
+])
+def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, missing):
+    counted = Numbers()
+    for number in numbers:
+        counted.take(number)
+    assert counted.missing == missing

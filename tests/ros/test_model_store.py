@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -71,6 +73,71 @@ def test_damaged_state_falls_back_to_the_model_file(paper_file, base, tmp_path, 
     store = ModelStore(paper_file, tmp_path)
     assert store.in_service.model.fingerprint == base.fingerprint
     assert "in_service.json" in store.complaint
+
+
+def test_flipped_bits_of_the_state_are_noticed(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    refit(store, 1e-12)
+    second = refit(store, 2e-12)
+    state = tmp_path / "in_service.json"
+    whole = state.read_bytes()
+    told = 0
+    for place in range(0, len(whole), 3):
+        raw = bytearray(whole)
+        raw[place] ^= 1 << place % 8
+        state.write_bytes(raw)
+        again = ModelStore(paper_file, tmp_path)
+        same = again.in_service.model.fingerprint == second
+        assert same == (again.complaint == ""), place
+        told += not same
+    assert told > 0.9 * len(whole) / 3
+
+
+def test_state_of_version_0_1_is_taken_up(paper_file, base, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    fingerprints = [refit(store, leakage) for leakage in (1e-12, 2e-12, 3e-12)]
+    (tmp_path / "in_service.json").write_text(json.dumps({
+        "base": str(paper_file), "base_fingerprint": base.fingerprint,
+        "in_service": ["0001.yaml", "0002.yaml", "0003.yaml"]}))
+    again = ModelStore(paper_file, tmp_path)
+    assert again.in_service.model.fingerprint == fingerprints[2] and again.complaint == ""
+    assert again.revert().fingerprint == fingerprints[1]
+    shutil.copy(tmp_path / "models" / "0001.yaml", tmp_path / "models" / "0002.yaml")
+    third = ModelStore(paper_file, tmp_path)
+    assert third.in_service.model.fingerprint == fingerprints[0]
+    assert "0002.yaml: is not what was put into service" in third.complaint
+
+
+def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    first = refit(store, 1e-12)
+    refit(store, 2e-12)
+    (tmp_path / "models" / "0002.yaml").unlink()
+    with pytest.raises(hmcvt.InputError, match=r"0002\.yaml"):
+        store.proven()
+    refit(store, 3e-12)
+    assert store.revert().fingerprint == first
+    assert "0002.yaml" in store.complaint and "0001.yaml serves instead" in store.complaint
+    assert store.proven().name == "0001.yaml"
+    store.revert()
+    assert store.complaint == ""
+
+
+def test_refits_are_pruned_but_those_one_can_go_back_to(paper_file, base, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    served = refit(store, 1e-12)
+    for _ in range(60):  # written, and not adopted
+        shutil.copy(tmp_path / "models" / "0001.yaml", store.new_path())
+    for number in range(25):
+        served = refit(store, 2e-12 + number * 1e-15)
+    names = sorted(path.name for path in (tmp_path / "models").iterdir())
+    assert names == [f"{number:04d}.yaml" for number in range(86 - 70 + 1, 87)]
+    again = ModelStore(paper_file, tmp_path)
+    assert again.in_service.model.fingerprint == served and again.complaint == ""
+    for _ in range(20):
+        last = again.revert()
+    assert last.fingerprint == base.fingerprint
+    assert again.new_path().name == "0087.yaml"
 
 
 def test_published_formulas_are_not_served(paper_file, base, tmp_path):

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A slow disk, bursts of bench samples, and a state folder that is not as the node left it."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import signal
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.qos import QoSProfile
+from ros_bench import GOOD, message, send_table
+from sensor_msgs.msg import JointState
+from slow_disk import launcher
+from std_msgs.msg import Float64
+
+import hmcvt_core as hmcvt
+from hmcvt_ros.model_store import ModelStore
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a compiler: cc")
+
+# --- a slow disk ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def slow(start_node, paper_file, tmp_path_factory):
+    """A node, and the file that makes its disk slow."""
+    words, switch = launcher(tmp_path_factory.mktemp("shim"))
+    return start_node(paper_file, launcher=words), switch
+
+
+@pytest.fixture
+def node(slow):
+    """The node on a disk that is not slow, with an empty log."""
+    node, switch = slow
+    switch.unlink(missing_ok=True)
+    node.reset()
+    return node
+
+
+def lookups(node, table2, count=300, rate=150.0, every=15):
+    """Ask at a rate, and send ten samples a second; the times to the answers [s]."""
+    player, times = node.player, []
+    ask, = (item for item in player._inputs if item.topic.endswith("engine_speed"))
+    player.hold(GOOD)
+    for i in range(count):
+        if i % every == 0:
+            player.send_inputs(GOOD)  # the others stay fresh
+            player.spin_for(0.02)
+            player.send_sample(message(table2, i % len(table2)))
+        start = time.monotonic()
+        player.efficiencies.clear()
+        ask.publish(Float64(data=100.0 + i / count))
+        if player.wait_until(lambda: bool(player.efficiencies), 2.0):
+            times.append(time.monotonic() - start)
+        player.spin_for(max(0.0, 1.0 / rate - (time.monotonic() - start)))
+    return times
+
+
+def test_slow_disk_holds_up_no_lookup(node, slow, table2):
+    quick, slowly = 0.0, math.inf
+    sent = 0
+    while sent < 120 and not slowly <= 2.0 * quick:  # the machine may do something else meanwhile
+        slow[1].unlink(missing_ok=True)
+        before = lookups(node, table2)
+        slow[1].touch()
+        times = lookups(node, table2)
+        assert len(before) == len(times) == 300
+        sent += 40
+        quick, slowly = (1e3 * float(np.percentile(found, 99)) for found in (before, times))
+        print(f"p99 of a lookup: {quick:.2f} ms, with fsync of 100 ms {slowly:.2f} ms")
+    assert slowly <= 2.0 * quick
+    # Every sample is on disk, and counted only then.
+    assert node.comes(lambda: node.value("bench samples logged") == str(sent), 10.0)
+    assert len(hmcvt.read_bench(node.bench_file)) == sent
+
+
+def test_reply_that_counts_samples_waits_for_all_that_came(node, slow, table2):
+    slow[1].touch()
+    for i in range(8):
+        node.player.send_sample(message(table2, i))
+        node.player.spin_for(0.01)
+    reply = node.player.call("clear_samples")
+    assert reply.success and reply.data["cleared"] == 8
+    assert node.logged() == 0
+
+
+# --- bursts ---------------------------------------------------------------------------------------
+
+
+def counts(node):
+    return {word: int(node.value(f"bench samples {word}") or 0) for word in (
+        "logged", "accepted", "lost", "refused, too many at once")}
+
+
+def test_burst_is_taken_whole(node, table2):
+    node.comes(lambda: node.value("bench samples accepted"))
+    before = counts(node)
+    messages = [message(table2, i) for i in range(8)]
+    for i in range(2000):
+        messages[i % 8].header.stamp.sec = i + 1
+        node.player.send_sample(messages[i % 8])
+    assert node.comes(lambda: counts(node)["logged"] == 2000, 20.0), counts(node)
+    assert counts(node)["accepted"] - before["accepted"] == 2000
+    assert counts(node)["lost"] == before["lost"]
+    np.testing.assert_array_equal(hmcvt.read_bench(node.bench_file).stamp, np.arange(1.0, 2001.0))
+
+
+def test_lost_samples_are_counted_and_told(node, table2):
+    node.comes(lambda: node.value("bench samples accepted"))
+    before = counts(node)
+    publisher = node.player.create_publisher(JointState, "bench_sample", QoSProfile(depth=20))
+    assert node.comes(publisher.get_subscription_count, 10.0)
+    publisher.publish(message(table2, 0))
+    assert node.comes(lambda: node.logged() == 1)
+    node.process.send_signal(signal.SIGSTOP)
+    for _ in range(1500):  # what the middleware holds in between takes some, but not all
+        publisher.publish(message(table2, 0))
+    node.process.send_signal(signal.SIGCONT)
+    # The other publisher goes on: the gap is not one of its.
+    assert node.comes(lambda: counts(node)["lost"] > before["lost"], 20.0)
+    node.player.send_sample(message(table2, 0))
+
+    def found():
+        now = counts(node)
+        return (now["lost"] - before["lost"], now["accepted"] - before["accepted"])
+
+    assert node.comes(lambda: sum(found()) == 1502, 20.0), found()
+    lost, accepted = found()
+    assert lost > 0 and node.logged() == accepted
+    assert node.status()["level"] == DiagnosticStatus.WARN
+    assert f"{lost} bench samples were sent and did not come" in node.status()["message"]
+    node.player.destroy_publisher(publisher)
+    assert node.player.call("clear_samples").success
+    node.forget_status()
+    assert node.comes(lambda: node.value("state folder") == "intact")
+    assert counts(node)["lost"] - before["lost"] == lost
+
+
+# --- the state folder -----------------------------------------------------------------------------
+
+
+def test_logs_set_aside_are_pruned(node, table2):
+    for number in range(1, 1001):
+        (node.state / f"bench_samples.cleared-{number}.csv").write_text("")
+    send_table(node, table2)
+    reply = node.player.call("clear_samples")
+    assert reply.data["kept_as"].endswith("bench_samples.cleared-1001.csv")
+    kept = {path.name for path in node.state.glob("bench_samples.cleared-*.csv")}
+    assert kept == {f"bench_samples.cleared-{number}.csv" for number in range(992, 1002)}
+
+
+def test_damage_while_it_runs_is_found_before_a_job_works_on_it(node, paper_file, table2):
+    for i in range(8):
+        node.player.send_sample(message(table2, i))
+    assert node.comes(lambda: node.logged() == 8)
+    raw = bytearray(node.bench_file.read_bytes())
+    place = raw.index(b",0.", raw.index(b"\n")) + 3
+    raw[place] ^= 1  # another digit
+    node.bench_file.write_bytes(raw)
+    node.set(reidentify_min_samples=8)
+    reply = node.player.call("reidentify", 60.0)
+    assert not reply.success and "7 samples" in reply.data["error"]
+    assert node.comes(lambda: "1 damaged lines taken out" in node.value("state folder"))
+    assert node.status()["level"] == DiagnosticStatus.WARN
+
+
+def change(store, leakage):
+    """Write and adopt a refit of another leakage."""
+    model = store.in_service.model
+    path = store.new_path()
+    hmcvt.save_model(replace(model, parameters=replace(model.parameters, leakage=leakage)), path)
+    return store.adopt(path)
+
+
+def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    good = change(store, 1e-12)
+    first = store.in_service.path
+    change(store, 2e-12)
+    shutil.copy(first, store.in_service.path)  # a valid file, but an older one
+    change(store, 3e-12)
+    bomb = ["a: &a [x, x, x, x, x, x, x, x, x]"] + [
+        f"{name}: &{name} [{', '.join(['*' + before] * 9)}]"
+        for before, name in zip("abcdefgh", "bcdefghi", strict=True)]
+    store.in_service.path.write_text("schema: hmcvt-model/1\n" + "\n".join(bomb) + "\n")
+    node = start_node(paper_file, state=tmp_path)
+    assert node.player.hold(GOOD).efficiency == pytest.approx(good.efficiency(*GOOD), rel=1e-12)
+    assert node.comes(lambda: node.value("file") == str(first))
+    assert node.status()["level"] == DiagnosticStatus.WARN
+    told = node.value("state folder")
+    assert told in node.status()["message"]
+    assert "0003.yaml: not YAML of a parameter file at line 2: 'a' is an alias" in told
+    assert "0002.yaml: is not what was put into service: fingerprint" in told
+    assert told.endswith(f"{first} serves instead")
+
+    # And while it runs.
+    hmcvt.save_model(replace(good, effects=()), tmp_path / "mine.yaml")
+    shutil.copy(paper_file, first)
+    hmcvt.write_bench(tmp_path / "mine.csv", hmcvt.read_bench(
+        hmcvt.data_path("data/table2.csv")))
+    node.set(samples_file="mine.csv")
+    reply = node.player.call("reidentify")
+    assert not reply.success and "0001.yaml: is not what was put into" in reply.data["error"]
+    assert node.player.call("revert").data["file"] == str(paper_file)
+    node.forget_status()
+    assert node.comes(lambda: node.value("state folder") == "intact")
+
+
+def test_flipped_bits_in_the_state_are_told(start_node, paper_file, tmp_path):
+    change(ModelStore(paper_file, tmp_path), 1e-12)
+    state = tmp_path / "in_service.json"
+    state.write_text(state.read_text().replace("0001.yaml", "0000.yaml"))
+    (tmp_path / "bench_samples.csv").write_text(
+        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,crc\n"
+        "1.0,0.5,100.0,200.0,0.8,100.0,00000000\n")
+    node = start_node(paper_file, state=tmp_path)
+    paper = hmcvt.load_model(paper_file)
+    assert node.player.hold(GOOD).efficiency == pytest.approx(paper.efficiency(*GOOD), rel=1e-12)
+    assert node.comes(lambda: "in_service.json: cannot be read or is damaged" in (
+        node.value("state folder")))
+    assert "1 damaged lines taken out" in node.value("state folder")
+    assert node.status()["level"] == DiagnosticStatus.WARN
+
+
+# --- the end --------------------------------------------------------------------------------------
+
+
+def test_what_waits_for_the_disk_is_written_before_the_end(node, slow, table2):
+    before = node.logged()
+    slow[1].touch()
+    for i in range(200):
+        node.player.send_sample(message(table2, i % 8))
+    node.player.spin_for(0.5)
+    assert node.stop() == 0, node.log
+    assert node.logged() == before + 200
+    assert "Traceback" not in node.log
