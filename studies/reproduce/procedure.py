@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -25,7 +24,7 @@ from . import (
 from .comparison import Summary
 from .gear_choice import Enumeration
 from .intervals import Profile
-from .item import VERDICTS, Item
+from .item import Item
 from .subsets import SubsetFit
 from .surfaces import Surface
 from .tables import Fit
@@ -59,12 +58,6 @@ class Reproduction:
     subset_fits: tuple[SubsetFit, ...]
     profiles: tuple[Profile, ...]
     seeds: int
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Items by verdict, in the order of `VERDICTS`."""
-        counted = Counter(item.verdict for item in self.items)
-        return {verdict: counted[verdict] for verdict in VERDICTS}
 
 
 def reproduce(
