@@ -12,7 +12,7 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.report import style
 from studies.page import render, table
 
-from . import comparison, gear_choice, intervals, paper, subsets, surfaces, tables
+from . import comparison, conclusions, intervals, paper, subsets, surfaces, tables
 from .algorithms import SERVED
 from .figures import Drawing, drawings
 from .item import BETTER, DIFFERS, NOT_REPRODUCIBLE, REPRODUCED, VERDICTS, Item
@@ -85,7 +85,7 @@ def details(found: Reproduction, group: str) -> list[Table]:
     """Tables that stand below the items of a group."""
     if group == tables.TABLE_3:
         return [_table3(found)]
-    if group == gear_choice.GROUP:
+    if group == conclusions.GEAR:
         return [_enumerations(found)]
     if group == comparison.FIGURE_6:
         return [_algorithms(found)]
