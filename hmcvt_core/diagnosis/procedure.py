@@ -20,7 +20,7 @@ from .ranking import Linear, Ranking, pair_candidates, rank, single_candidates
 from .regions import Regions, regions
 from .report import Diagnosis
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, Gap, Region, ShrinkageSummary
-from .shrinkage import averaged_errors, deals, shrinkage
+from .shrinkage import cross_validated_errors, deals, shrinkage
 from .significance import Significance, significance
 from .system import Effect, System
 from .words import plain
@@ -70,7 +70,7 @@ class _Study:
 
     def errors(self, rivals: Sequence[Linear]) -> Array:
         """Errors of the best of some rivals at samples left out, shape (n,)."""
-        return averaged_errors(rivals, self.base.observed, self.dealt)
+        return cross_validated_errors(rivals, self.base.observed, self.dealt)
 
     @property
     def noise(self) -> Array:

@@ -14,6 +14,7 @@ from ..diagnosis import Cause, Diagnosis, words
 from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
+from ..transmission.ranges import RPM
 from .gap import gap_map, residuals, shared
 from .losses import before_and_after, lost_power, means
 from .style import render
@@ -48,7 +49,7 @@ def html(diagnosis: Diagnosis) -> str:
         "diagnosis.html.j2", found=diagnosis, words=words, groups=groups(diagnosis), speed=speed,
         load=load, map=gap_map(diagnosis), residuals=residuals(diagnosis),
         watts=before_and_after(strokes, before, after), means=means(before, after),
-        offsets=[shared(diagnosis, each) for each in (base, model)], units=PARAMETER_UNITS,
+        offsets=[shared(diagnosis, each) for each in (base, model)], units=PARAMETER_UNITS, rpm=RPM,
         gap_significance=GAP_SIGNIFICANCE, region_significance=REGION_SIGNIFICANCE)
 
 
