@@ -160,17 +160,6 @@ def reading_of(
     return Reading(channel, measured, deviation, trust), source
 
 
-def distinct_rows(columns: Sequence[Sequence[object]]) -> NDArray[np.intp]:
-    """Indices of the rows without those that copy an earlier one in every column.
-
-    A copy says nothing new, least of all about the noise. Readings repeated at one point differ.
-    """
-    rows = list(zip(*columns, strict=True))
-    # The last of equal keys stays: the first row, read backwards.
-    first = {row: i for i, row in reversed(list(enumerate(rows)))}
-    return np.array(sorted(first.values()), dtype=np.intp)
-
-
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:
     """Noise that repeated points show: standard deviation and degrees of freedom; None if few.
 

@@ -127,8 +127,9 @@ def diagnose_system(
     study = _Study(base, boxes, found, ranking, seed, deals(observed, seed))
     before, after, noise = study.before, study.before, study.noise
     held_out: list[str] = []
+    judged = observed
     if held is not None:
-        before, after, noise, held_out = _errors_on(study, held)
+        before, after, noise, judged, held_out = _errors_on(study, held)
     elif study.significant:
         after = study.errors([ranking.nothing,
                               *(item.plain for item in ranking.candidates[:_RIVALS])])
@@ -146,8 +147,8 @@ def diagnose_system(
         ranking.unlisted if study.significant else 0.0,
         (*notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
-        _model_of(base), observed.samples, before, after, observed.steered, extent,
-        observed.readings[0].channel)
+        _model_of(base), observed.samples, study.before, judged.samples, before, after,
+        observed.steered, extent, observed.readings[0].channel)
 
 
 def _rms(values: Array) -> float:
@@ -180,8 +181,10 @@ def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, list[str]]:
     return "cause_found" if known >= FOUND and adequate else "ambiguous", []
 
 
-def _errors_on(study: _Study, held: Observations) -> tuple[Array, Array, Array, list[str]]:
-    """Errors before and after on samples held out, their noise, and notes.
+def _errors_on(
+    study: _Study, held: Observations
+) -> tuple[Array, Array, Array, Observations, list[str]]:
+    """Errors before and after on samples held out, their noise, those with an answer, and notes.
 
     After: of the model of the first cause, the one that is saved. Samples that do not state
     their noise have that of the campaign.
@@ -199,7 +202,8 @@ def _errors_on(study: _Study, held: Observations) -> tuple[Array, Array, Array, 
              f"{listed_samples(held, stalled)}"] if len(stalled) else []
     noise = (np.full(len(held), _rms(study.noise)) if held.assumed
              else held.readings[0].deviation)
-    return before[usable], after[usable], noise[usable], notes
+    return (before[usable], after[usable], noise[usable], held.select(np.flatnonzero(usable)),
+            notes)
 
 
 def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:

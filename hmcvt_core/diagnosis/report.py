@@ -24,8 +24,6 @@ def _fields(value: Any) -> dict[str, Any]:
 
 
 def _wrapped(line: str) -> str:
-    if len(line) <= _WIDTH:
-        return line
     margin = " " * (_MARGIN if line[:1].isalpha() and "  " in line else
                     len(line) - len(line.lstrip()))
     return "\n".join(textwrap.wrap(line, _WIDTH, subsequent_indent=margin,

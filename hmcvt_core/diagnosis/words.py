@@ -32,12 +32,10 @@ def number(value: float | None) -> str:
     """Return a number with three significant digits, powers of ten as such."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
-        digits = 0 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
-        return fixed(value, min(digits, 5))
-    mantissa, power = f"{value:.2e}".split("e")
-    exponent = str(int(power)).translate(_SUPERSCRIPT)
-    return f"{mantissa} \N{MULTIPLICATION SIGN} 10{exponent}".replace("-", MINUS)
+    mantissa, _, power = f"{value:.3g}".partition("e")
+    exponent = str(int(power)).translate(_SUPERSCRIPT) if power else ""
+    times = f" \N{MULTIPLICATION SIGN} 10{exponent}" if power else ""
+    return (mantissa + times).replace("-", MINUS)
 
 
 def unit(name: str) -> str:

@@ -28,8 +28,7 @@ _MOST_MARKS, _MOST_DOTS = 400, 1500
 _CELLS = 18  # cells along an axis when there are more samples than marks
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
-    "below": ("v", ORANGE, "w"), "slightly-below": ("v", "#f6d3b8", ORANGE),
-    "above": ("^", BLUE, "w"), "slightly-above": ("^", "#cfe1f2", BLUE),
+    "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
     "within": ("o", "#9aa3ad", "none"), "place": ("s", "none", INK),
 }
 _WHOLE = 0.86  # part of a view from which a place spans it and says nothing
@@ -40,27 +39,17 @@ _TREND_SAMPLES, _TREND_BINS = 24, 8
 
 def shared(found: Diagnosis, model: EfficiencyModel) -> float:
     """Return the mean of measured - predicted over the samples diagnosed [-]."""
-    errors = _errors(found, model)
+    errors = found.samples.efficiency - predicted_at(model, found.samples)
     return float(np.nanmean(errors)) if np.isfinite(errors).any() else 0.0
 
 
-def _errors(found: Diagnosis, model: EfficiencyModel) -> Array:
-    return found.samples.efficiency - predicted_at(model, found.samples)
+def _shown(samples: Any, axis: str) -> Array:
+    return np.asarray(getattr(samples, axis)) * _AXES[axis][1]
 
 
-def _of_samples(found: Diagnosis) -> bool:
-    """Whether the residuals of the diagnosis are those of the samples diagnosed."""
-    return (found.shrinkage.on == "cross-validation"
-            and len(found.residuals_before) == len(found.samples))
-
-
-def _shown(found: Diagnosis, axis: str) -> Array:
-    return np.asarray(getattr(found.samples, axis)) * _AXES[axis][1]
-
-
-def _in_words(found: Diagnosis, values: Array) -> Any:
+def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
-    columns = (*(_shown(found, axis) for axis in _AXES), values)
+    columns = (*(_shown(samples, axis) for axis in _AXES), values)
     return np.array([
         f"displacement ratio {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
         f"{words.fixed(load, 0)} N·m: {words.amount(found, value, sign=True)}"
@@ -69,18 +58,13 @@ def _in_words(found: Diagnosis, values: Array) -> Any:
 
 def gap_map(found: Diagnosis) -> Figures:
     """Draw the residuals of the refitted base model at the samples diagnosed."""
-    values, note = found.residuals_before, "predicted without the sample itself"
-    if not _of_samples(found):
-        # A part that all samples share is booked as calibration of the meters, as in the diagnosis.
-        offset = shared(found, found.base)
-        values = _errors(found, found.base) - offset
-        note = f"less the part that all samples share, {words.amount(found, offset, sign=True)}"
+    values = found.residuals
     sizes = np.abs(values[np.isfinite(values)])
     largest = max(float(np.quantile(sizes, 0.98)) if len(sizes) else 0.0, 2.0 * found.gap.noise,
                   1e-9)
     entries = [("bench below model", "below", _USUAL), ("bench above model", "above", _USUAL),
-               ("less than twice the noise", "slightly-below", _USUAL),
-               (f"within the noise ({words.amount(found, found.gap.noise)})", "within", _DOT),
+               (f"within twice the noise ({words.amount(found, 2.0 * found.gap.noise)})", "within",
+                _DOT),
                (f"this size: {words.amount(found, largest / 2.0)}", "below",
                 (_SMALL + _LARGE) / 2.0)]
     if found.where:
@@ -91,7 +75,8 @@ def gap_map(found: Diagnosis) -> Figures:
     what = ("Each mark is the mean of the samples in one cell of the view"
             if len(values) > _MOST_MARKS else "Each mark is one sample")
     views = [_view(found, values, largest, *view) for view in itertools.combinations(_AXES, 2)]
-    return Figures(views, legend, [f"{what}: measured minus predicted efficiency, {note}."])
+    return Figures(views, legend, [f"{what}: measured minus predicted efficiency, predicted "
+                                   "without the sample itself."])
 
 
 def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
@@ -102,7 +87,7 @@ def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
 
 
 def _view(found: Diagnosis, values: Array, largest: float, across: str, up: str) -> str:
-    at = np.column_stack([_shown(found, across), _shown(found, up)])
+    at = np.column_stack([_shown(found.samples, across), _shown(found.samples, up)])
     with styled(_MAP) as figure:
         axes = figure.subplots()
         axes.update_datalim(at)  # of all samples, whether they have a residual or not
@@ -111,10 +96,6 @@ def _view(found: Diagnosis, values: Array, largest: float, across: str, up: str)
         axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim(), xlabel=_AXES[across][0],
                  ylabel=_AXES[up][0])
         few_ticks(axes)
-        if up == "engine_speed":
-            axes.secondary_yaxis(
-                "right", functions=(lambda speed: speed * RPM, lambda speed: speed / RPM),
-            ).set_ylabel("engine speed [rad/s]")
         tips = _draw_marks(axes, found, values, at, largest)
         _outline(axes, found, (across, up))
         return to_svg(figure, f"map-{across}-{up}".replace("_", "-"), (
@@ -130,14 +111,12 @@ def _draw_marks(
     if len(values) > _MOST_MARKS:
         at, values, noise, texts = _cell_means(found, at[known], values[known])
     else:
-        texts = _in_words(found, values)[known]
+        texts = _in_words(found, found.samples, values)[known]
         at, values, noise = at[known], values[known], np.full(known.sum(), found.gap.noise)
     size = np.abs(values)
     height = _SMALL + (_LARGE - _SMALL) * np.minimum(size / largest, 1.0)
-    height[size <= noise] = _DOT
-    side = np.where(values < 0.0, "below", "above")
-    kinds = np.select([size <= noise, size <= 2.0 * noise],
-                      ["within", np.char.add("slightly-", side)], side)
+    height[size <= 2.0 * noise] = _DOT
+    kinds = np.select([size <= 2.0 * noise, values < 0.0], ["within", "below"], "above")
     tips = {}
     for kind in _MARKS:
         chosen = np.flatnonzero(kinds == kind)
@@ -201,16 +180,12 @@ def residuals(found: Diagnosis) -> Figures:
 
 def _across(found: Diagnosis) -> tuple[str, Array]:
     """Label and values of the axis along which the first place is narrowest."""
-    if not _of_samples(found):
-        return (f"sample of the {found.shrinkage.on}, in order of the file",
-                np.arange(1.0, len(found.residuals_before) + 1.0))
-
     def width(axis: str) -> float:
         span = np.ptp(getattr(found.samples, axis))
         return float(np.ptp(found.where[0].limits[axis]) / max(span, 1e-12))
 
     axis = min(_AXES, key=width) if found.where else "engine_speed"
-    return _AXES[axis][0], _shown(found, axis)
+    return _AXES[axis][0], _shown(found.judged, axis)
 
 
 def _panel(
@@ -235,7 +210,7 @@ def _panel(
         axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
                  ylabel="measured minus predicted [points]")
         few_ticks(axes)
-        texts = (_in_words(found, values)[shown].tolist()
-                 if _of_samples(found) and len(shown) <= _MOST_MARKS else [])
+        texts = (_in_words(found, found.judged, values)[shown].tolist()
+                 if len(shown) <= _MOST_MARKS else [])
         return to_svg(figure, name, f"{title}: measured minus predicted efficiency over {label}",
                       {"sample": texts})

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from operator import methodcaller
 from typing import Any
 
@@ -46,9 +47,8 @@ def lost_power(
 
 def worth_drawing(*balances: Mapping[str, Array]) -> list[str]:
     """Return the parts that take anything to be seen, in the order of the stack."""
-    most: dict[str, float] = {}
-    for part, watts in (entry for balance in balances for entry in balance.items()):
-        most[part] = max(most.get(part, 0.0), float(np.max(np.abs(np.nan_to_num(watts)))))
+    most = {part: max(np.nanmax(np.abs(each.get(part, 0.0)), initial=0.0) for each in balances)
+            for part in dict.fromkeys(chain(*balances))}
     order = (*(part for part in LOSSES if part in most), *sorted(most.keys() - LOSSES.keys()))
     return [part for part in order if most[part] >= _LEAST * max(most.values())]
 
@@ -148,13 +148,14 @@ def means(
 
     Means are over the points that both models answer; NaN if there is none.
     """
-    totals = [np.sum(list(balance.values()), axis=0) for balance in (before, after)]
-    answered = np.isfinite(totals[0] + totals[1])
+    balances = [{**balance, "total": np.sum(list(balance.values()), axis=0)}
+                for balance in (before, after)]
+    answered = np.isfinite(balances[0]["total"] + balances[1]["total"])
 
     def mean(loss: Array) -> float:
         return float(loss[answered].mean()) if answered.any() else float("nan")
 
     nothing = np.zeros(len(answered))
-    rows = [(part, mean(before.get(part, nothing)), mean(after.get(part, nothing)))
-            for part in worth_drawing(before, after)]
-    return [*rows, ("total", mean(totals[0]), mean(totals[1]))]
+    first, second = balances
+    return [(part, mean(first.get(part, nothing)), mean(second.get(part, nothing)))
+            for part in (*worth_drawing(before, after), "total")]

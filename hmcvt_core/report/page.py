@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis import Cause, Diagnosis, words
+from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
@@ -46,7 +45,7 @@ def html(diagnosis: Diagnosis) -> str:
     before = lost_power(base, strokes, speed, load, heat)
     after = before if model is base else lost_power(model, strokes, speed, load, heat)
     return render(
-        "diagnosis.html.j2", found=diagnosis, words=words, groups=groups(diagnosis), speed=speed,
+        "diagnosis.html.j2", found=diagnosis, words=words, speed=speed,
         load=load, map=gap_map(diagnosis), residuals=residuals(diagnosis),
         watts=before_and_after(strokes, before, after), means=means(before, after),
         offsets=[shared(diagnosis, each) for each in (base, model)], units=PARAMETER_UNITS, rpm=RPM,
@@ -58,34 +57,3 @@ def _strokes(measured: NDArray[np.float64]) -> NDArray[np.float64]:
     if high == low:  # an area needs a width
         low, high = max(low - 0.05, -1.0), min(high + 0.05, 1.0)
     return np.linspace(low, high, _STROKES)
-
-
-class Group(NamedTuple):
-    """Causes under one heading.
-
-    Attributes:
-        causes: at least one.
-        leading: whether the first is the cause to look at.
-        beside: other effects, in words, that the data cannot tell from the first.
-    """
-
-    causes: list[Cause]
-    leading: bool = False
-    beside: tuple[str, ...] = ()
-
-
-def groups(found: Diagnosis) -> list[Group]:
-    """Share the causes among groups: a leading one (or each of a pair) with its twins, the rest."""
-    left, made = list(found.causes), []
-    leading = (left[0].effect, left[0].together_with) if left else ()
-    for name in leading if found.verdict != "unexplained" else ():
-        first = next((cause for cause in left if cause.effect == name), None)
-        if first is None:
-            continue
-        twins = set(first.indistinguishable_from).difference(leading)
-        members = [cause for cause in left if cause is first or cause.effect in twins]
-        left = [cause for cause in left if cause not in members]
-        listed = [cause.effect for cause in members]
-        made.append(Group(members, True, tuple(
-            words.plain(twin) for twin in first.indistinguishable_from if twin not in listed)))
-    return [*made, Group(left)] if left else made
