@@ -34,7 +34,7 @@ from .hypothesis import Fit, Hypothesis, linearise
 from .observations import Observations, Reading
 from .ranking import Candidate, Ranking, screen
 from .result import NextTest
-from .system import Channel, System
+from .system import System
 from .words import plain
 
 Array = NDArray[np.float64]
@@ -61,9 +61,7 @@ class Isolability:
         detectability: L of each at its typical size, shape (k,).
         separation: row a, column b: L of a when b may mimic it, shape (k, k); the diagonal is
             `detectability`.
-        samples: points in the plan.
-        noise: standard deviation of the first channel; `noise_source` says by whom.
-        channels: what is read, the first channel first.
+        plan: what is to be read where.
         further: name of the channel that a bench may read besides.
         remedies: measurement that settles each effect when no operating point does, by name.
         fuller: the same if the further channel were read too; None where it is.
@@ -72,10 +70,7 @@ class Isolability:
     effects: tuple[str, ...]
     detectability: Array
     separation: Array
-    samples: int
-    noise: float
-    noise_source: str
-    channels: tuple[Channel, ...]
+    plan: Observations
     further: str
     remedies: Mapping[str, str]
     fuller: Isolability | None = None
@@ -101,12 +96,15 @@ class Isolability:
         return [other for other, level in zip(self.effects, row, strict=True)
                 if other != effect and level < DECISIVE]
 
+    @property
+    def _channels(self) -> list[str]:
+        return [reading.channel.name for reading in self.plan.readings]
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
-            "samples": self.samples, "noise": self.noise,
-            "noise_source": self.noise_source,
-            "channels": [channel.name for channel in self.channels],
+            "samples": len(self.plan), "noise": self.plan.usual_noise,
+            "noise_source": self.plan.noise_source, "channels": self._channels,
             "threshold": DECISIVE,
             "effects": [{
                 "effect": name, "detectability": float(self.detectability[i]),
@@ -123,7 +121,7 @@ class Isolability:
         Args:
             matrix: whether to print `separation` too.
         """
-        confused, first = self.confused(), self.channels[0]
+        confused, first = self.confused(), self.plan.readings[0].channel
         told, hidden = [], []
         for name, level in zip(self.effects, self.detectability.tolist(), strict=True):
             if level < DECISIVE:
@@ -131,13 +129,12 @@ class Isolability:
                 hidden.append(name + runs)
             elif not self.twins(name):
                 told.append(name)
-        lines = [f"{self.samples} points; read: "
-                 f"{', '.join(channel.name for channel in self.channels)}",
-                 f"noise of the {plain(first.name)}: {first.factor * self.noise:.2g} "
-                 f"{first.unit}, {self.noise_source}", "",
-                 *_listed("told from all others: ", told), ""]
+        lines = [f"{len(self.plan)} points; read: {', '.join(self._channels)}",
+                 f"noise of the {plain(first.name)}: {first.factor * self.plan.usual_noise:.2g} "
+                 f"{first.unit}, {self.plan.noise_source}", "",
+                 *_listed("told from all others: ", told)]
         if confused:
-            lines.append("seen, but not told from:")
+            lines += ["", "seen, but not told from:"]
         for item in confused:
             lines += _listed(f"  {item['effect']}: ", item["indistinguishable_from"])
             if by_channel := item[f"told_by_{self.further}"]:
@@ -145,9 +142,8 @@ class Isolability:
                                  by_channel)
             if item["remedies"]:
                 lines += _listed("    to settle it: ", ["; or ".join(item["remedies"])])
-        lines += [*[""] * bool(confused), *_listed(
-            "not visible at their typical size (number: runs of the whole plan that would show "
-            "it): ", hidden)]
+        lines += ["", *_listed("not visible at their typical size (number: runs of the whole plan "
+                               "that would show it): ", hidden)]
         if matrix:
             lines += ["", "squared deviations that the row's effect, at its typical size, leaves "
                       "after the refit of the", "base parameters when the column's effect, in the "
@@ -186,10 +182,8 @@ def isolability(
     separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
                            for own in members])
     np.fill_diagonal(separation, detectability)
-    read = len(plan.readings)
     return Isolability(
-        effects, detectability, separation, len(plan), plan.usual_noise, plan.noise_source,
-        system.channels[:read], system.channels[min(read, len(system.channels) - 1)].name,
+        effects, detectability, separation, plan, system.channels[:len(plan.readings) + 1][-1].name,
         {form.name: form.remedy for _, form, _ in screened},
         None if fuller is None else isolability(system, fuller, base))
 

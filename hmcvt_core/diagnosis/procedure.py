@@ -74,15 +74,8 @@ class _Study:
 
     @property
     def noise(self) -> Array:
-        """Standard deviation of the first channel, (n,), from the best competitor of all."""
-        ranking = self.ranking
-        variance = ranking.nothing.noise[0]
-        if self.significant and ranking.unlisted > 0.5:
-            # A narrow band would pass as noise for every competitor without one.
-            variance = ranking.pure[0]
-        elif self.significant:
-            rivals = [ranking.nothing, ranking.field, ranking.leading.linear]
-            variance = max(rivals, key=lambda item: item.log).noise[0]
+        """Standard deviation of the first channel, (n,); without a gap that of the base model."""
+        variance = self.ranking.noise if self.significant else self.ranking.nothing.noise[0]
         return np.asarray(self.base.observed.scale[0] * np.sqrt(variance))
 
 

@@ -8,6 +8,7 @@ and nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channe
 _SCREENED_SIZE = 0.1  # in typical sizes
 
 PRIOR_UNLISTED = 0.10
-_PRIOR_PAIR = 0.10  # that a gap has two causes
+_PRIOR_OF = {1: 1.0 - PRIOR_UNLISTED, 2: 0.10 * 2.0}  # one cause; two, in either order
 _CLEAR = 4.0  # squared gap / squared noise of a channel that certainly shows one
 _LEADERS = 5
 _PAIRS = 8
@@ -218,27 +219,23 @@ class Ranking:
     Attributes:
         probability: that an effect is present, by name, most probable first.
         best: the most likely candidate that holds each effect, by name.
-        leading: the most likely candidate of all, single or pair.
         unlisted: probability of a loss that nobody listed.
         leftover: log evidence that something smooth is left beside the leading candidate.
         explained: part of the squared gap that the leading candidate removes from each channel,
             shape (channels,), from the refits; NaN for a channel without a clear gap.
-        pure: lowest noise variance that any competitor leaves, in stated ones, (channels,).
+        noise: variance of the first channel in stated ones, by the best competitor of all.
         candidates: all that were refitted, best first.
         nothing: the base model alone.
-        field: the best smooth field.
     """
 
     probability: dict[str, float]
     best: dict[str, Candidate]
-    leading: Candidate
     unlisted: float
     leftover: float
     explained: Array
-    pure: Array
+    noise: float
     candidates: tuple[Candidate, ...]
     nothing: Linear
-    field: Linear
 
 
 def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
@@ -259,8 +256,8 @@ def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
     prior = {effect.name: effect.prior for item in candidates for effect in item.fit.effects}
     total = sum(prior.values())
     prior = {name: value / total for name, value in prior.items()}
-    logs = {names: np.log(_prior_of(names, prior)) + log_mean([item.log for item in members])
-            for names, members in groups.items()}
+    logs = {names: np.log(math.prod((_PRIOR_OF[len(names)], *(prior[name] for name in names))))
+            + log_mean([item.log for item in members]) for names, members in groups.items()}
     # A loss that nobody listed: half a smooth field, half a step somewhere.
     logs[()] = np.log(PRIOR_UNLISTED) + log_mean([
         log_mean(each) for each in ([item.log for item in smooth], placed) if len(each)])
@@ -278,18 +275,14 @@ def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
     before, after = bare.noise - pure, leading.plain.noise - pure
     # A channel whose scatter hardly grows without the cause had no gap to remove.
     clear = before > _CLEAR * pure
+    weighed = max((bare, *smooth, leading.linear), key=lambda item: item.log)
+    # A narrow band would pass as noise for every competitor without one.
+    noise = pure if posterior[()] > 0.5 else weighed.noise
     return Ranking(
-        dict(sorted(probability.items(), key=lambda item: -item[1])), best, leading,
-        posterior[()], log_mean([item.log for item in left]) - leading.linear.log,
-        np.where(clear, 1.0 - after / np.where(clear, before, 1.0), np.nan), pure,
-        tuple(candidates), bare, max(smooth, key=lambda item: item.log))
-
-
-def _prior_of(names: tuple[str, ...], prior: dict[str, float]) -> float:
-    if len(names) == 1:
-        return (1.0 - PRIOR_UNLISTED) * prior[names[0]]
-    first, second = names
-    return _PRIOR_PAIR * 2.0 * prior[first] * prior[second]
+        dict(sorted(probability.items(), key=lambda item: -item[1])), best, posterior[()],
+        log_mean([item.log for item in left]) - leading.linear.log,
+        np.where(clear, 1.0 - after / np.where(clear, before, 1.0), np.nan), float(noise[0]),
+        tuple(candidates), bare)
 
 
 def single_candidates(base: Fit) -> list[Candidate]:

@@ -86,17 +86,13 @@ def shrinkage(
     mean = squares.mean(axis=0)
     fraction, interval = None, None
     if real and mean[0] > 0.0:
-        fraction = float(_fraction(mean))
         draws = np.random.default_rng(seed).integers(0, len(squares), (_DRAWS, len(squares)))
-        drawn = squares[draws].mean(axis=1)
-        drawn = _fraction(drawn[drawn[:, 0] > 0.0])
-        if len(drawn):
-            low, high = np.quantile(drawn, [_TAIL, 1.0 - _TAIL]).tolist()
+        drawn = np.concatenate([mean[None], squares[draws].mean(axis=1)])
+        drawn = drawn[drawn[:, 0] > 0.0]
+        # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
+        fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()
+        if others:
+            low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
             interval = low, high
     gap = np.sqrt(np.maximum(mean, 0.0)).tolist()
     return ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
-
-
-def _fraction(means: Array) -> Array:
-    # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
-    return np.asarray(np.clip(1.0 - means[..., 1] / means[..., 0], -10.0, 1.0))

@@ -12,7 +12,6 @@ MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
 
 NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNITS = {"m3": "m³", "N m": "N·m", "deg C": "°C", "s Pa": "s·Pa"}
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
 _MOST_TWINS = 4  # named in the verdict
@@ -22,10 +21,8 @@ def fixed(value: float | None, digits: int, sign: bool = False) -> str:
     """Return a number with so many decimals; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    shown = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
-    if float(shown) == 0.0:
-        shown = f"{0.0:.{digits}f}"
-    return shown.replace("-", MINUS)
+    value = round(value, digits) + 0.0  # no zero is negative
+    return f"{value:{'+' if sign and value else ''}.{digits}f}".replace("-", MINUS)
 
 
 def number(value: float | None) -> str:
@@ -36,15 +33,6 @@ def number(value: float | None) -> str:
     exponent = str(int(power)).translate(_SUPERSCRIPT) if power else ""
     times = f" \N{MULTIPLICATION SIGN} 10{exponent}" if power else ""
     return (mantissa + times).replace("-", MINUS)
-
-
-def unit(name: str) -> str:
-    """Return a unit as it is printed; nothing for a plain number."""
-    if name == "-":
-        return ""
-    for plain, shown in _UNITS.items():
-        name = name.replace(plain, shown)
-    return name
 
 
 def amount(found: Outcome, value: float, sign: bool = False) -> str:

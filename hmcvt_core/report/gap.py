@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import REGION_SIGNIFICANCE
-from ..model.agreement import predicted_at
-from ..model.model import EfficiencyModel
 from ..transmission.ranges import RPM
 from .style import BLUE, INK, ORANGE, Figures, few_ticks, icon, styled, to_svg
 
@@ -24,8 +22,7 @@ _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0),
          "engine_speed": ("engine speed [r/min]", 1.0 / RPM),
          "load_torque": ("load torque [N·m]", 1.0)}
 _MAP = (6.9, 6.0)  # in
-_MOST_MARKS, _MOST_DOTS = 400, 1500
-_CELLS = 18  # cells along an axis when there are more samples than marks
+_MOST_MARKS = 400
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
     "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
@@ -35,12 +32,6 @@ _WHOLE = 0.86  # part of a view from which a place spans it and says nothing
 _ROOM, _FLAG = 0.025, 0.033  # around a place; half a flag; parts of a view
 _OUTWARDS = np.array([[-1.0], [1.0]])
 _TREND_SAMPLES, _TREND_BINS = 24, 8
-
-
-def shared(found: Diagnosis, model: EfficiencyModel) -> float:
-    """Return the mean of measured - predicted over the samples diagnosed [-]."""
-    errors = found.samples.efficiency - predicted_at(model, found.samples)
-    return float(np.nanmean(errors)) if np.isfinite(errors).any() else 0.0
 
 
 def _shown(samples: Any, axis: str) -> Array:
@@ -72,11 +63,13 @@ def gap_map(found: Diagnosis) -> Figures:
     legend = [(text, icon(f"mark-{i}", partial(_scatter, kind=kind, at=[[0.5, 0.5]],
                                                height=height)))
               for i, (text, kind, height) in enumerate(entries)]
-    what = ("Each mark is the mean of the samples in one cell of the view"
-            if len(values) > _MOST_MARKS else "Each mark is one sample")
     views = [_view(found, values, largest, *view) for view in itertools.combinations(_AXES, 2)]
-    return Figures(views, legend, [f"{what}: measured minus predicted efficiency, predicted "
-                                   "without the sample itself."])
+    return Figures(views, legend, ["Each mark is one sample: measured minus predicted efficiency, "
+                                   "predicted without the sample itself.", *_part(values)])
+
+
+def _part(values: Array) -> list[str]:
+    return ["A part of the samples is drawn, evenly picked."] * (len(values) > _MOST_MARKS)
 
 
 def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
@@ -106,13 +99,10 @@ def _view(found: Diagnosis, values: Array, largest: float, across: str, up: str)
 def _draw_marks(
     axes: Any, found: Diagnosis, values: Array, at: Array, largest: float
 ) -> dict[str, list[str]]:
-    """Draw a mark for each sample or cell; return their texts."""
-    known = np.isfinite(values)
-    if len(values) > _MOST_MARKS:
-        at, values, noise, texts = _cell_means(found, at[known], values[known])
-    else:
-        texts = _in_words(found, found.samples, values)[known]
-        at, values, noise = at[known], values[known], np.full(known.sum(), found.gap.noise)
+    """Draw a mark for each sample; return their texts."""
+    shown, noise = _picked(values), found.gap.noise
+    texts = _in_words(found, found.samples, values)[shown]
+    at, values = at[shown], values[shown]
     size = np.abs(values)
     height = _SMALL + (_LARGE - _SMALL) * np.minimum(size / largest, 1.0)
     height[size <= 2.0 * noise] = _DOT
@@ -128,16 +118,10 @@ def _draw_marks(
     return tips
 
 
-def _cell_means(
-    found: Diagnosis, at: Array, values: Array
-) -> tuple[Array, Array, Array, Any]:
-    span = np.maximum(np.ptp(at, axis=0), 1e-12)
-    cells = np.minimum((at - at.min(axis=0)) / span * _CELLS, _CELLS - 1).astype(int)
-    _, group, count = np.unique(cells @ (_CELLS, 1), return_inverse=True, return_counts=True)
-    x, y, means = (np.bincount(group, column) / count for column in (*at.T, values))
-    texts = np.array([f"mean of {n} samples: {words.amount(found, mean, sign=True)}"
-                      for n, mean in zip(count.tolist(), means.tolist(), strict=True)])
-    return np.column_stack([x, y]), means, found.gap.noise / np.sqrt(count), texts
+def _picked(values: Array) -> NDArray[np.intp]:
+    """Which samples are drawn: those that have a residual, or an even part of them."""
+    known = np.flatnonzero(np.isfinite(values))
+    return known[:: max(1, -(-len(known) // _MOST_MARKS))]
 
 
 def _outline(axes: Any, found: Diagnosis, view: tuple[str, str]) -> None:
@@ -174,8 +158,7 @@ def residuals(found: Diagnosis) -> Figures:
     label, across = _across(found)
     drawings = [_panel(found, f"residuals-{i}", title, values, label, across, 1.1 * largest)
                 for i, (title, values) in enumerate(panels.items())]
-    return Figures(drawings, notes=["A part of the samples is drawn, evenly picked."]
-                   if len(across) > _MOST_DOTS else ())
+    return Figures(drawings, notes=_part(across))
 
 
 def _across(found: Diagnosis) -> tuple[str, Array]:
@@ -191,8 +174,7 @@ def _across(found: Diagnosis) -> tuple[str, Array]:
 def _panel(
     found: Diagnosis, name: str, title: str, values: Array, label: str, across: Array, reach: float
 ) -> str:
-    known = np.flatnonzero(np.isfinite(values))
-    shown = known[:: max(1, -(-len(known) // _MOST_DOTS))]
+    known, shown = np.flatnonzero(np.isfinite(values)), _picked(values)
     rms = (f"{words.amount(found, np.sqrt(np.mean(values[known] ** 2)))} rms" if len(known)
            else "not known")
     with styled() as figure:
@@ -210,7 +192,6 @@ def _panel(
         axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
                  ylabel="measured minus predicted [points]")
         few_ticks(axes)
-        texts = (_in_words(found, found.judged, values)[shown].tolist()
-                 if len(shown) <= _MOST_MARKS else [])
+        texts = _in_words(found, found.judged, values)[shown].tolist()
         return to_svg(figure, name, f"{title}: measured minus predicted efficiency over {label}",
                       {"sample": texts})

@@ -18,28 +18,29 @@ from .style import LOSSES, Figures, few_ticks, icon, loss_style, styled, to_svg
 
 Array = NDArray[np.float64]
 
-_STROKES = 201
+STROKES = np.linspace(-1.0, 1.0, 201)
 _LEAST = 1e-3  # of the largest part; what never takes more is not drawn
 
 
 def lost_power(
-    model: EfficiencyModel, displacement_ratio: Array, engine_speed: float, load_torque: float,
+    model: EfficiencyModel, engine_speed: float, load_torque: float,
     oil_temperature: float | None = None,
 ) -> dict[str, Array]:
-    """Return the watts of each part in words, gear pairs as one; NaN where the load stalls it.
+    """Return the watts of each part at all `STROKES`; NaN where the load stalls it.
+
+    Parts are in words, gear pairs are one.
 
     Args:
         model: of formulation `power_balance`.
-        displacement_ratio: shape (k,) [-].
         engine_speed: [rad/s].
         load_torque: [N m].
         oil_temperature: [deg C].
     """
     parts: dict[str, Array] = {}
-    for name, watts in model.breakdown(displacement_ratio, engine_speed, load_torque,
+    for name, watts in model.breakdown(STROKES, engine_speed, load_torque,
                                        oil_temperature).losses.items():
         part = "gear pairs" if name.startswith("gear_pair_") else name.replace("_", " ")
-        parts[part] = parts.get(part, 0.0) + np.broadcast_to(watts, displacement_ratio.shape)
+        parts[part] = parts.get(part, 0.0) + np.broadcast_to(watts, STROKES.shape)
     # What turns idly loses something known even where the load cannot be carried: drop it.
     stalled = np.isnan(sum(parts.values()))
     return {part: np.where(stalled, np.nan, watts) for part, watts in parts.items()}
@@ -61,27 +62,25 @@ def scale(*balances: Mapping[str, Array]) -> tuple[float, float]:
     return (1.05 * low if -low > _LEAST * high else 0.0), 1.05 * high
 
 
-def stack(
-    axes: Any, displacement_ratio: Array, balance: Mapping[str, Array], parts: Sequence[str]
-) -> None:
+def stack(axes: Any, balance: Mapping[str, Array], parts: Sequence[str]) -> None:
     """Draw parts of a balance above each other, lowest first and gains below zero.
 
-    The `gid` is the part. `displacement_ratio` ascends and has shape (k,) like each part.
+    The `gid` is the part.
     """
-    lost = gained = np.zeros(len(displacement_ratio))
+    lost = gained = np.zeros(len(STROKES))
     for part in (part for part in parts if part in balance):
         above = lost + np.maximum(balance[part], 0.0)
         below = gained + np.minimum(balance[part], 0.0)
         style = loss_style(part)
-        axes.fill_between(displacement_ratio, lost, above, label=part, gid=part, **style)
+        axes.fill_between(STROKES, lost, above, label=part, gid=part, **style)
         if np.any(below < gained):
-            axes.fill_between(displacement_ratio, below, gained, **style)
+            axes.fill_between(STROKES, below, gained, **style)
         lost, gained = above, below
     missing = np.concatenate([[False], np.isnan(lost), [False]])
     for start, end in np.flatnonzero(np.diff(missing)).reshape(-1, 2):
-        axes.text(displacement_ratio[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
+        axes.text(STROKES[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
                   va="center", transform=axes.get_xaxis_transform())
-    axes.set(xlim=displacement_ratio[[0, -1]], xlabel="displacement ratio [-]")
+    axes.set(xlim=STROKES[[0, -1]], xlabel="displacement ratio [-]")
 
 
 def draw_losses(
@@ -97,11 +96,10 @@ def draw_losses(
         displacement_ratio: a point to mark [-].
     """
     axes = figure.subplots()
-    strokes = np.linspace(-1.0, 1.0, _STROKES)
-    power = model.breakdown(strokes, engine_speed, load_torque).input_power
+    power = model.breakdown(STROKES, engine_speed, load_torque).input_power
     balance = {part: 100.0 * watts / power for part, watts in
-               lost_power(model, strokes, engine_speed, load_torque).items()}
-    stack(axes, strokes, balance, worth_drawing(balance))
+               lost_power(model, engine_speed, load_torque).items()}
+    stack(axes, balance, worth_drawing(balance))
     if displacement_ratio is not None:
         axes.axvline(displacement_ratio, color="k", lw=1.6, ls="--")
     axes.set(ylim=scale(balance), ylabel="lost, % of engine power",
@@ -110,9 +108,7 @@ def draw_losses(
                 loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def before_and_after(
-    displacement_ratio: Array, before: Mapping[str, Array], after: Mapping[str, Array]
-) -> Figures:
+def before_and_after(before: Mapping[str, Array], after: Mapping[str, Array]) -> Figures:
     """Draw two balances of `lost_power` on one scale, or one if they are the same object."""
     parts = worth_drawing(before, after)
     panels = {"Base model, refitted": before}
@@ -123,7 +119,7 @@ def before_and_after(
         kilowatts = {part: lost / 1e3 for part, lost in balance.items()}
         with styled() as figure:
             axes = figure.subplots()
-            stack(axes, displacement_ratio, kilowatts, parts)
+            stack(axes, kilowatts, parts)
             axes.set(title=title, ylabel="power lost [kW]", ylim=(low / 1e3, high / 1e3))
             few_ticks(axes)
             tips = {part: f"{part}: {words.fixed(np.nanmin(lost), 2)} to "

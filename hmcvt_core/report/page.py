@@ -7,18 +7,15 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
 from ..transmission.ranges import RPM
-from .gap import gap_map, residuals, shared
+from .gap import gap_map, residuals
 from .losses import before_and_after, lost_power, means
 from .style import render
-
-_STROKES = 41
 
 
 def write_html(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
@@ -38,22 +35,14 @@ def html(diagnosis: Diagnosis) -> str:
         InputError: Jinja2 or matplotlib is missing.
     """
     base, model, samples = diagnosis.base, diagnosis.model, diagnosis.samples
-    strokes = _strokes(samples.displacement_ratio)
     speed, load = float(np.median(samples.engine_speed)), float(np.median(samples.load_torque))
     heat = (None if samples.oil_temperature is None
             else float(np.median(samples.oil_temperature)))
-    before = lost_power(base, strokes, speed, load, heat)
-    after = before if model is base else lost_power(model, strokes, speed, load, heat)
+    before = lost_power(base, speed, load, heat)
+    after = before if model is base else lost_power(model, speed, load, heat)
     return render(
-        "diagnosis.html.j2", found=diagnosis, words=words, speed=speed,
-        load=load, map=gap_map(diagnosis), residuals=residuals(diagnosis),
-        watts=before_and_after(strokes, before, after), means=means(before, after),
-        offsets=[shared(diagnosis, each) for each in (base, model)], units=PARAMETER_UNITS, rpm=RPM,
-        gap_significance=GAP_SIGNIFICANCE, region_significance=REGION_SIGNIFICANCE)
-
-
-def _strokes(measured: NDArray[np.float64]) -> NDArray[np.float64]:
-    low, high = measured.min(), measured.max()
-    if high == low:  # an area needs a width
-        low, high = max(low - 0.05, -1.0), min(high + 0.05, 1.0)
-    return np.linspace(low, high, _STROKES)
+        "diagnosis.html.j2", found=diagnosis, words=words, speed=speed, load=load,
+        map=gap_map(diagnosis), residuals=residuals(diagnosis),
+        watts=before_and_after(before, after), means=means(before, after),
+        units=PARAMETER_UNITS, rpm=RPM, gap_significance=GAP_SIGNIFICANCE,
+        region_significance=REGION_SIGNIFICANCE)
