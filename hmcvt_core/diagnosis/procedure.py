@@ -193,10 +193,10 @@ def _errors_on(
     stalled = np.flatnonzero(~usable)
     notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
              f"{listed_samples(held, stalled)}"] if len(stalled) else []
+    held = held.select(np.flatnonzero(usable))
     noise = (np.full(len(held), _rms(study.noise)) if held.assumed
              else held.readings[0].deviation)
-    return (before[usable], after[usable], noise[usable], held.select(np.flatnonzero(usable)),
-            notes)
+    return before[usable], after[usable], noise, held, notes
 
 
 def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:

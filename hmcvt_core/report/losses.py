@@ -80,6 +80,7 @@ def stack(axes: Any, balance: Mapping[str, Array], parts: Sequence[str]) -> None
     for start, end in np.flatnonzero(np.diff(missing)).reshape(-1, 2):
         axes.text(STROKES[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
                   va="center", transform=axes.get_xaxis_transform())
+    axes.tick_params(pad=8.0)  # the numbers at the corner stay apart
     axes.set(xlim=STROKES[[0, -1]], xlabel="displacement ratio [-]")
 
 
