@@ -159,9 +159,6 @@ def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
     Raises:
         InputError: `noise` is out of range.
     """
-    if noise == 0.0:
-        raise InputError("noise = 0: no bench is exact; give the standard deviation of the "
-                         f"efficiency, {EFFICIENCY_STD}")
     if noise is not None:
         noise = float(EFFICIENCY_STD.check(noise, "noise"))
     axes = AXES if samples.oil_temperature is None else (*AXES, OIL_TEMPERATURE)

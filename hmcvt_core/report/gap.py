@@ -50,9 +50,7 @@ def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
 def gap_map(found: Diagnosis) -> Figures:
     """Draw the residuals of the refitted base model at the samples diagnosed."""
     values = found.residuals
-    sizes = np.abs(values[np.isfinite(values)])
-    largest = max(float(np.quantile(sizes, 0.98)) if len(sizes) else 0.0, 2.0 * found.gap.noise,
-                  1e-9)
+    largest = float(np.nanmax(np.abs(values), initial=2.0 * found.gap.noise))
     entries = [("bench below model", "below", _USUAL), ("bench above model", "above", _USUAL),
                (f"within twice the noise ({words.amount(found, 2.0 * found.gap.noise)})", "within",
                 _DOT),
