@@ -99,7 +99,7 @@ def test_copies_are_dropped_and_repeated_readings_kept():
         "a", "a", *["a", "b"] * 23]})
     found = hmcvt.diagnose(BASE, twice)
     assert "1 of 48 rows copy another one in every column and were left out" in found.notes
-    assert found.samples.extra["run"][:3] == ["a", "a", "b"]
+    assert found.samples.extra["run"][:3] == ("a", "a", "b")
 
 
 def test_a_sample_is_described_by_its_number_in_the_file():
