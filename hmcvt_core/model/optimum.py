@@ -147,8 +147,8 @@ def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
 
     tops = []
     low, high = (min(max(rest, -1.0), 1.0) for rest in lookup.resting_ratios(speed, torque))
-    for corner, end in ((low, -1.0), (low, high), (high, 1.0)):
-        reach = end - corner
+    # Between the two the whole flow leaks: the one next to no stroke is best there.
+    for corner, reach in ((low, -1.0 - low), (high, 1.0 - high)):
         top, way = max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1))
         tops.append((top, way, corner, reach))
         if way > 0.0 or value(_START) > top:
