@@ -63,7 +63,8 @@ class SteadyState:
         motor_friction, pump_friction: c_fm, c_fp [-].
         mechanical_load: G, engine torque per output torque, over the mechanical path [-].
         pump_damping: f_p, referred to the engine [N m s/rad].
-        pump_gears: efficiency of the pairs between engine and pump [-].
+        pump_gears: mean and half the difference of what the engine gives per torque of the pump,
+            driving it and driven by it, over the pairs between the two [-].
         stall_load: load torque / engine speed [N m s/rad] above which a motor that comes to rest
             goes on to stall: a slower output then asks for more leakage than flow.
     """
@@ -84,7 +85,8 @@ class SteadyState:
         self.mechanical_load = (self.mechanical_ratio
                                 / (stage.output.efficiency * stage.mechanical.efficiency))
         self.pump_damping: Any = parameters.pump_damping * pump_gear**2
-        self.pump_gears = stage.pump.efficiency
+        gears = stage.pump.efficiency
+        self.pump_gears = 0.5 * (1.0 / gears + gears), 0.5 * (1.0 / gears - gears)
         friction = self.motor_friction
         self.motoring = self._regime(self.motoring_load, friction)
         self.pumping = self._regime(self.pumping_load, -friction)
@@ -97,6 +99,16 @@ class SteadyState:
         damped = 1.0 + self.motor_damping / stiffness
         return Regime(self.hydraulic_ratio / (2.0 * damped),
                       self.hydraulic_ratio * load / (stiffness * damped))
+
+    def engine_torque(
+        self, flow: Any, free: Any, output: Any, engine_speed: Any, load_torque: Any
+    ) -> Any:
+        """Torque T_e for a flow s, with the output speeds y without leakage and with it [N m]."""
+        # (13), with what friction holds too: the whole flow leaks there.
+        ideal = self.leak_torque * (free - output) * engine_speed * flow
+        pump = ideal + self.pump_friction * abs(ideal) + self.pump_damping * engine_speed
+        mean, half = self.pump_gears
+        return self.mechanical_load * load_torque / output + mean * pump + half * abs(pump)  # (15)
 
 
 class PointSolver(SteadyState):
@@ -111,14 +123,8 @@ class PointSolver(SteadyState):
         output = self._output(flow, free, load_torque / engine_speed)  # (4)
         if not output > 0.0:
             return math.nan, math.nan
-        # (13), with what friction holds too: the whole flow leaks there.
-        ideal = self.leak_torque * (free - output) * engine_speed * flow
-        pump = ideal + self.pump_friction * abs(ideal) + self.pump_damping * engine_speed  # (15)
-        gears = self.pump_gears
-        engine_torque = self.mechanical_load * load_torque / output + (
-            pump / gears if pump > 0.0 else pump * gears)
-        return (load_torque / engine_torque if engine_torque > 0.0 else math.nan,
-                engine_speed * output)
+        torque = self.engine_torque(flow, free, output, engine_speed, load_torque)
+        return load_torque / torque if torque > 0.0 else math.nan, engine_speed * output
 
     def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
         """Displacement ratios between which friction holds the motor or it stalls, lowest first."""
@@ -163,15 +169,10 @@ class ArraySolver(SteadyState):
             flow, load = self.full_flow * points.displacement_ratio, load_torque / engine_speed
             free = self.mechanical_ratio + self.hydraulic_ratio * flow  # (5)
             output = self.selected(*self.output_speeds(flow, load), self.mechanical_ratio, load)
-            # (13), with what friction holds too: the whole flow leaks there.
-            ideal = self.leak_torque * (free - output) * engine_speed * flow
-            pump = ideal + self.pump_friction * np.abs(ideal) + self.pump_damping * engine_speed
-            gears = self.pump_gears
-            engine_torque = self.mechanical_load * load_torque / output + (
-                np.maximum(pump, 0.0) / gears + np.minimum(pump, 0.0) * gears)  # (15)
-            answered = (output > 0.0) & (engine_torque > 0.0)
-            return Answer(np.where(answered, load_torque / engine_torque, np.nan),
-                          np.where(output > 0.0, engine_speed * output, np.nan))
+            output = np.where(output > 0.0, output, np.nan)
+            torque = self.engine_torque(flow, free, output, engine_speed, load_torque)
+            return Answer(np.where(torque > 0.0, load_torque / torque, np.nan),
+                          engine_speed * output)
 
     def output_speeds(self, flow: Array, load: Array) -> tuple[Array, Array]:
         """Output speed y while motoring and while pumping, valid or not: see `selected`."""
