@@ -6,13 +6,14 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from functools import partial
 
 import pytest
 
 from hmcvt_core import read_bench
 from hmcvt_core.files import data_path
-from hmcvt_core.fleet.executors import on_processes, study_all
+from hmcvt_core.fleet.executors import _hand_over, on_processes, study_all
 from hmcvt_core.fleet.study import Settings, Study, Task
 from hmcvt_core.model.parameter_file import load_stage
 
@@ -128,6 +129,30 @@ def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
     wait_for(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids))
     # A worker whose run is killed while it starts has no input to read and says so.
     assert how == signal.SIGKILL or "Traceback" not in done.err
+
+
+def test_interrupt_waits_until_a_worker_has_its_input(tasks):
+    done = threading.Event()
+    # As those of BLAS, it does not block the signal.
+    threading.Thread(target=done.wait).start()
+
+    class Executor:
+        def __init__(self):
+            self.finished = False
+
+        def submit(self, *_):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+            self.finished = True
+
+    executor = Executor()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            _hand_over(executor, tasks[0], SETTINGS)
+        assert executor.finished
+    finally:
+        done.set()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_workers_are_given_one_thread_and_no_module_of_the_folder(tmp_path, monkeypatch):
