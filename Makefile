@@ -25,6 +25,8 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 # sourced, or of another environment with such wheels, must not be mixed in.
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
+# The tests start hundreds of processes; with it each of them would compile hmcvt anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test lint types colcon soak bench blind reproduce mutants docs system clean
 .DELETE_ON_ERROR:

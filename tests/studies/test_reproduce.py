@@ -73,9 +73,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def items(folder: Path) -> list[dict[str, Any]]:
     """What the command prints as its own process, with warnings as errors."""
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", START, "--seeds", "2", "--out", str(folder), "--json"],
-        cwd=ROOT, capture_output=True, text=True, timeout=280)
+    start = [sys.executable, "-W", "error", "-c", START]
+    done = subprocess.run([*start, "--seeds", "2", "--out", str(folder), "--json"], cwd=ROOT,
+                          capture_output=True, text=True, timeout=280)
     assert (done.returncode, done.stderr) == (0, "")
     found: list[dict[str, Any]] = json.loads(done.stdout, parse_constant=lambda name: 1 / 0)
     return found
