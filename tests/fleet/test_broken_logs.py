@@ -35,7 +35,7 @@ def test_broken_logs_are_told_and_stop_nothing(hmcvt, logs, tmp_path):
     (folder / "notes.txt").write_text("hello")
     (folder / "folder.csv").mkdir()
     (folder / ".hidden.csv").write_text("")
-    done = hmcvt("fleet", folder, "--out", out, "--no-diagnose", "--processes", "2", "--json")
+    done = hmcvt("fleet", folder, "--out", out, "--processes", "2", "--json")
     assert done.code == 3
     found = done.json
     assert [entry["log"] for entry in found["logs"]] == ["unit7/run1.CSV"]
@@ -56,7 +56,7 @@ def test_broken_logs_are_told_and_stop_nothing(hmcvt, logs, tmp_path):
         assert f"hmcvt: broken: {reasons[name]}\n" in done.err
     assert found["counts"]["broken"] == 9
     # They are tried again each time, and the table for a person tells them too.
-    again = hmcvt("fleet", folder, "--out", out, "--no-diagnose")
+    again = hmcvt("fleet", folder, "--out", out)
     assert again.code == 3 and expected["nan.csv"] in again.out
     assert "10 logs: 0 finished now, 1 before, 9 broken" in again.out
 
