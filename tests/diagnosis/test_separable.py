@@ -16,7 +16,6 @@ from .campaigns import (
     BASE,
     NOISE,
     campaign,
-    diagnosed,
     measure,
     random_points,
     with_column,
@@ -129,12 +128,6 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
 
 
 # --- what to measure next -------------------------------------------------------------------------
-
-
-def test_a_meter_error_is_settled_by_calibration():
-    """No operating point tells a constant torque from a meter's zero."""
-    measures = [test.measure for test in diagnosed("charge pump").next_tests if not test.point]
-    assert any("meter" in text or "shaft torque" in text for text in measures)
 
 
 def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():

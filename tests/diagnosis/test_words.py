@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from hmcvt_core.diagnosis import Region, words
+from hmcvt_core.diagnosis.result import Cause
 
 from .campaigns import diagnosed
 
@@ -39,8 +40,15 @@ def _region(speed, load=(40.0, 600.0), channel="efficiency", p_value=0.001):
     return Region(limits, -0.012, 9, p_value, channel)
 
 
+def unexplained():
+    """A real diagnosis that found nothing, had it found a gap."""
+    found = diagnosed("nothing")
+    return replace(found, verdict="unexplained", where=(_region((80.0, 110.0)),),
+                   shrinkage=replace(found.shrinkage, before=0.012))
+
+
 def test_where_it_lies():
-    found = replace(diagnosed("band"), extent={
+    found = replace(unexplained(), extent={
         "displacement_ratio": (-1.0, 1.0), "engine_speed": (80.0, 230.0),
         "load_torque": (40.0, 600.0)})
     assert words.region_words(_region((80.0, 110.0)), found) == "low engine speed"
@@ -68,14 +76,13 @@ def test_where_it_lies():
 
 
 def test_verdicts():
-    nothing, band, pump = (diagnosed(name) for name in ("nothing", "band", "charge pump"))
+    nothing, band = diagnosed("nothing"), unexplained()
     assert "differs from the 48 samples by no more than their noise of 0." in words.verdict(nothing)
     assert "No effect in the library explains it" in words.verdict(band)
-    alone = replace(pump.causes[0], together_with=None, indistinguishable_from=(),
-                    probability=0.95, shrinkage=0.7)
-    found = replace(pump, verdict="cause_found", causes=(alone,), shrinkage=replace(
-        pump.shrinkage, fraction=0.8, interval=(0.6, 0.9), on="cross-validation"))
-    name = words.plain(alone.effect)
+    alone = Cause("charge_pump", "", "pump", 0.95, (), None, {}, 0.001, 0.7, {}, "", "", "", None)
+    found = replace(band, verdict="cause_found", causes=(alone,), shrinkage=replace(
+        band.shrinkage, fraction=0.8, interval=(0.6, 0.9), on="cross-validation"))
+    name = "charge pump"
     assert words.verdict(found).endswith(
         f"; {name} (95 %) explains it. On samples left out, with the effect picked anew without "
         f"them each time, 80 % of the squared gap is removed (60 to 90 %); 70 % with {name} held "
