@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Answers of the core, as one JSON document: `python -m studies.mutants.probe`.
+"""Answers of the core, as one JSON document: `python -m studies.mutants.probe [REFERENCE]`.
 
 A mutant that leaves all of them as they are changes no answer. Everything goes through public
 names, so that what is asked stays the same however the core is built.
@@ -8,6 +8,7 @@ names, so that what is asked stays the same however the core is built.
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -116,15 +117,19 @@ def _saved(model: hmcvt.EfficiencyModel) -> Any:
         return [path.read_text(encoding="utf-8"), hmcvt.load_model(path).fingerprint]
 
 
-def document() -> dict[str, Any]:
+def document() -> Iterator[tuple[str, Any]]:
     """All answers by name."""
-    found = {}
     for name, ask in answers():
         try:
-            found[name] = json.loads(json.dumps(plain(ask()), default=repr), object_hook=_undated)
+            found = json.loads(json.dumps(plain(ask()), default=repr), object_hook=_undated)
         except Exception as error:
-            found[name] = f"{type(error).__name__}: {error}"
-    return found
+            found = f"{type(error).__name__}: {error}"
+        yield name, found
+
+
+def changed(reference: dict[str, Any]) -> str | None:
+    """The first answer that is another than the one known; None when all agree."""
+    return next((name for name, found in document() if not same(found, reference[name])), None)
 
 
 def _undated(entries: dict[str, Any]) -> dict[str, Any]:
@@ -144,4 +149,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 if __name__ == "__main__":
-    print(json.dumps(document()))
+    if sys.argv[1:]:
+        print(changed(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))) or "")
+    else:
+        print(json.dumps(dict(document())))
