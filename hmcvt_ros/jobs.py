@@ -62,7 +62,8 @@ def reidentify(
                   max_drift=max_drift)
     # In the file: they hold as long as the model serves, also after a restart.
     fitted = replace(found.model, provenance={
-        **found.model.provenance, "drift": float(f"{found.drift:.6g}"), "warnings": list(found.warnings)})
+        **found.model.provenance, "drift": float(f"{found.drift:.6g}"),
+        "warnings": list(found.warnings)})
     answer = {
         "samples": len(bench),
         "source": bench.source,

@@ -114,7 +114,7 @@ class Campaign:
     def predicted(self, change: Array) -> Array:
         """Efficiency for changes (..., 3), shape (..., n)."""
         return self.problem.model.efficiency_of_candidates(
-            self.prior.parameters(change), self.problem.points)
+            self.prior.parameters(change), self.problem.samples.points)
 
     def residuals(self, change: Array) -> Array:
         """(Predicted - measured) / deviation, shape (..., n)."""

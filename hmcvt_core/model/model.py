@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -155,6 +156,9 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
+        point = displacement_ratio, engine_speed, load_torque
+        if self._point_solver is not None and oil_temperature is None and is_plain(point):
+            return self._predict_point(self._point_solver, *point)
         points, scalar = OperatingPoints.checked(
             displacement_ratio, engine_speed, load_torque, oil_temperature)
         inside = (self.domain.contains(points) if self.domain is not None
@@ -195,12 +199,9 @@ class EfficiencyModel:
         points, scalar = OperatingPoints.checked(
             displacement_ratio, engine_speed, load_torque, oil_temperature)
         effects = self.without_meters().effects
-        solver = BalanceSolver(self.stage, self.parameters, effects)
-        found = solver.breakdown(points.map(np.ravel))
-        into, out, *lost = (
-            _like(watts.reshape(points.engine_speed.shape), scalar)
-            for watts in (found.input_power, found.output_power, *found.losses.values()))
-        return Breakdown(into, out, dict(zip(found.losses, lost, strict=True)))
+        found = BalanceSolver(self.stage, self.parameters, effects).breakdown(points)
+        return Breakdown(_like(found.input_power, scalar), _like(found.output_power, scalar), {
+            name: _like(watts, scalar) for name, watts in found.losses.items()})
 
     def optimal_displacement_ratio(
         self,
@@ -281,15 +282,37 @@ class EfficiencyModel:
             found[i:i + part] = solver.solve(points).efficiency
         return found.reshape(*values.shape[:-1], n)
 
-    def _standard_error(self, points: OperatingPoints) -> Array:
-        if not self.standard_errors or self.correlation is None:
-            return np.full(points.engine_speed.shape, np.nan)
+    @cached_property
+    def _errors_and_steps(self) -> tuple[Array, Array]:
+        """Standard errors of the parameters, and steps that show what each does to an answer."""
         errors = np.array([self.standard_errors[name] for name in PARAMETER_NAMES])
         base = self.parameters.to_array()
         # A step of a thousandth of the error stays in the linear range, also next to a bound.
         steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
         highest = [limits.high for limits in PARAMETER_RANGES]
-        steps = np.where(base + steps <= highest, steps, -steps)
+        return errors, np.where(base + steps <= highest, steps, -steps)
+
+    @cached_property
+    def _point_neighbours(self) -> list[PointSolver]:
+        values = self.parameters.to_array() + np.diag(self._errors_and_steps[1])
+        return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values.tolist()]
+
+    def _predict_point(self, solver: PointSolver, *point: float) -> Prediction:
+        """`predict` at one point in range, without the cost of arrays."""
+        here, error = solver.solve(*point)[0], math.nan
+        if self.standard_errors and self.correlation is not None:
+            errors, steps = self._errors_and_steps
+            there = [neighbour.solve(*point)[0] for neighbour in self._point_neighbours]
+            gradient = (np.array(there) - here) / steps * errors
+            error = math.sqrt(max(float(gradient @ self.correlation @ gradient), 0.0))
+        inside = self.domain is not None and not self.domain.departures(*point)
+        return Prediction(here, error, inside)
+
+    def _standard_error(self, points: OperatingPoints) -> Array:
+        if not self.standard_errors or self.correlation is None:
+            return np.full(points.engine_speed.shape, np.nan)
+        errors, steps = self._errors_and_steps
+        base = self.parameters.to_array()
         flat = points.map(np.ravel)
         here, *there = self.efficiency_of_candidates(
             np.vstack([base, base + np.diag(steps)]), flat)

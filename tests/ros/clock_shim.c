@@ -57,7 +57,8 @@ int pthread_cond_timedwait(pthread_cond_t *restrict condition, pthread_mutex_t *
                            const struct timespec *restrict until) {
     static int (*wait)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
     struct timespec deadline = *until;
-    if (!wait) wait = dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
+    if (!wait) wait = dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");  /* x86_64 */
+    if (!wait) wait = dlsym(RTLD_NEXT, "pthread_cond_timedwait");
     if (orders && deadline.tv_sec > 1000000000) deadline.tv_sec -= orders[0];
     return wait(condition, mutex, &deadline);
 }

@@ -13,10 +13,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from ros_bench import GOOD, message, points, send_table
+from std_msgs.msg import Float64, String
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.refit import refit
-from hmcvt_ros import jobs
+from hmcvt_ros import jobs, qos
 from hmcvt_ros.messages import bench_sample_to_message
 
 
@@ -74,6 +75,14 @@ def test_refit_improves_and_revert_goes_back(node, paper_file, table2):
 def test_no_message_is_dropped_while_the_model_is_swapped(node, table2):
     send_table(node, table2)
     old = node.player.hold(GOOD).efficiency
+    models, answers = [], []
+    ends = [
+        node.player.create_subscription(
+            String, "hmcvt/model", lambda _, info: models.append(info["received_timestamp"]),
+            qos.OUTPUT),
+        node.player.create_subscription(
+            Float64, "efficiency", lambda message, info: (
+                message.data != old and answers.append(info["received_timestamp"])), qos.OUTPUT)]
     node.player.efficiencies.clear()
     reply = node.player.request("reidentify")
     second = node.player.request("reidentify")
@@ -85,9 +94,9 @@ def test_no_message_is_dropped_while_the_model_is_swapped(node, table2):
         if reply.done() and second.done() and node.player.efficiencies[-1] != old:
             break
     node.player.spin_for(0.3)
-    answers = [reply.result(), second.result()]
-    assert sorted(answer.success for answer in answers) == [False, True]
-    busy = next(answer for answer in answers if not answer.success)
+    replies = [reply.result(), second.result()]
+    assert sorted(answer.success for answer in replies) == [False, True]
+    busy = next(answer for answer in replies if not answer.success)
     assert "busy: reidentify has been running for" in busy.message
 
     received = node.player.efficiencies
@@ -95,6 +104,10 @@ def test_no_message_is_dropped_while_the_model_is_swapped(node, table2):
     assert swaps == 1 and received[0] == old
     # One more than sent: the swap itself is answered, the inputs being fresh.
     assert sent <= len(received) <= sent + 1
+    # Whoever hears an answer has been sent the model before.
+    assert models[0] <= answers[0]
+    for end in ends:
+        node.player.destroy_subscription(end)
 
 
 def test_refit_is_not_adopted_over_a_model_it_was_not_compared_with(node, table2):
@@ -104,7 +117,7 @@ def test_refit_is_not_adopted_over_a_model_it_was_not_compared_with(node, table2
     assert node.comes(lambda: "reidentify" in node.value("running"))
     reverted = node.player.call("revert")
     assert reverted.success
-    assert node.comes(running.done, 30.0)
+    assert node.comes(running.done, 100.0)
     assert not running.result().success
     assert "changed meanwhile" in running.result().message
     assert reverted.data["model"] in node.player.model_text
