@@ -115,7 +115,8 @@ class Services:
         for running, answer in [item for item in self._waiting if item[0].done()]:
             self._waiting.remove((running, answer))
             answer.set_result(None)
-        self._activity.running = str(self._job or "")
+        working = self._job is not None and self._job.working
+        self._activity.running = str(self._job) if working else ""
         staged = self._staged
         self._activity.staged = f"{staged.path} ({staged.model.fingerprint})" if staged else ""
 

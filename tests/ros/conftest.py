@@ -6,6 +6,7 @@ Without rclpy these tests fail; on purpose they are left out with HMCVT_CORE_ONL
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import os
@@ -241,11 +242,11 @@ def node(shared_node: NodeUnderTest) -> NodeUnderTest:
 
 @pytest.fixture(scope="session")
 def refused(
-    start_anywhere: Callable[..., NodeUnderTest], paper_file: Path, table2: hmcvt.BenchSamples
+    start_anywhere: Callable[..., NodeUnderTest], table2: hmcvt.BenchSamples
 ) -> tuple[NodeUnderTest, Any]:
-    """A node that has refused a refit: it leads too far from the model file."""
-    node = start_anywhere(paper_file, reidentify_max_drift=0.1)
-    send_table(node, table2)
+    """A node of the shipped model that has refused a refit: it leads too far from that."""
+    node = start_anywhere("''", reidentify_max_drift=0.02)
+    send_table(node, dataclasses.replace(table2, efficiency=table2.efficiency - 0.05))
     return node, node.player.call("reidentify")
 
 

@@ -207,16 +207,16 @@ def test_diagnosis_leaves_a_report_and_stands_in_diagnostics(node, replies):
     assert values["gap diagnosed"].endswith("Z, 8 samples")
 
 
-def test_refit_that_leads_too_far_is_refused_and_kept_as_a_candidate(refused, paper_file):
+def test_refit_that_leads_too_far_is_refused_and_kept_as_a_candidate(refused):
     node, (success, data) = refused
     assert not success
     same(reply("reidentify, refused"), data)
-    served = hmcvt.load_model(paper_file)
+    served = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
 
     # The reason names the change, the limit and the file, in the answer, the log and diagnostics.
     candidate = node.state / "candidates" / "0001.yaml"
     assert data["candidate"] == "candidates/0001.yaml"
-    for word in (f"{100 * data['drift']:.1f} points", "the 10 points allowed", data["candidate"]):
+    for word in (f"{100 * data['drift']:.1f} points", "the 2 points allowed", data["candidate"]):
         assert word in data["error"]
     assert node.says("reidentify: the refit would differ from the base model")
     assert "[WARN]" in next(

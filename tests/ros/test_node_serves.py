@@ -187,7 +187,9 @@ def test_optimum_is_that_of_the_settings_and_the_model_now(node, table2, model):
     send_table(node, table2)
     before = player.hold(GOOD).optimal_displacement_ratio
     assert before == best(model)
-    refitted = best(hmcvt.load_model(node.state / player.call("reidentify").data["file"]))
+    reply = player.call("reidentify")
+    assert reply.success, reply.data
+    refitted = best(hmcvt.load_model(node.state / reply.data["file"]))
     assert player.hold(GOOD).optimal_displacement_ratio == refitted != before
 
 

@@ -75,7 +75,7 @@ def test_full_disk_while_refitting(node, paper_file, table2):
     with file_limit(1000, node.process.pid, *node.children()):
         reply = node.player.call("reidentify")
         assert not reply.success and "File too large" in reply.data["error"], reply.data
-        assert "/models/0" in reply.data["error"]
+        assert "'models/0" in reply.data["error"]
         assert node.comes(lambda: "failed: [Errno" in node.value("last refit"))
         assert serves(node, paper_file)
         children = node.children()
