@@ -133,7 +133,7 @@ def test_lost_samples_are_counted_and_told(node, table2):
     lost, accepted = found()
     assert lost > 0 and node.logged() == accepted
     assert node.status()["level"] == DiagnosticStatus.WARN
-    assert f"{lost} bench samples were sent and did not come" in node.status()["message"]
+    assert f"{lost} bench samples were sent and not taken" in node.status()["message"]
     node.player.destroy_publisher(publisher)
     assert node.player.call("clear_samples").success
     node.forget_status()
