@@ -25,6 +25,8 @@ INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-chec
 # sourced, or of another environment with such wheels, must not be mixed in.
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH RMW_IMPLEMENTATION
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
+# The tests start hundreds of processes; with it each of them would compile hmcvt anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test lint types colcon soak bench blind reproduce mutants docs system clean
 .DELETE_ON_ERROR:
@@ -32,15 +34,17 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 demo: $(VENV)/.ros
 	@$(BIN)/python examples/demo.py
 
-# What runs real nodes counts milliseconds and runs alone; the rest on all cores.
-ALONE := tests/ros tests/soak
+# Nodes mostly wait: there may be more of them than cores. The endurance trial counts milliseconds and
+# runs alone.
 test: $(VENV)/.dev system
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(ALONE:%=--ignore=%)
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile \
+		--ignore=tests/ros --ignore=tests/soak
 ifneq ($(HMCVT_CORE_ONLY),1)
-	$(BIN)/python -m pytest $(ALONE)
+	$(BIN)/python -m pytest --numprocesses $$(($$(nproc) + 1)) --dist loadfile tests/ros
+	$(BIN)/python -m pytest tests/soak
 endif
 endif
 

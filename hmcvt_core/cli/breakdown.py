@@ -38,9 +38,12 @@ def command(picture: str | None, params: str | None, as_json: bool, **given: flo
             "efficiency": found.output_power / found.input_power, "losses": dict(found.losses),
             "inside_domain": common.inside_domain(model, point)})
         return
-    losses = sorted(found.losses.items(), key=lambda entry: -entry[1])
-    rows = [("from the engine", found.input_power), *losses, ("to the load", found.output_power)]
+    into = float(found.input_power)
+    losses = sorted(((name, float(watts)) for name, watts in found.losses.items()),
+                    key=lambda entry: -entry[1])
+    rows = [("from the engine", into), *losses, ("to the load", float(found.output_power))]
     click.echo(common.table(("part", "W", "% of input"), [
-        (name, f"{round(float(watts))}", f"{100 * watts / found.input_power:.1f}")
+        # + 0.0: no loss reads 0.0, not -0.0.
+        (name, f"{round(watts)}", f"{round(100 * watts / into, 1) + 0.0:.1f}")
         for name, watts in rows]))
     common.print_domain(model, point)

@@ -17,6 +17,7 @@ import click
 
 from ..files import data_path, plain
 from ..files.bench import BenchSamples
+from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import Effect
@@ -209,21 +210,18 @@ def sample_records(
 
     `numbers` are those of the samples in their file; 1, 2, ... when left out.
     """
-    found = model.predict(samples.displacement_ratio, samples.engine_speed, samples.load_torque,
-                          samples.oil_temperature)
-    error = (found.efficiency - samples.efficiency) / samples.efficiency
-    return [{
-        "sample": numbers[i] if numbers else i + 1,
-        "displacement_ratio": float(samples.displacement_ratio[i]),
-        "engine_speed": float(samples.engine_speed[i]),
-        "load_torque": float(samples.load_torque[i]),
-        "measured": float(samples.efficiency[i]),
-        "predicted": float(found.efficiency[i]),
-        "standard_error": float(found.standard_error[i]),
+    found = model.predict(*samples.points)
+    columns = {
+        "sample": numbers or range(1, len(samples) + 1),
+        **{axis: getattr(samples, axis).tolist() for axis in AXES},
+        "measured": samples.efficiency.tolist(),
+        "predicted": found.efficiency.tolist(),
+        "standard_error": found.standard_error.tolist(),
         # None, not false, for a model that does not say what data it comes from.
-        "inside_domain": None if model.domain is None else bool(found.inside_domain[i]),
-        "error": float(error[i]),
-    } for i in range(len(samples))]
+        "inside_domain": found.inside_domain.tolist() if model.domain else [None] * len(samples),
+        "error": ((found.efficiency - samples.efficiency) / samples.efficiency).tolist(),
+    }
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def sample_table(records: Sequence[dict[str, Any]]) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, RPM, Range
+from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, RPM, OperatingPoints, Range
 from .atomic import write_atomically
 from .columns import Cells, column_name, decimal_points, holds_units, read_cells, read_columns
 
@@ -99,6 +99,12 @@ class BenchSamples:
 
     def __len__(self) -> int:
         return len(self.displacement_ratio)
+
+    @property
+    def points(self) -> OperatingPoints:
+        """Where the samples were taken."""
+        return OperatingPoints(self.displacement_ratio, self.engine_speed, self.load_torque,
+                               self.oil_temperature)
 
     def select(self, index: ArrayLike) -> BenchSamples:
         """Return the samples at an index array or mask, in that order."""

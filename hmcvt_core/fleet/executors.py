@@ -94,16 +94,31 @@ def _with_one_crew(
 def _hand_over(
     executor: futures.Executor, task: Task, settings: Settings
 ) -> futures.Future[Outcome]:
-    # A process started now inherits this: Ctrl-C is for the run alone, which ends its workers.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return executor.submit(study, task.samples, settings)
+        with _interrupt_later():
+            return executor.submit(study, task.samples, settings)
     except futures.BrokenExecutor as error:  # a worker was killed while it had nothing to do
         failed: futures.Future[Outcome] = futures.Future()
         failed.set_exception(error)
         return failed
+
+
+@contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Put Ctrl-C off while a process may be started; it is for the run, which ends its workers."""
+    came: list[object] = []
+    # Not left to the mask below: a thread of BLAS takes the signal, and Python then interrupts the
+    # main thread, in the middle of what the new process is to read.
+    handler = signal.signal(signal.SIGINT, lambda *call: came.append(call))
+    # The process inherits this.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _outcome(future: futures.Future[Outcome]) -> Outcome | None:

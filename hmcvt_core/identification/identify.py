@@ -111,11 +111,7 @@ class Identification:
         return {
             "formulation": self.model.formulation,
             "stage": self.model.stage.name,
-            "parameters": {
-                name: {"value": getattr(self.parameters, name), "unit": PARAMETER_UNITS[name],
-                       "standard_error": self.standard_errors[name]}
-                for name in PARAMETER_NAMES
-            },
+            "parameters": self.model.to_mapping()["parameters"],
             "correlation": self.correlation.tolist(),
             "samples": len(self.samples),
             "fit_error": self.fit_error,

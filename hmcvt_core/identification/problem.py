@@ -22,7 +22,7 @@ from ..transmission.parameters import (
     SEARCH_BOUNDS,
     from_scaled,
 )
-from ..transmission.ranges import BENCH_COLUMNS, OperatingPoints
+from ..transmission.ranges import BENCH_COLUMNS
 
 Array = NDArray[np.float64]
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
@@ -54,16 +54,9 @@ class Problem:
         stated = self.samples.efficiency_std
         return PAPER_EFFICIENCY_UNCERTAINTY * self.samples.efficiency if stated is None else stated
 
-    @cached_property
-    def points(self) -> OperatingPoints:
-        """Operating points of the samples."""
-        s = self.samples
-        return OperatingPoints(s.displacement_ratio, s.engine_speed, s.load_torque,
-                               s.oil_temperature)
-
     def predict(self, scaled: Array) -> Array:
         """Efficiency at scaled variables of shape (..., 3): shape (..., n)."""
-        return self.model.efficiency_of_candidates(from_scaled(scaled), self.points)
+        return self.model.efficiency_of_candidates(from_scaled(scaled), self.samples.points)
 
     def residuals(self, scaled: Array) -> Array:
         """(Predicted - measured) / deviation, shape (..., n); NaN where there is no answer."""
@@ -181,7 +174,7 @@ def unchecked(held: Problem, error: RelativeError, fitted: BenchSamples) -> Iter
         reason = STALLED if held.model.formulation == "power_balance" else INCONSISTENT
         yield (f"the model has no answer at {none} of {count} samples held back, which "
                f"the error of the prediction leaves out: {reason}")
-    outside = int((~Domain.of(fitted).contains(held.points)).sum())
+    outside = int((~Domain.of(fitted).contains(held.samples.points)).sum())
     if 2 * outside > count:
         yield (f"{outside} of {count} samples held back lie outside the range of those "
                "fitted: the error of the prediction is mostly one of extrapolation")

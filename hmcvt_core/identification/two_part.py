@@ -78,7 +78,7 @@ def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:
     middle = SEARCH_BOUNDS.mean(axis=1)
     if not used:
         return middle[None, :]
-    chosen = Problem(problem.model, problem.samples.select(used)).points
+    chosen = problem.samples.select(used).points
 
     def miss(scaled: Array, target: Array) -> Array:
         parameters = HydraulicParameters(*from_scaled(scaled).tolist())

@@ -19,9 +19,7 @@ _ENDS = (0.1, 0.5, 0.9)  # quantiles: a few outliers are no mistake of a column
 
 def predicted_at(model: EfficiencyModel, samples: BenchSamples) -> Array:
     """Efficiency that a model predicts for n samples, shape (n,) [-]; NaN where it has none."""
-    return np.asarray(model.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque,
-        samples.oil_temperature))
+    return model.answer_at(samples.points).efficiency
 
 
 def relative_errors(predicted: Array, measured: Array) -> Array:

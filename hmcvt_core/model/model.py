@@ -185,12 +185,9 @@ class EfficiencyModel:
         points, scalar = OperatingPoints.checked(
             displacement_ratio, engine_speed, load_torque, oil_temperature)
         effects = self.without_meters().effects
-        solver = BalanceSolver(self.stage, self.parameters, effects)
-        found = solver.breakdown(points.map(np.ravel))
-        into, out, *lost = (
-            _like(watts.reshape(points.engine_speed.shape), scalar)
-            for watts in (found.input_power, found.output_power, *found.losses.values()))
-        return Breakdown(into, out, dict(zip(found.losses, lost, strict=True)))
+        found = BalanceSolver(self.stage, self.parameters, effects).breakdown(points)
+        return Breakdown(_like(found.input_power, scalar), _like(found.output_power, scalar), {
+            name: _like(watts, scalar) for name, watts in found.losses.items()})
 
     def optimal_displacement_ratio(
         self,

@@ -122,33 +122,27 @@ def _best_stroke(solver: ArraySolver, speed: Array, torque: Array) -> Array:
     beside = speed * solver.mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
     rest = solver.displacement_ratio(*np.broadcast_arrays(speed, beside, torque))
     low, high = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0), axis=0)
-    # Next to the stall a motor need not rest between the two.
-    corners = np.stack([low, low, high])
-    reaches = np.stack([-np.ones_like(low), high, np.ones_like(low)]) - corners
-    corner, reach = (np.repeat(item.T.ravel(), _SCAN) for item in (corners, reaches))
     speed, torque = np.repeat(speed, 3 * _SCAN), np.repeat(torque, 3 * _SCAN)
 
-    def stroke_at(way: Array) -> Array:
-        return corner + reach * way * way  # closer together beside the motor at rest
+    def value(stroke: Array) -> Array:
+        return solver.solve(OperatingPoints(stroke, speed, torque)).efficiency
 
-    def value(way: Array) -> Array:
-        return solver.solve(OperatingPoints(stroke_at(way), speed, torque)).efficiency
-
-    way, piece = _highest(value, np.zeros_like(corners), np.ones_like(corners))
-    corner, reach = (item[piece, np.arange(len(piece))] for item in (corners, reaches))
-    return stroke_at(way)
+    # Next to the stall a motor need not rest between the two.
+    return _highest(value, np.stack([np.full_like(low, -1.0), low, high]),
+                    np.stack([low, high, np.full_like(high, 1.0)]))
 
 
 def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
     """Best displacement ratio at one engine speed, in plain floats; as `_best_stroke`."""
+
     def value(way: float) -> float:
         found, _ = lookup.solve(corner + reach * way * way, speed, torque)
         return found if found > 0.0 else 0.0  # NaN counts as lowest
 
     tops = []
     low, high = (min(max(rest, -1.0), 1.0) for rest in lookup.resting_ratios(speed, torque))
-    for corner, end in ((low, -1.0), (low, high), (high, 1.0)):
-        reach = end - corner
+    # Between the two the whole flow leaks: the one next to no stroke is best there.
+    for corner, reach in ((low, -1.0 - low), (high, 1.0 - high)):
         top, way = max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1))
         tops.append((top, way, corner, reach))
         if way > 0.0 or value(_START) > top:
@@ -207,13 +201,11 @@ def _best_engine_speed(
         return np.where(reach > 1.0 + 1e-12, -reach, sound)
 
     return _highest(value, np.stack([np.full_like(below, low), above]),
-                    np.stack([below, np.full_like(above, high)]))[0]
+                    np.stack([below, np.full_like(above, high)]))
 
 
-def _highest(
-    value: Callable[[Array], Array], low: Array, high: Array
-) -> tuple[Array, NDArray[np.int_]]:
-    """Where a function is highest on some pieces (NaN where not positive), and on which; (n,).
+def _highest(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
+    """Where a function is highest on some pieces, shape (n,); NaN where it is not positive.
 
     It takes points of shape (n x pieces x _SCAN,), and its NaN counts as lowest; the pieces end at
     `low` and `high`, shape (pieces, n).
@@ -227,10 +219,9 @@ def _highest(
         index = values.argmax(axis=1)
         best, top = grid[rows, index], values[rows, index]
         a, b = np.maximum(best - step, low), np.minimum(best + step, high)
-    top = top.reshape(-1, pieces)
-    piece = top.argmax(axis=1)
-    better = rows[::pieces] + piece
-    return np.where(top.max(axis=1) > 0.0, best[better], np.nan), piece
+    best, top = best.reshape(-1, pieces), top.reshape(-1, pieces)
+    chosen = top.argmax(axis=1)[:, None]
+    return np.where(top.max(axis=1) > 0.0, np.take_along_axis(best, chosen, axis=1)[:, 0], np.nan)
 
 
 def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:

@@ -185,13 +185,13 @@ class _Shafts(ArraySolver):
 
     def motor_speed(self) -> tuple[Array, Array]:
         """Return motor speed and direction (the part of friction in use where it stands)."""
-        engine_speed = self.engine_speed
-        motoring, pumping, _ = self.motor_speeds(
-            self.full_flow * self.stroke, engine_speed, self.points.load_torque)
-        motoring, pumping = motoring * engine_speed, pumping * engine_speed
+        load = self.points.load_torque / self.engine_speed
+        motoring, pumping = (
+            self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
+            for output in self.output_speeds(self.full_flow * self.stroke, load))
         if self.effects:
             motoring, pumping = self._with_effects(motoring, pumping)
-        speed = self.selected(motoring, pumping, self.points.load_torque / engine_speed)
+        speed = self.selected(motoring, pumping, 0.0, load)
         standing = speed == 0.0
         held = self._holding(speed) if standing.any() else 0.0
         return speed, np.where(standing, held, np.sign(speed))

@@ -11,14 +11,16 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from studies.workers import Record, recorded
 
-from .harness import KILLED, NO_EFFECT, ROOT, SURVIVED, Copies, probed, reaches, trial
+from .harness import KILLED, NO_EFFECT, ROOT, SURVIVED, Copies, in_copy, reaches, trial
 from .mutations import Mutation, mutations
 
 GOAL = 0.85
+_say = partial(print, file=sys.stderr, flush=True)
 _ROOMS = ("physics", "model", "identification", "diagnosis", "benches", "transmission")
 
 
@@ -38,17 +40,18 @@ def main() -> int:
     folder = given.folder.resolve()
     copies = Copies(folder, given.jobs)
     reach = reaches(copies, folder, given.tests, given.jobs, _say)
+    reference, start = folder / "answers.json", time.monotonic()
     with copies.one() as copy:
-        start = time.monotonic()
-        answers = probed(copy)
-        seconds = time.monotonic() - start
-    if not isinstance(answers, dict):
-        raise RuntimeError(f"the probe fails without any mutant:\n{answers}")
+        answers = in_copy(copy, ["-m", "studies.mutants.probe"])
+    seconds = time.monotonic() - start
+    if answers.returncode != 0:
+        raise RuntimeError(f"the probe fails without any mutant:\n{answers.stderr}")
+    reference.write_text(answers.stdout, encoding="utf-8")
     drawn = {mutation.key: mutation for mutation in draw(given.rooms, given.count, given.seed)}
 
     def work(mutation: Mutation) -> Record:
         with copies.one() as copy:
-            return trial(copy, mutation, reach, answers, seconds)
+            return trial(copy, mutation, reach, reference, seconds)
 
     records: list[Record] = []
     with ThreadPoolExecutor(given.jobs) as pool:
@@ -88,10 +91,6 @@ def report(records: Sequence[Record], what: str) -> str:
             for record in sorted(records, key=lambda record: record["key"])
             if record["outcome"] == outcome)]
     return "\n\n".join(parts) + "\n"
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

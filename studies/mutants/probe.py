@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Answers of the core, as one JSON document: `python -m studies.mutants.probe`.
+"""Answers of the core, as one JSON document: `python -m studies.mutants.probe [REFERENCE]`.
 
 A mutant that leaves all of them as they are changes no answer. Everything goes through public
 names, so that what is asked stays the same however the core is built.
@@ -8,6 +8,7 @@ names, so that what is asked stays the same however the core is built.
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import hmcvt_core as hmcvt
+from hmcvt_core.files import plain
 from hmcvt_core.physics.effects import library
 from studies.blind.campaign import make_campaign
 
@@ -115,28 +117,24 @@ def _saved(model: hmcvt.EfficiencyModel) -> Any:
         return [path.read_text(encoding="utf-8"), hmcvt.load_model(path).fingerprint]
 
 
-def _plain(value: Any) -> Any:
-    """Data that JSON holds, without the date of a fit."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items() if key != "date"}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    return value if isinstance(value, (bool, int, float, str, type(None))) else repr(value)
-
-
-def document() -> dict[str, Any]:
+def document() -> Iterator[tuple[str, Any]]:
     """All answers by name."""
-    found = {}
     for name, ask in answers():
         try:
-            found[name] = _plain(ask())
+            found = json.loads(json.dumps(plain(ask()), default=repr), object_hook=_undated)
         except Exception as error:
-            found[name] = f"{type(error).__name__}: {error}"
-    return found
+            found = f"{type(error).__name__}: {error}"
+        yield name, found
+
+
+def changed(reference: dict[str, Any]) -> str | None:
+    """The first answer that is another than the one known; None when all agree."""
+    return next((name for name, found in document() if not same(found, reference[name])), None)
+
+
+def _undated(entries: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the date of a fit."""
+    return {key: value for key, value in entries.items() if key != "date"}
 
 
 def same(one: Any, other: Any) -> bool:
@@ -151,4 +149,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 if __name__ == "__main__":
-    print(json.dumps(document()))
+    if sys.argv[1:]:
+        print(changed(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))) or "")
+    else:
+        print(json.dumps(dict(document())))

@@ -95,7 +95,7 @@ CASES = {
     "charge pump": {"effects": (ChargePump(8.0),)},
     "charge pump without speed": {"effects": (ChargePump(8.0),), "speed_noise": None, "n": 48},
     "band": {"loss": band_loss},
-    "oil": {"effects": (OilTemperature(1.0),), "temperature": True, "n": 48},
+    "oil": {"effects": (OilTemperature(1.0),), "temperature": True, "n": 32},
     "two": {"effects": (Churning(15.0), PressureLeakage(4e-11))},
 }
 

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Workers and runs that are killed or interrupted: what was finished stays, the rest is made up."""
 
-import json
 import multiprocessing
 import os
 import signal
 import threading
+import time
 from functools import partial
 
 import pytest
 
 from hmcvt_core import read_bench
 from hmcvt_core.files import data_path
-from hmcvt_core.fleet.executors import on_processes, study_all
+from hmcvt_core.fleet.executors import _hand_over, on_processes, study_all
 from hmcvt_core.fleet.study import Settings, Study, Task
 from hmcvt_core.model.parameter_file import load_stage
 
@@ -31,22 +31,21 @@ def kill(process):
     process.join()
 
 
-def test_killed_worker_loses_nothing(hmcvt, logs, alone, tmp_path):
-    running = threading.Event()
+def test_killed_worker_loses_nothing(hmcvt, many, many_identified, tmp_path):
+    killed = threading.Event()
 
     def kill_one():
-        # In the middle: one log is finished, the others are in hand.
+        # In the middle: one log is finished, others are in hand.
         wait_for(lambda: list(tmp_path.glob("*.json")))
         kill(multiprocessing.active_children()[0])
-        running.set()
+        killed.set()
 
     killer = threading.Thread(target=kill_one)
     killer.start()
-    done = hmcvt("fleet", logs, "--out", tmp_path, "--processes", "2", "--json")
+    done = hmcvt("fleet", many, "--out", tmp_path, "--processes", "2", "--no-diagnose")
     killer.join()
-    assert running.is_set() and done.code == 0, done
-    assert done.out == alone[1].out
-    assert results(tmp_path) == results(alone[0])
+    assert killed.is_set() and done.code == 0, done
+    assert results(tmp_path) == results(many_identified)
     assert multiprocessing.active_children() == []
 
 
@@ -102,8 +101,9 @@ def test_logs_are_read_as_there_is_room(tasks):
     assert len(told) == 6
 
 
-def test_interrupt_keeps_what_is_finished(hmcvt, logs, alone, tmp_path):
-    running = start("fleet", logs, "--out", tmp_path, "--processes", "1", start_new_session=True)
+def test_interrupt_keeps_what_is_finished(hmcvt, many, many_identified, tmp_path):
+    arguments = ("fleet", many, "--out", tmp_path, "--no-diagnose", "--processes")
+    running = start(*arguments, "1", start_new_session=True)
     wait_for(lambda: list(tmp_path.glob("*.json")))
     pids = workers(running.pid)
     os.killpg(running.pid, signal.SIGINT)  # as a terminal does
@@ -112,10 +112,10 @@ def test_interrupt_keeps_what_is_finished(hmcvt, logs, alone, tmp_path):
     assert done.err.endswith("hmcvt: error: interrupted\n") and "Traceback" not in done.err
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     kept = len(list(tmp_path.glob("*.json")))
-    assert 1 <= kept < 3
-    rest = hmcvt("fleet", logs, "--out", tmp_path, "--processes", "2", "--json")
-    assert json.loads(rest.out)["counts"]["finished_before"] == kept
-    assert results(tmp_path) == results(alone[0])
+    assert 1 <= kept < 12
+    rest = hmcvt(*arguments, "2", "--json")
+    assert rest.json["counts"]["finished_before"] == kept
+    assert results(tmp_path) == results(many_identified)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
@@ -128,6 +128,30 @@ def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
     wait_for(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids))
     # A worker whose run is killed while it starts has no input to read and says so.
     assert how == signal.SIGKILL or "Traceback" not in done.err
+
+
+def test_interrupt_waits_until_a_worker_has_its_input(tasks):
+    done = threading.Event()
+    # As those of BLAS, it does not block the signal.
+    threading.Thread(target=done.wait).start()
+
+    class Executor:
+        def __init__(self):
+            self.finished = False
+
+        def submit(self, *_):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+            self.finished = True
+
+    executor = Executor()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            _hand_over(executor, tasks[0], SETTINGS)
+        assert executor.finished
+    finally:
+        done.set()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_workers_are_given_one_thread_and_no_module_of_the_folder(tmp_path, monkeypatch):

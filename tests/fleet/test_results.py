@@ -128,7 +128,7 @@ def test_best_gear_efficiency_is_kept(quick):
 
 def test_edited_parameter_file_is_kept_aside(quick):
     _, out, run = quick
-    text = (out / "00000.yaml").read_text().replace("samples: 20", "samples: 21")
+    text = (out / "00000.yaml").read_text().replace("samples: 12", "samples: 13")
     (out / "00000.yaml").write_text(text)
     assert run() == ["00000"]
     assert [path.read_text() for path in out.glob("00000.previous*.yaml")] == [text]

@@ -36,7 +36,7 @@ else:
     from ros_bench import command, send_table
 
     import hmcvt_core as hmcvt
-    from hmcvt_ros.bench_player import BenchPlayer
+    from hmcvt_ros.bench_player import BenchPlayer, Reply
     from hmcvt_ros.parameters import PARAMETERS
 
 _numbers = itertools.count(1)
@@ -45,6 +45,14 @@ _numbers = itertools.count(1)
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     if CORE_ONLY:
         terminalreporter.write_line("HMCVT_CORE_ONLY=1: the tests over ROS 2 were left out")
+
+
+if not CORE_ONLY:
+    class Client(BenchPlayer):
+        """Waits longer for a reply: a refit has to wait while other tests want the cores."""
+
+        def call(self, service: str, timeout: float = 100.0) -> Reply:
+            return super().call(service, timeout)
 
 
 class NodeUnderTest:
@@ -150,7 +158,7 @@ def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
     players = []
 
     def connect(namespace: str) -> BenchPlayer:
-        players.append(BenchPlayer(context, namespace))
+        players.append(Client(context, namespace))
         return players[-1]
 
     yield connect
@@ -241,7 +249,7 @@ def refused(
     efficiency = table2.efficiency.copy()
     efficiency[2] *= 0.7
     send_table(node, dataclasses.replace(table2, efficiency=efficiency))
-    return node, node.player.call("reidentify", 60.0)
+    return node, node.player.call("reidentify")
 
 
 @pytest.fixture(scope="session")

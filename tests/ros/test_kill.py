@@ -15,22 +15,20 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 TRIALS = {"random": ("--trials", "3", "--no-lines", "--seed", "1"),
           "lines": ("--trials", "0", "--lines")}
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
 
 
 @pytest.fixture(scope="module")
 def tables(environment):
-    """Run the trials side by side; the cells of each kind by the title of their column."""
-    running = {name: subprocess.Popen(
-        [sys.executable, "-m", "studies.soak.kill_trials", *arguments], env=dict(environment),
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        for name, arguments in TRIALS.items()}
-    said = {name: process.communicate(timeout=110)[0] for name, process in running.items()}
+    """Run the trials one by one, for what runs beside; cells of each kind by title of column."""
     found = {}
-    for name, process in running.items():
-        assert process.returncode == 0, said[name]
+    for name, arguments in TRIALS.items():
+        done = subprocess.run(
+            [sys.executable, "-m", "studies.soak.kill_trials", *arguments], env=dict(environment),
+            cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=110)
+        assert done.returncode == 0, done.stdout
         lines = [[cell.strip() for cell in line.strip("|").split("|")]
-                 for line in said[name].splitlines() if line.startswith("|")]
+                 for line in done.stdout.splitlines() if line.startswith("|")]
         found[name] = {kind: dict(zip(lines[0][1:], map(int, cells), strict=True))
                        for kind, *cells in lines[2:]}
     return found

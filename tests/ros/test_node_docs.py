@@ -85,7 +85,7 @@ def replies(node, table2):
     found = {}
     send_table(node, table2)
     for service in ("reidentify", "diagnose", "revert", "clear_samples"):
-        success, found[service] = node.player.call(service, 60.0)
+        success, found[service] = node.player.call(service)
         assert success, found[service]
     return found
 

@@ -99,7 +99,7 @@ def test_refit_is_not_adopted_over_a_model_it_was_not_compared_with(node, table2
     assert node.comes(lambda: "reidentify" in node.value("running"))
     reverted = node.player.call("revert")
     assert reverted.success
-    assert node.comes(running.done, 30.0)
+    assert node.comes(running.done, 100.0)
     assert not running.result().success
     assert "changed meanwhile" in running.result().message
     assert reverted.data["model"] in node.player.model_text
