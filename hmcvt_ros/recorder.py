@@ -29,17 +29,14 @@ _UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messa
 class Recorder:
     """Takes bench samples and writes them to a log, in the order in which they came.
 
-    Nothing here waits for a disk but `close`.
-
-    Attributes:
-        lost: messages that were sent and did not come, since the start.
+    Nothing here waits for a disk but `close`, and what is given to `call`.
     """
 
     def __init__(self, log: BenchLog, tally: Tally) -> None:
         """Write to a log, and count in `tally`, when asked by `poll`, what is on disk."""
         self._log, self._tally = log, tally
         self._numbers = Numbers()
-        self._lost_before = 0  # this log was begun
+        self._missed_before = 0  # this log was begun
         self._waiting: deque[bytes] = deque()
         self._done: deque[Callable[[], None]] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
@@ -61,9 +58,13 @@ class Recorder:
     @property
     def complaint(self) -> str:
         """What this log lacks, as a sentence; empty when nothing."""
-        lost = self.lost - self._lost_before
-        overrun = f"{lost} bench samples were sent and did not come: too many at once" * (lost > 0)
-        return "; ".join(filter(None, (self._log.recovered, overrun)))
+        missed = self._missed - self._missed_before
+        overrun = f"{missed} bench samples were sent and not taken: too many at once"
+        return "; ".join(filter(None, (self._log.recovered, overrun if missed > 0 else "")))
+
+    @property
+    def _missed(self) -> int:
+        return self.lost + self._tally.refused[BUSY]
 
     def submit(self, samples: BenchSamples, number: int) -> None:
         """Take samples out of the message of a number; `poll` tells what became of them."""
@@ -95,7 +96,7 @@ class Recorder:
     def set_aside(self) -> tuple[int, Path | None]:
         """Begin a new log, as `BenchLog.set_aside`; for `call`."""
         done = self._log.set_aside()
-        self._lost_before = self.lost
+        self._missed_before = self._missed
         return done
 
     def checked(self) -> int:

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 
 import numpy as np
 import pytest
 from full_disk import file_limit
 
 import hmcvt_core as hmcvt
+from hmcvt_ros import recorder
 from hmcvt_ros.bench_log import BenchLog
+from hmcvt_ros.inputs import Tally
 from hmcvt_ros.recorder import Numbers
 
 
@@ -190,3 +193,39 @@ def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, miss
     for number in numbers:
         counted.take(number)
     assert counted.missing == missing
+
+
+def test_samples_beyond_what_may_wait_are_refused_and_told(path, monkeypatch):
+    monkeypatch.setattr(recorder, "MOST_WAITING", 5)
+    tally = Tally(recorder.BENCH_REASONS)
+    taker = recorder.Recorder(BenchLog(path, limit=100), tally)
+    go_on = threading.Event()
+    taker.call(go_on.wait)  # a disk that takes its time
+    for number in range(8):
+        taker.submit(sample(number), number + 1)
+    assert taker.poll() == "" and tally.accepted == 0
+    go_on.set()
+    taker.call(lambda: None).result()
+    assert "5 samples wait already" in taker.poll()
+    assert (tally.accepted, tally.refused[recorder.BUSY], len(taker)) == (5, 3, 5)
+    assert taker.complaint == "3 bench samples were sent and not taken: too many at once"
+    taker.call(taker.set_aside).result()
+    assert taker.complaint == ""
+    taker.submit(sample(9), 9)
+    taker.close()  # writes what waits
+    taker.poll()
+    assert (tally.accepted, len(hmcvt.read_bench(path))) == (6, 1)
+
+
+def test_batch_is_taken_as_far_as_there_is_room(path):
+    tally = Tally(recorder.BENCH_REASONS)
+    taker = recorder.Recorder(BenchLog(path, limit=3), tally)
+    go_on = threading.Event()
+    taker.call(go_on.wait)
+    for number in range(5):
+        taker.submit(sample(number), number + 1)
+    go_on.set()
+    taker.close()
+    assert "3 samples and takes no more" in taker.poll()
+    assert (tally.accepted, tally.refused[recorder.FULL]) == (3, 2)
+    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(3.0))
