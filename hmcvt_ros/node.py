@@ -206,7 +206,7 @@ class EfficiencyNode(Node):
         message, point, reason = JointState(), None, "invalid"
         try:
             message = messages.joint_state(raw)
-            point = messages.point_from_message(message)
+            point = messages.point_from_message(message, self._points)
             if age > self._settings.input_timeout:
                 point, reason = None, "stale"
                 raise InputError(f"it has waited for {age:.1f} s; input_timeout")
@@ -222,7 +222,7 @@ class EfficiencyNode(Node):
         bench, reason = self._activity.bench, "invalid"
         try:
             sample = messages.bench_sample_from_message(
-                messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS)
+                messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS, bench)
             reason = "log full"
             self._log.append(sample)
             bench.accept()
