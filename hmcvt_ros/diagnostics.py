@@ -74,7 +74,7 @@ def inputs_status(
         values |= {f"{key} state": found[-1][0].value,
                    f"{key} age [s]": "-" if age is None else f"{age:.3f}",
                    f"{key} age limit [s]": f"{limit * NANOSECONDS:g}",
-                   **item.tally.values(key), f"{key} taken as the limit": item.at_limit}
+                   **item.tally.values(key)}
     level = _LEVELS[max((state for state, _ in found), key=list(State).index)]
     problems = [problem for _, problem in found if problem]
     if inputs.apart_reason:

@@ -7,6 +7,7 @@ the main module of its parent; so nothing that takes time to load is loaded befo
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -61,6 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A RuntimeError is what rclpy raises on a parameter file or argument that it cannot read.
         kind = f"{type(error).__name__}: " if isinstance(error, RuntimeError) else ""
         return _failed(f"{kind}{error}")
+    # What has been loaded stays: to look through it for garbage again and again holds up answers.
+    gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

@@ -63,6 +63,7 @@ class Tally:
         reasons: why one may be refused.
         accepted: count of messages.
         refused: counts by `reasons`.
+        at_limit: count of accepted ones with a stroke a hair beyond 1, taken as 1.
         reason: why the last one was refused; empty when it was not.
         complaint: the same for a person.
     """
@@ -70,6 +71,7 @@ class Tally:
     reasons: tuple[str, ...]
     accepted: int = 0
     refused: Counter[str] = field(default_factory=Counter)
+    at_limit: int = 0
     reason: str = ""
     complaint: str = ""
 
@@ -92,7 +94,8 @@ class Tally:
         return {f"{subject} received": self.accepted + self.refused.total(),
                 f"{subject} accepted": self.accepted,
                 **{f"{subject} refused, {reason}": self.refused[reason]
-                   for reason in self.reasons}}
+                   for reason in self.reasons},
+                f"{subject} taken as the limit": self.at_limit}
 
 
 @dataclass
@@ -103,24 +106,20 @@ class Input:
         limits: its range.
         value: of the last message, None when that was refused or none came.
         stamp: when the last message came [ns], None before the first.
-        at_limit: count of values a hair beyond a limit that were taken as the limit.
         tally: what became of its messages.
     """
 
     limits: Range
     value: float | None = None
     stamp: int | None = None
-    at_limit: int = 0
     tally: Tally = field(default_factory=lambda: Tally(REASONS))
 
     def take(self, value: float, received: int) -> bool:
         """Take a message; False when the value is refused, the tally says why."""
         self.stamp = received
         if not self.limits.low <= value <= self.limits.high:  # true for NaN
-            within = within_tolerance(self.limits, value)
-            if within is not None:
-                value, self.at_limit = within, self.at_limit + 1
-            elif not is_coasting(self.limits, value):
+            value = tolerated(self.limits, value, self.tally)
+            if not (self.limits.contains(value) or is_coasting(self.limits, value)):
                 # The last good value is gone with it: what the sensor says now is not known.
                 self.value = None
                 self.tally.refuse(REASONS[math.isfinite(value)], self.limits.complaint(value))
@@ -156,11 +155,12 @@ class Input:
         return State.FRESH, ""
 
 
-def within_tolerance(limits: Range, value: float) -> float | None:
-    """Return the limit for a value that noise leads a hair beyond it; None when it is not so."""
+def tolerated(limits: Range, value: float, tally: Tally) -> float:
+    """Return a value; the limit instead, and count it, where noise leads a hair beyond it."""
     if limits is DISPLACEMENT_RATIO and 1.0 < abs(value) <= 1.0 + STROKE_TOLERANCE:
+        tally.at_limit += 1
         return math.copysign(1.0, value)
-    return None
+    return value
 
 
 def is_coasting(limits: Range, value: float) -> bool:
@@ -168,17 +168,14 @@ def is_coasting(limits: Range, value: float) -> bool:
     return limits is LOAD_TORQUE and -limits.high <= value < limits.low
 
 
-def checked_point(values: Sequence[float]) -> OperatingPoint:
+def checked_point(values: Sequence[float], tally: Tally) -> OperatingPoint:
     """Return values in the order of `INPUT_RANGES` as an operating point.
 
     Raises:
         InputError: one is beyond its range and the tolerance; a load torque near zero too.
     """
-    taken = []
-    for limits, value in zip(INPUT_RANGES, values, strict=True):
-        within = within_tolerance(limits, value)
-        taken.append(float(limits.check(value)) if within is None else within)
-    return OperatingPoint(*taken)
+    return OperatingPoint(*(float(limits.check(tolerated(limits, value, tally)))
+                            for limits, value in zip(INPUT_RANGES, values, strict=True)))
 
 
 class Inputs:

@@ -19,8 +19,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
 
 from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, InputError
+from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
 
-from .inputs import OperatingPoint, checked_point
+from .inputs import OperatingPoint, Tally, checked_point, tolerated
 from .shafts import JOINTS, UnreadableError, read_shafts
 
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
@@ -50,8 +51,8 @@ def joint_state(raw: bytes) -> JointState:
         raise InputError(f"no sensor_msgs/JointState ({error})") from None
 
 
-def point_from_message(message: JointState) -> OperatingPoint:
-    """Read an operating point; the engine's torque is not needed.
+def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
+    """Read an operating point; the engine's torque is not needed. `tally` as in `tolerated`.
 
     Raises:
         InputError: a joint or field is missing or doubled, or a value is out of range.
@@ -59,15 +60,19 @@ def point_from_message(message: JointState) -> OperatingPoint:
     shafts = read_shafts(message.name, message.position, message.velocity, message.effort)
     if not shafts.engine_speed > 0.0:
         raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
-    return checked_point((shafts.displacement_ratio, shafts.engine_speed, shafts.load_torque))
+    return checked_point(
+        (shafts.displacement_ratio, shafts.engine_speed, shafts.load_torque), tally)
 
 
-def bench_sample_from_message(message: JointState, now: float) -> BenchSamples:
+def bench_sample_from_message(
+    message: JointState, now: float, tally: Tally | None = None
+) -> BenchSamples:
     """Read one bench sample.
 
     Args:
         message: see `read_shafts`.
         now: time of the sample when the header has none [s].
+        tally: counts a stroke that is taken as the limit, as in `tolerated`.
 
     Raises:
         InputError: a joint or field is missing or doubled, or a value is out of range.
@@ -79,6 +84,8 @@ def bench_sample_from_message(message: JointState, now: float) -> BenchSamples:
     if not (shafts.engine_speed > 0.0 and shafts.engine_power > 0.0):
         raise InputError(f"{_SOURCE}: engine speed {shafts.engine_speed:g} rad/s and engine power "
                          f"{shafts.engine_power:g} W must be positive")
+    shafts = shafts._replace(displacement_ratio=tolerated(
+        DISPLACEMENT_RATIO, shafts.displacement_ratio, tally or Tally(())))
     stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
     columns: dict[str, Any] = {name: np.array(getattr(shafts, name)) for name in _OF_SHAFTS}
     return BenchSamples(

@@ -210,7 +210,7 @@ class EfficiencyNode(Node):
         message, point, reason = JointState(), None, "invalid"
         try:
             message = messages.joint_state(raw)
-            point = messages.point_from_message(message)
+            point = messages.point_from_message(message, self._points)
             if age > self._settings.input_timeout:
                 point, reason = None, "stale"
                 raise InputError(f"it has waited for {age:.1f} s; input_timeout")
@@ -226,7 +226,8 @@ class EfficiencyNode(Node):
         number = info["publication_sequence_number"]
         try:
             sample = messages.bench_sample_from_message(
-                messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS)
+                messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS,
+                self._activity.bench)
         except InputError as error:
             self._log.refuse(INVALID, str(error), number)
         else:

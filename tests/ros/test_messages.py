@@ -10,6 +10,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_ros import messages
+from hmcvt_ros.inputs import Tally
 
 
 def shafts(**changes):
@@ -42,6 +43,14 @@ def test_joints_may_stand_in_any_order_among_others():
         extra = "wheel" if name == "name" else 1.0
         setattr(message, name, [values[2], extra, values[1], values[0]])
     assert messages.bench_sample_from_message(message, now=1.0).efficiency.tolist() == [0.8]
+
+
+def test_stroke_a_hair_beyond_one_is_taken_as_one_and_counted():
+    tally = Tally(())
+    sample = messages.bench_sample_from_message(shafts(displacement_ratio=-1.01), 1.0, tally)
+    assert sample.displacement_ratio.tolist() == [-1.0] and tally.at_limit == 1
+    with pytest.raises(hmcvt.InputError, match=r"displacement_ratio = 1\.021 is outside"):
+        messages.bench_sample_from_message(shafts(displacement_ratio=1.021), 1.0, tally)
 
 
 @pytest.mark.parametrize(("changes", "word"), [
