@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import CancelledError
@@ -24,7 +25,7 @@ from hmcvt_core.files import plain
 
 from . import jobs
 from .diagnostics import Activity, gap_values
-from .model_store import ModelStore, utc_now
+from .model_store import ModelStore, servable, utc_now
 from .parameters import ADOPT, Settings
 from .recorder import Recorder
 from .worker import Worker
@@ -34,6 +35,7 @@ MOST_WAITING = 50
 """Requests that may wait for a disk together."""
 
 _CANCELLED = "ended by ~/cancel"
+_FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"']+)+/""")  # of an absolute path
 
 
 class _NotAdoptedError(HmcvtError):
@@ -71,7 +73,7 @@ class _Staged(NamedTuple):
 
     path: Path
     instead_of: Path
-    model: EfficiencyModel
+    fingerprint: str
 
 
 class Services:
@@ -118,7 +120,7 @@ class Services:
         working = self._job is not None and self._job.working
         self._activity.running = str(self._job) if working else ""
         staged = self._staged
-        self._activity.staged = f"{staged.path} ({staged.model.fingerprint})" if staged else ""
+        self._activity.staged = f"{staged.path} ({staged.fingerprint})" if staged else ""
 
     def close(self) -> None:
         """Kill a running job."""
@@ -141,7 +143,7 @@ class Services:
                     raise _NotAdoptedError(result)
                 result["staged"] = settings.reidentify_mode != ADOPT
                 if result["staged"]:
-                    self._staged = _Staged(output, before, refit)
+                    self._staged = _Staged(output, before, refit.fingerprint)
                 else:
                     await self._on_disk(self._store.adopt, output, before, refit)
         except Exception as error:
@@ -162,7 +164,7 @@ class Services:
         if staged is None:
             raise HmcvtError("no refit is staged; ~/reidentify with reidentify_mode = stage does")
         grid = await self._on_disk(
-            lambda: self._store.adopt(*staged).efficiency_map(*settings.map_axes))
+            lambda: self._put_into_service(staged).efficiency_map(*settings.map_axes))
         return self._changed(settings, grid)
 
     async def diagnose(self) -> Data:
@@ -230,9 +232,9 @@ class Services:
 
     def _without_folders(self, text: str) -> str:
         """Name files as within the state folder: where that is is nobody's business."""
-        for folder in (self._folder.resolve(), self._folder, self._store.base.parent):
+        for folder in (self._folder.resolve(), self._folder):
             text = text.replace(json.dumps(f"{folder}/")[1:-1], "")
-        return text
+        return _FOLDERS.sub("", text)
 
     @contextmanager
     def _under_way(self, name: str) -> Iterator[None]:
@@ -325,6 +327,12 @@ class Services:
             cause = self._activity.gap["gap leading cause"]
             return f"{result['verdict']}, leading cause {cause}; report {report}"
         return "done"
+
+    def _put_into_service(self, staged: _Staged) -> EfficiencyModel:
+        model = servable(staged.path)
+        if model.fingerprint != staged.fingerprint:
+            raise InputError(f"{staged.path}: is not the refit that was staged")
+        return self._store.adopt(staged.path, staged.instead_of, model)
 
     def _changed(self, settings: Settings, grid: EfficiencyMap | None) -> Data:
         """Tell everyone of another model in service, and the caller of its name and file."""

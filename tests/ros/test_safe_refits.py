@@ -149,10 +149,14 @@ def test_staged_refit_waits_for_adopt(node, base):
     before = node.player.hold(GOOD).efficiency
     staged = node.player.call("reidentify").data
     assert staged["staged"] is True
-    assert (node.state / staged["file"]).exists()
     assert node.comes(lambda: staged["model"] in node.value("staged refit"))
     assert node.player.hold(GOOD).efficiency == before
 
+    path = node.state / staged["file"]
+    text = path.read_bytes()
+    path.write_bytes(hmcvt.data_path("params/hm4.yaml").read_bytes())
+    assert "is not the refit that was staged" in node.player.call("adopt").data["error"]
+    path.write_bytes(text)
     reply = node.player.call("adopt")
     assert reply.data == {"model": staged["model"], "file": staged["file"]}
     assert node.player.hold(GOOD).efficiency == served(node, reply).efficiency(*GOOD) != before
@@ -163,6 +167,15 @@ def test_staged_refit_waits_for_adopt(node, base):
     assert node.player.call("reidentify").data["staged"]
     assert node.player.call("clear_samples").success
     assert "no refit is staged" in node.player.call("adopt").data["error"]
+
+
+def test_replies_name_no_folder(node, base):
+    send_table(node, measured(base, 8))
+    for name in (".", "models", "../samples.csv", "in_service.json"):
+        node.set(samples_file=name)
+        reply = node.player.call("reidentify")
+        assert not reply.success and not set(node.state.parts[1:-1]) & set(
+            reply.data["error"].split("/")), reply.data
 
 
 # --- limits of jobs -------------------------------------------------------------------------------
