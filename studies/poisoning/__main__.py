@@ -16,7 +16,6 @@ from .campaign import Case, campaign
 
 CASES = (
     Case("model in service of 96 samples"),
-    Case("the same, drift of 10 points at most", max_drift=0.10),
     Case("model in service of 5 samples", known=0),
     Case("noise 0.2 %", noise=0.002),
     Case("noise 1 %", noise=0.01),

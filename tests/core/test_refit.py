@@ -61,7 +61,7 @@ def test_wear_is_followed_however_sure_the_model_in_service_was(request, name):
     assert error(served, worn(served)) > 0.04
     assert error(found.model, worn(served)) < 0.012
     assert found.error_after < 0.1 * found.error_before
-    assert found.drift == found.largest_change > 0.04
+    assert found.largest_change > 0.04 and 0.01 < found.drift < found.largest_change
 
 
 @pytest.mark.parametrize(("rows", "by"), [([7], -0.30), ([3], 0.05), ([2, 9, 17], [-0.3, 0.2, 0.1]),
@@ -125,19 +125,19 @@ def test_copies_of_a_bad_sample_have_one_vote(known):
 
 def test_drift_is_told_and_bounded(new):
     served, told = new, []
-    for step in range(1, 13):
+    for step in range(1, 20):
         samples = campaign(new, 30, seed=step)
         lower = spoiled(samples, range(1, 31), -0.01 * step)
-        found = refit(lower, served, new, max_drift=0.10)
-        if found.refused:
+        found = refit(lower, served, new)
+        if "the base model" in found.refused:
             break
-        served = found.model
-        told.append(found.drift)
+        if not found.refused:
+            served = found.model
+            told.append(found.drift)
     assert len(told) >= 3 and max(told) <= 0.10
     assert found.drift > 0.10
-    assert "the refit would differ from the base model by -" in found.refused
-    assert "more than the 10 points allowed" in found.refused
-    assert " at displacement ratio " in found.refused and "\n" not in found.refused
+    assert "the refit would differ from the base model by 1" in found.refused
+    assert "points on average, more than the 10 points allowed" in found.refused
     assert any("the limit is 10" in text for text in found.warnings)
 
 
