@@ -291,7 +291,8 @@ def test_command_line_that_the_launch_file_makes(run_node, connect, tmp_path):
         return observer.get_node_names_and_namespaces_with_enclaves()
 
     assert observer.wait_until(lambda: ("cvt", "/launched", "/hmcvt") in found(), 10.0), found()
-    assert observer.wait_until(lambda: observer.count_subscribers("/clock") == 1, 10.0)
+    assert observer.wait_until(lambda: "cvt" in (
+        info.node_name for info in observer.get_subscriptions_info_by_topic("/clock")), 10.0)
 
 
 def test_every_test_named_exists():
