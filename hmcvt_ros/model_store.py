@@ -71,7 +71,7 @@ class ModelStore:
         Raises:
             OSError: the folder cannot be made.
         """
-        keep_newest(self._models, KEPT, spared=[name for name, _ in self._stack])
+        self._prune()
         return next_name(self._models).with_suffix(".yaml")
 
     def adopt(self, path: Path, instead_of: Path | None = None,
@@ -149,7 +149,11 @@ class ModelStore:
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
         self._stack, self.complaint = stack, complaint
         self.in_service = InService(model, self._path(stack), utc_now())
+        self._prune()
         return model
+
+    def _prune(self) -> None:
+        keep_newest(self._models, KEPT, spared=[name for name, _ in self._stack])
 
     def _resumed(self) -> _Stack:
         """Return the models of an earlier run; none, with a complaint, if that is of no use."""
