@@ -114,8 +114,7 @@ def test_no_message_is_dropped_while_the_model_is_swapped(node, table2):
 def test_refit_is_not_adopted_over_a_model_it_was_not_compared_with(node, table2):
     send_table(node, table2)
     assert node.player.call("reidentify").success
-    running = node.player.request("reidentify")
-    assert node.comes(lambda: "reidentify" in node.value("running"))
+    running = long_refit(node, table2)
     reverted = node.player.call("revert")
     assert reverted.success
     assert node.comes(running.done, 100.0)
@@ -230,8 +229,7 @@ def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, ta
     node = start_node(paper_file)
     send_table(node, table2)
     fingerprint = node.player.call("reidentify").data["model"]
-    node.player.request("reidentify")
-    assert node.comes(lambda: "reidentify" in node.value("running"))
+    long_refit(node, table2)
     workers = node.children()
     node.player.send_inputs(GOOD)
     asked = time.monotonic()
@@ -250,6 +248,16 @@ def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, ta
     workers = again.children()
     again.stop(signal.SIGKILL)
     assert again.comes(lambda: not any(map(alive, workers)))
+
+
+def long_refit(node, table2):
+    """Call for a refit that takes a second at least, and wait until it runs."""
+    hmcvt.write_bench(node.state / "many.csv", table2.select(np.arange(60_000) % 8))
+    node.set(samples_file="many.csv")
+    started = node.log.count("reidentify: started")
+    reply = node.player.request("reidentify")
+    assert node.comes(lambda: node.log.count("reidentify: started") > started)
+    return reply
 
 
 def worker_of(node):
