@@ -125,9 +125,8 @@ def on_processes(count: int) -> Iterator[Crew]:
     """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
     others = multiprocessing.active_children()
     # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
-    variables = {**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}
-    before = {name: os.environ[name] for name in variables if name in os.environ}
-    os.environ.update(variables)
+    before = os.environ.copy()
+    os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
     try:
         with futures.ProcessPoolExecutor(
                 count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
@@ -140,8 +139,7 @@ def on_processes(count: int) -> Iterator[Crew]:
                         process.kill()
                 raise
     finally:
-        for name in variables:
-            del os.environ[name]
+        os.environ.clear()
         os.environ.update(before)
 
 

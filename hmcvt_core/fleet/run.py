@@ -142,11 +142,9 @@ def run(
         def tasks() -> Iterator[Task]:
             for log in todo:
                 try:
-                    task = _read(log)
+                    yield _read(log)
                 except HmcvtError as error:
                     finish(_broken(log, str(error)))
-                else:
-                    yield task
 
         with closing(study_all(tasks(), settings, place)) as outcomes:
             for name, outcome in outcomes:
