@@ -11,12 +11,11 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from ..errors import HmcvtError, InputError
 from ..files import plain
@@ -75,16 +74,13 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
     return sorted(found.values(), key=lambda log: log.name)
 
 
-def _csv_files(folder: Path) -> list[Path]:
-    def stop(error: OSError) -> NoReturn:
-        raise error  # os.walk would pass over a folder that it cannot read
-
-    found = []
-    for place, folders, files in os.walk(folder, onerror=stop):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [Path(place, name) for name in files
-                  if name.lower().endswith(".csv") and not name.startswith(".")]
-    return found
+def _csv_files(folder: Path) -> Iterator[Path]:
+    for path in folder.iterdir():  # which raises where os.walk would pass over a closed folder
+        if path.is_dir():
+            if not (path.name.startswith(".") or path.is_symlink()):
+                yield from _csv_files(path)
+        elif path.suffix.lower() == ".csv" and not path.name.startswith("."):
+            yield path
 
 
 @contextmanager
