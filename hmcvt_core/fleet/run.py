@@ -13,9 +13,8 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import HmcvtError, InputError
 from ..files import plain
@@ -30,8 +29,7 @@ SCHEMA = "hmcvt-fleet-result/1"
 _LOCK = ".hmcvt-fleet.lock"
 
 
-@dataclass(frozen=True)
-class Log:
+class Log(NamedTuple):
     """A bench log and its files.
 
     Attributes:
@@ -71,7 +69,7 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
             raise InputError(f"{other.path} and {path} would share {log.result}: rename one")
     if not found:
         raise InputError(f"{folder}: holds no .csv file")
-    return sorted(found.values(), key=lambda log: log.name)
+    return sorted(found.values())
 
 
 def _csv_files(folder: Path) -> Iterator[Path]:
