@@ -77,7 +77,7 @@ def _causes(found: Outcome) -> list[str]:
 def _tests(found: Outcome) -> list[str]:
     """The next tests: points first, then measurements beside the plan, which have no gain."""
     merged: dict[tuple[object, ...], list[NextTest]] = {}
-    for test in found.next_tests:
+    for test in found.next_tests[:5]:
         place = None if test.point is None else tuple(test.point.values())
         merged.setdefault((place, test.measure), []).append(test)
     groups = sorted(merged.values(), key=lambda tests: -max(test.gain for test in tests))
