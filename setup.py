@@ -27,7 +27,7 @@ setup(
     package_data={
         "hmcvt_core": ["py.typed"],
         "hmcvt_core.data": ["*.csv", "*.md"],
-        "hmcvt_core.report": ["templates/*.j2"],
+        "hmcvt_core.report": ["templates/*.j2", "templates/*.mplstyle"],
         "hmcvt_core.params": ["*.yaml", "*.md"],
         "hmcvt_ros": ["py.typed", "config/*.yaml", "launch/*.launch.py", "security/*.xml"],
     },

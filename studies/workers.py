@@ -13,18 +13,17 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
+from hmcvt_core.fleet import ONE_BLAS_THREAD
+
 Task = TypeVar("Task")
 Record = dict[str, Any]
-
-_ONE_BLAS_THREAD = dict.fromkeys(
-    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @contextmanager
 def workers(jobs: int) -> Iterator[Executor]:
     """Open processes with one BLAS thread each; what has not begun when it closes is left out."""
     # NumPy reads these when a worker, or a command that it runs, imports it.
-    os.environ.update(_ONE_BLAS_THREAD)
+    os.environ.update(ONE_BLAS_THREAD)
     pool = ProcessPoolExecutor(jobs, get_context("spawn"), _leave_interrupts)
     try:
         yield pool

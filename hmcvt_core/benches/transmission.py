@@ -121,9 +121,8 @@ class Transmission:
         lowest = np.maximum(_LEAST_POWER / speed, LOAD_TORQUE.low)
         highest = max(points["load_torque"].max(), 2.0 * _LEAST_POWER / speed.min())
         torque = lowest + part * (highest - lowest)
-        possible = dict(zip(_POINT, (stroke, speed, torque), strict=True))
-        for name in points.keys() - possible.keys():
-            possible[name] = np.full(len(speed), float(np.median(points[name])))
+        possible = {name: np.full(len(speed), np.median(points[name])) for name in points}
+        possible.update(zip(_POINT, (stroke, speed, torque), strict=True))
         # NaN is no answer, and is not contained.
         usable = EFFICIENCY.contains(self.predict(base, (), possible)[0])
         return {name: values[usable] for name, values in possible.items()}
@@ -273,16 +272,14 @@ def read_plan(
     Raises:
         InputError: as `read_bench`, or the model has no answer at a point.
     """
-    known, _, found = read_columns(path, _POINT)
-    ratio, speed, torque = (known[name] for name in _POINT)
-    points = OperatingPoints(ratio, speed, torque, known.get("oil_temperature"))
-    efficiency, read_speed = model.answer_at(points)
-    stalled = np.flatnonzero(np.isnan(efficiency))
+    known, extra, found = read_columns(path, _POINT)
+    points = OperatingPoints(
+        **{axis: known[axis] for axis in OperatingPoints._fields if axis in known})
+    known["efficiency"], read_speed = model.answer_at(points)
+    stalled = np.flatnonzero(np.isnan(known["efficiency"]))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
-                         f"{torque[stalled[0]]:g} cannot be carried there")
-    return BenchSamples(
-        ratio, speed, torque, efficiency,
-        output_speed=read_speed if output_speed or "output_speed" in known else None,
-        oil_temperature=points.oil_temperature, efficiency_std=known.get("efficiency_std"),
-        source=found.source, sha256=found.sha256)
+                         f"{points.load_torque[stalled[0]]:g} cannot be carried there")
+    if output_speed or "output_speed" in known:
+        known["output_speed"] = read_speed
+    return BenchSamples(**known, extra=extra, source=found.source, sha256=found.sha256)

@@ -74,8 +74,8 @@ def command(
     # Cores that this process may use, which in a container are fewer than there are.
     place = (partial(on_processes, processes or len(os.sched_getaffinity(0)))
              if scheduler is None else partial(on_cluster, scheduler))
-    with closing(_Counter()) as counter:
-        found = run(Path(logs), Path(out), settings, place, counter)
+    with closing(_Counter("fleet", _REPORT_EVERY)) as counter:
+        found = run(Path(logs), Path(out), settings, place, counter.count)
     if as_json:
         common.print_json(found)
     else:
@@ -83,31 +83,29 @@ def command(
     ctx.exit(_SOME_BROKEN if found["broken"] else 0)
 
 
-class _Counter:
+class _Counter(common.Progress):
     """Tells on stderr how far the fleet is, and at once which log is broken."""
 
-    def __init__(self) -> None:
-        self.finished = self.broken = 0
-        self.line = common.Progress("fleet", _REPORT_EVERY)
+    finished = broken = 0
 
-    def __call__(self, entry: Entry, logs: int) -> None:
+    def count(self, entry: Entry, logs: int) -> None:
         """Count one of so many logs."""
         if "error" in entry:
             self.broken += 1
-            self.line.close()
+            super().close()
             click.echo(f"hmcvt: broken: {entry['error']}", err=True)
         else:
             self.finished += 1
         gone = self.finished + self.broken
-        left = self.line.seconds() / gone * (logs - gone)
-        self.line(f"{gone} of {logs} logs, {self.broken} broken, "
-                  f"about {math.ceil(left / 60.0)} min left")
+        left = self.seconds() / gone * (logs - gone)
+        self(f"{gone} of {logs} logs, {self.broken} broken, "
+             f"about {math.ceil(left / 60.0)} min left")
 
     def close(self) -> None:
         """Tell the rate reached."""
-        self.line.close()
+        super().close()
         if self.finished:
-            seconds = self.line.seconds()
+            seconds = self.seconds()
             click.echo(f"fleet: {self.finished} logs finished in {seconds:.1f} s, "
                        f"{self.finished / seconds:.2f} logs/s", err=True)
 

@@ -13,6 +13,7 @@ from . import words
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
 
 _DETAILED = 3  # causes told at length; the page has all
+_POINTS, _TESTS = 4, 5  # most points, most tests told; the page has all
 _WIDTH, _MARGIN = 100, 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
@@ -75,7 +76,7 @@ def _causes(found: Outcome) -> list[str]:
 
 
 def _tests(found: Outcome) -> list[str]:
-    """The next tests: points first, then measurements beside the plan, which have no gain."""
+    """The first few of the next tests: points, then measurements beside the plan."""
     merged: dict[tuple[object, ...], list[NextTest]] = {}
     for test in found.next_tests:
         place = None if test.point is None else tuple(test.point.values())
@@ -85,7 +86,9 @@ def _tests(found: Outcome) -> list[str]:
         return []
     gain = (" (gain: squared standard deviations by which the readings are expected to speak "
             "against the wrong one of the two; 9 in all settle it)") if groups[0][0].point else ""
-    return [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in groups)]
+    points = [tests for tests in groups if tests[0].point][:_POINTS]
+    beside = [tests for tests in groups if not tests[0].point][:_TESTS - len(points)]
+    return [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in points + beside)]
 
 
 def _test(found: Outcome, tests: Sequence[NextTest]) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import tempfile
+import secrets
 from pathlib import Path
 
 _SUFFIX = ".tmp"
@@ -82,16 +82,12 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=_SUFFIX, dir=path.parent)
-    temporary = Path(name)
+    # Not by tempfile, which makes it private: a parameter file is read by others.
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{_SUFFIX}")
     try:
-        with os.fdopen(handle, "wb") as file:
+        with temporary.open("xb") as file:
             file.write(data)
             file.flush()
-            # mkstemp makes it private; a parameter file is read by others.
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(file.fileno(), 0o666 & ~umask)
             os.fsync(file.fileno())
         temporary.replace(path)
     except BaseException:

@@ -87,11 +87,10 @@ class BenchSamples:
                 if column.name in REQUIRED_COLUMNS:
                     raise InputError(f"{self.source}: {column.name} is missing")
                 continue
-            array = np.atleast_1d(column.check(value, self.source))
+            array = np.array(column.check(value, self.source), ndmin=1)
             if array.shape != (len(np.atleast_1d(self.displacement_ratio)),):
                 raise InputError(f"{self.source}: {column.name} has shape {array.shape}, "
                                  f"displacement_ratio has {len(self.displacement_ratio)} values")
-            array = array.copy()
             array.flags.writeable = False
             object.__setattr__(self, column.name, array)
         if len(self) == 0:

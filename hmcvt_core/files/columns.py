@@ -112,7 +112,49 @@ def read_cells(
         InputError: the file is missing, empty, too large or not CSV, a required column is
             missing or a column doubled.
     """
-    path = Path(path)
+    source = str(Path(path))
+    text, sha256 = _text(Path(path))
+    if header_row is not None:
+        # Left empty, so that the rows below keep their numbers.
+        text = "\n" * (header_row - 1) + "".join(list(io.StringIO(text))[header_row - 1:])
+    line = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
+    separator = max(",;\t", key=line.count)  # what stands there most, first a comma
+    try:
+        rows = list(csv.reader(io.StringIO(text), delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise InputError(f"{source}: not CSV: {error}") from None
+    body = [(number, row) for number, row in enumerate(rows, 1)
+            if any(cell.strip() for cell in row)]
+    # Above the header only: below it a cell may well begin like that.
+    while body and body[0][1][0].startswith("#"):
+        body.pop(0)
+    if not body:
+        needs = f"; needs columns {', '.join(required)}" if required else ""
+        raise InputError(f"{source}: is empty{needs}")
+    top, first = body.pop(0)
+    header = names_of(first)
+    for name in header:
+        if header.count(name) > 1:
+            raise InputError(f"{source}: row {top}: column {name!r} stands there twice")
+    missing = [name for name in required if name not in header]
+    if missing:
+        raise InputError(f"{source}: row {top}: column {', '.join(missing)} is missing; "
+                         f"there is {', '.join(header)} (`hmcvt import-csv` takes other names)")
+    if not body:
+        raise InputError(f"{source}: holds a header but no samples")
+    for number, row in body:
+        while len(row) > len(header) and not row[-1].strip():
+            row.pop()  # separators at the end of a line
+        if len(row) != len(header):
+            raise InputError(f"{source}: row {number}: {len(row)} fields, the header has "
+                             f"{len(header)} (decimal comma, other separator, a comment, or lines "
+                             "above the header?)")
+    columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
+    return Cells(columns, [number for number, _ in body], separator, source, sha256)
+
+
+def _text(path: Path) -> tuple[str, str]:
+    """Return the text of a file and its SHA-256."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
@@ -128,15 +170,7 @@ def read_cells(
         text = raw.decode("cp1252", "replace")
     if "\n" not in text:
         text = text.replace("\r", "\n")  # line ends of old programs
-    if header_row is not None:
-        # Left empty, so that the rows below keep their numbers.
-        text = "\n" * (header_row - 1) + "".join(list(io.StringIO(text))[header_row - 1:])
-    line = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
-    separator = max(",;\t", key=line.count)  # what stands there most, first a comma
-    header, body = _lines(text, separator, str(path), required, names_of)
-    columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
-    return Cells(columns, [number for number, _ in body], separator, str(path),
-                 hashlib.sha256(raw).hexdigest())
+    return text, hashlib.sha256(raw).hexdigest()
 
 
 def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
@@ -156,44 +190,6 @@ def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
         return cells
     return cells._replace(columns=cells.columns | {
         name: [cell.replace(",", ".") for cell in column] for name, column in numbers.items()})
-
-
-def _lines(
-    text: str, separator: str, source: str, required: Sequence[str],
-    names_of: Callable[[list[str]], list[str]],
-) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Return the header and the numbered rows below it."""
-    try:
-        rows = list(csv.reader(io.StringIO(text), delimiter=separator, strict=True))
-    except csv.Error as error:
-        raise InputError(f"{source}: not CSV: {error}") from None
-    numbered = [(number, row) for number, row in enumerate(rows, 1)
-                if any(cell.strip() for cell in row)]
-    # Above the header only: below it a cell may well begin like that.
-    while numbered and numbered[0][1][0].startswith("#"):
-        numbered.pop(0)
-    if not numbered:
-        needs = f"; needs columns {', '.join(required)}" if required else ""
-        raise InputError(f"{source}: is empty{needs}")
-    (top, first), body = numbered[0], numbered[1:]
-    header = names_of(first)
-    for name in header:
-        if header.count(name) > 1:
-            raise InputError(f"{source}: row {top}: column {name!r} stands there twice")
-    missing = [name for name in required if name not in header]
-    if missing:
-        raise InputError(f"{source}: row {top}: column {', '.join(missing)} is missing; "
-                         f"there is {', '.join(header)} (`hmcvt import-csv` takes other names)")
-    if not body:
-        raise InputError(f"{source}: holds a header but no samples")
-    for number, row in body:
-        while len(row) > len(header) and not row[-1].strip():
-            row.pop()  # separators at the end of a line
-        if len(row) != len(header):
-            raise InputError(f"{source}: row {number}: {len(row)} fields, the header has "
-                             f"{len(header)} (decimal comma, other separator, a comment, or lines "
-                             "above the header?)")
-    return header, body
 
 
 def column_name(cell: str) -> str:

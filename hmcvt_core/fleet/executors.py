@@ -59,36 +59,29 @@ def study_all(
         HmcvtError: it is lost.
     """
     suspects: list[Task] = []
-    for first in tasks:
-        for task, outcome in _with_one_crew(chain([first], tasks), settings, place):
-            if outcome is None:
-                suspects.append(task)
-            else:
-                yield task.name, outcome
-    # Each alone, so that it is known which of them kills; and last, when that hurts fewest.
-    for suspect in suspects:
-        for task, outcome in _with_one_crew(iter([suspect]), settings, place):
-            yield task.name, outcome or "killed its worker 2 times (memory, most likely)"
-
-
-def _with_one_crew(
-    tasks: Iterator[Task], settings: Settings, place: Place
-) -> Iterator[tuple[Task, Outcome | None]]:
-    """Study until there is no task left or a worker died; None for what was in hand then."""
-    in_hand: dict[futures.Future[Outcome], Task] = {}
-    finished: list[tuple[Task, Outcome | None]] = []
-    works = True
-    with place() as crew:
-        while True:
-            # Before the outcomes are told, so that nobody waits while their files are written.
-            for task in islice(tasks, max(0, crew.room() - len(in_hand)) if works else 0):
-                in_hand[_hand_over(crew.executor, task, settings)] = task
-            yield from finished
-            if not in_hand:
-                return
-            done = futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done
-            finished = [(in_hand.pop(future), _outcome(future)) for future in done]
-            works = works and all(outcome is not None for _, outcome in finished)
+    # Suspects each alone, so that it is known which kills; and last, when that hurts fewest.
+    for batch in chain((chain([first], tasks) for first in tasks),
+                       (iter([suspect]) for suspect in suspects)):
+        in_hand: dict[futures.Future[Outcome], Task] = {}
+        finished: list[tuple[Task, Outcome | None]] = []
+        works = True
+        with place() as crew:
+            while True:
+                # Before the outcomes are told, so that nobody waits while their files are written.
+                for task in islice(batch, max(0, crew.room() - len(in_hand)) if works else 0):
+                    in_hand[_hand_over(crew.executor, task, settings)] = task
+                for task, outcome in finished:
+                    if outcome is not None:
+                        yield task.name, outcome
+                    elif task in suspects:
+                        yield task.name, "killed its worker 2 times (memory, most likely)"
+                    else:
+                        suspects.append(task)
+                if not in_hand:
+                    break
+                done = futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done
+                finished = [(in_hand.pop(future), _outcome(future)) for future in done]
+                works = works and all(outcome is not None for _, outcome in finished)
 
 
 def _hand_over(
@@ -140,9 +133,8 @@ def on_processes(count: int) -> Iterator[Crew]:
     """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
     others = multiprocessing.active_children()
     # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
-    variables = {**ONE_BLAS_THREAD, "PYTHONSAFEPATH": "1"}
-    before = {name: os.environ[name] for name in variables if name in os.environ}
-    os.environ.update(variables)
+    before = os.environ.copy()
+    os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
     try:
         with futures.ProcessPoolExecutor(
                 count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
@@ -155,8 +147,7 @@ def on_processes(count: int) -> Iterator[Crew]:
                         process.kill()
                 raise
     finally:
-        for name in variables:
-            del os.environ[name]
+        os.environ.clear()
         os.environ.update(before)
 
 

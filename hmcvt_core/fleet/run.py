@@ -11,12 +11,10 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple
 
 from ..errors import HmcvtError, InputError
 from ..files import plain
@@ -31,8 +29,7 @@ SCHEMA = "hmcvt-fleet-result/1"
 _LOCK = ".hmcvt-fleet.lock"
 
 
-@dataclass(frozen=True)
-class Log:
+class Log(NamedTuple):
     """A bench log and its files.
 
     Attributes:
@@ -72,19 +69,16 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
             raise InputError(f"{other.path} and {path} would share {log.result}: rename one")
     if not found:
         raise InputError(f"{folder}: holds no .csv file")
-    return sorted(found.values(), key=lambda log: log.name)
+    return sorted(found.values())
 
 
-def _csv_files(folder: Path) -> list[Path]:
-    def stop(error: OSError) -> NoReturn:
-        raise error  # os.walk would pass over a folder that it cannot read
-
-    found = []
-    for place, folders, files in os.walk(folder, onerror=stop):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [Path(place, name) for name in files
-                  if name.lower().endswith(".csv") and not name.startswith(".")]
-    return found
+def _csv_files(folder: Path) -> Iterator[Path]:
+    for path in folder.iterdir():  # which raises where os.walk would pass over a closed folder
+        if path.is_dir():
+            if not (path.name.startswith(".") or path.is_symlink()):
+                yield from _csv_files(path)
+        elif path.suffix.lower() == ".csv" and not path.name.startswith("."):
+            yield path
 
 
 @contextmanager
@@ -142,11 +136,9 @@ def run(
         def tasks() -> Iterator[Task]:
             for log in todo:
                 try:
-                    task = _read(log)
+                    yield _read(log)
                 except HmcvtError as error:
                     finish(_broken(log, str(error)))
-                else:
-                    yield task
 
         with closing(study_all(tasks(), settings, place)) as outcomes:
             for name, outcome in outcomes:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from ..benches.transmission import diagnose
-from ..errors import HmcvtError, InputError
+from ..benches.transmission import Transmission, diagnose
+from ..errors import HmcvtError
 from ..files.bench import BenchSamples
 from ..identification import identify
 from ..model.model import EfficiencyModel
@@ -47,10 +47,9 @@ class Settings:
     def __post_init__(self) -> None:
         # Told once, before the work, not by every log.
         for stage in self.stages:
-            EfficiencyModel(stage, PAPER_PARAMETERS[0.98], self.formulation, self.effects)
-        if self.diagnosed and self.formulation != "power_balance":
-            raise InputError("diagnosis needs formulation power_balance, "
-                             f"not {self.formulation!r}")
+            model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], self.formulation, self.effects)
+            if self.diagnosed:
+                Transmission(model)
         if self.noise is not None:
             EFFICIENCY_STD.check(self.noise, "noise")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated annealing: the paper's improved one (section 4.1) and the standard one beside it.
+"""Simulated annealing, as the paper improves it (section 4.1).
 
 Each improvement is a setting of its own: how the disturbance shrinks (`Shrink`), how the
 temperature falls (`cooling`) and when to stop (`threshold`). Independent chains are evaluated
@@ -35,11 +35,6 @@ def with_temperature(steps: int, slow_steps: Array) -> Array:
 def with_steps(steps: int, slow_steps: Array) -> Array:
     """Eq. (19) as printed: (20) may end the run long before i reaches N."""
     return np.full_like(slow_steps, steps)
-
-
-def never(steps: int, slow_steps: Array) -> Array:
-    """The standard algorithm's disturbance: the same range from first to last."""
-    return np.zeros_like(slow_steps)
 
 
 @dataclass(frozen=True)
@@ -87,10 +82,6 @@ class Schedule:
         return np.log(temperature / self.initial_temperature) / math.log(max(self.cooling))
 
 
-IMPROVED = Schedule()
-STANDARD = Schedule(shrink=never, cooling=(0.9, 0.9))
-
-
 @dataclass(frozen=True)
 class AnnealingRun:
     """Where a run stands after so many temperature steps, or ended.
@@ -116,7 +107,7 @@ def minimise(
     objective: Objective,
     bounds: ArrayLike,
     *,
-    schedule: Schedule = IMPROVED,
+    schedule: Schedule = Schedule(),
     start: ArrayLike | None = None,
     seed: int | None = 0,
     progress: Callable[[AnnealingRun], None] | None = None,
@@ -126,7 +117,7 @@ def minimise(
     Args:
         objective: see `Objective`.
         bounds: shape (d, 2), lower and upper, finite.
-        schedule: `IMPROVED` (section 4.1), `STANDARD`, or your own.
+        schedule: that of section 4.1 when left out.
         start: first points within them, shape (d,) or (chains, d); random when None.
         seed: of the random numbers; None for a new run every time.
         progress: called after each temperature step; may raise to cancel.

@@ -1,12 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person looks at: the page of a diagnosis and the pictures (extra `report`)."""
+"""What a person looks at: the page of a diagnosis and the pictures (extra `report`).
 
-from .losses import draw_losses
-from .page import html, write_html
+The page is one self-contained HTML file; it loads nothing and needs no script.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..diagnosis import Diagnosis, words
+from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
+from ..files.atomic import write_atomically
+from ..transmission.parameters import PARAMETER_UNITS
+from ..transmission.ranges import RPM
+from .gap import gap_map, residuals
+from .losses import before_and_after, draw_losses, lost_power, means
 from .pictures import draw_fit, draw_surface, save
-from .style import FORMATS, check_drawable
+from .style import FORMATS, check_drawable, render
 
 __all__ = [
     "FORMATS", "check_drawable", "draw_fit", "draw_losses", "draw_surface", "html", "save",
     "write_html",
 ]
+
+
+def write_html(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
+    """Write the page of a diagnosis, whole or not at all.
+
+    Raises:
+        InputError: Jinja2 or matplotlib is missing.
+        OSError: the folder cannot be written or is full; an old file is untouched.
+    """
+    write_atomically(Path(path), html(diagnosis))
+
+
+def html(diagnosis: Diagnosis) -> str:
+    """Return the page of a diagnosis; the same diagnosis gives the same text.
+
+    Raises:
+        InputError: Jinja2 or matplotlib is missing.
+    """
+    base, model, samples = diagnosis.base, diagnosis.model, diagnosis.samples
+    speed, load = float(np.median(samples.engine_speed)), float(np.median(samples.load_torque))
+    heat = (None if samples.oil_temperature is None
+            else float(np.median(samples.oil_temperature)))
+    before = lost_power(base, speed, load, heat)
+    after = before if model is base else lost_power(model, speed, load, heat)
+    return render(
+        "diagnosis.html.j2", found=diagnosis, words=words, speed=speed, load=load,
+        map=gap_map(diagnosis), residuals=residuals(diagnosis),
+        watts=before_and_after(before, after), means=means(before, after),
+        units=PARAMETER_UNITS, rpm=RPM, gap_significance=GAP_SIGNIFICANCE,
+        region_significance=REGION_SIGNIFICANCE)

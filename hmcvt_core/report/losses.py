@@ -9,7 +9,7 @@ from operator import methodcaller
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..diagnosis import words
 from ..model.model import EfficiencyModel
@@ -145,14 +145,12 @@ def means(
 
     Means are over the points that both models answer; NaN if there is none.
     """
-    balances = [{**balance, "total": np.sum(list(balance.values()), axis=0)}
-                for balance in (before, after)]
-    answered = np.isfinite(balances[0]["total"] + balances[1]["total"])
+    total, later = (np.sum(list(balance.values()), axis=0) for balance in (before, after))
+    answered = np.isfinite(total + later)
 
-    def mean(loss: Array) -> float:
-        return float(loss[answered].mean()) if answered.any() else float("nan")
+    def mean(loss: ArrayLike) -> float:
+        known = np.broadcast_to(loss, answered.shape)[answered]
+        return float(known.mean()) if len(known) else float("nan")
 
-    nothing = np.zeros(len(answered))
-    first, second = balances
-    return [(part, mean(first.get(part, nothing)), mean(second.get(part, nothing)))
-            for part in (*worth_drawing(before, after), "total")]
+    return [*((part, mean(before.get(part, 0.0)), mean(after.get(part, 0.0)))
+              for part in worth_drawing(before, after)), ("total", mean(total), mean(later))]

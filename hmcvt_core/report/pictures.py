@@ -65,8 +65,7 @@ def draw_fit(figure: Any, found: Identification, held_back: BenchSamples | None 
         sets.append(("held back", held_back, "s", ORANGE))
     seen: list[Array] = []
     for name, samples, marker, colour in sets:
-        predicted = found.model.predict(samples.displacement_ratio, samples.engine_speed,
-                                        samples.load_torque, samples.oil_temperature)
+        predicted = found.model.predict(*samples.points)
         deviation = (PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency
                      if samples.efficiency_std is None else samples.efficiency_std)
         axes.errorbar(
@@ -162,9 +161,8 @@ def _draw_domain(
 
 
 def _draw_samples(axes: Any, model: EfficiencyModel, samples: BenchSamples) -> None:
-    point = (samples.displacement_ratio, samples.engine_speed, samples.load_torque)
-    residual = 100.0 * (samples.efficiency - model.efficiency(*point, samples.oil_temperature))
-    ratio = model.output_speed(*point, samples.oil_temperature) / samples.engine_speed
+    residual = 100.0 * (samples.efficiency - model.efficiency(*samples.points))
+    ratio = model.output_speed(*samples.points) / samples.engine_speed
     numbered = len(samples) <= 30  # more numbers than that the eye cannot part
     axes.plot(samples.engine_speed / RPM, ratio, "o", ms=9, mfc="w", mec="k", mew=1.8, ls="none",
               clip_on=False, label="bench, measured - predicted" if numbered else "bench")

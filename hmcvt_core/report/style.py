@@ -43,15 +43,6 @@ LOSSES: Mapping[str, tuple[str, str]] = {
     "output churning": ("#fbe0c8", "||"),
 }
 
-_STYLE: Any = {
-    "font.family": "DejaVu Sans", "font.size": 15.0, "axes.titlesize": 15.0,
-    "axes.titlelocation": "left", "legend.fontsize": 14.0, "legend.frameon": False,
-    "text.color": INK, "axes.labelcolor": INK, "axes.grid": True, "grid.color": "0.9",
-    "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False,
-    "text.parse_math": False, "figure.constrained_layout.use": True, "hatch.linewidth": 0.8,
-    "svg.hashsalt": "hmcvt",  # the same picture from the same input
-    "svg.fonttype": "none",  # text that can be searched and read out
-}
 _SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _ICON = 20.0 / 72.0
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -108,7 +99,8 @@ def styled(size: tuple[float, float] = PANEL) -> Iterator[Any]:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context({"text.color": INK, "axes.labelcolor": INK},
+                        _TEMPLATES / "pictures.mplstyle"):
         yield Figure(figsize=size)
 
 
@@ -145,22 +137,15 @@ def to_svg(
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format",
                                                                  "Type")))
-    root = ET.fromstring(buffer.getvalue())
-    for item in root.iter(f"{{{_SVG}}}g"):
-        if texts := tips.get(item.get("id", "")):
-            _tip(item, texts)
+    # Verdana has the same widths where DejaVu is not installed.
+    text = buffer.getvalue().replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
+    root = ET.fromstring(re.sub(r' id="|href="#|url\(#', rf"\g<0>{name}-", text))
     for item in root.iter():
-        for key, value in item.items():
-            if key == "id":
-                item.set(key, f"{name}-{value}")
-            elif key.endswith("href"):
-                item.set(key, value.replace("#", f"#{name}-"))
-            elif key in _LENGTHS:
-                item.set(key, _NUMBER.sub(lambda found: f"{float(found[0]):.2f}", value))
-            else:
-                # Verdana has the same widths where DejaVu is not installed.
-                item.set(key, value.replace("url(#", f"url(#{name}-").replace(
-                    "'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif"))
+        for key in _LENGTHS.intersection(item.keys()):
+            item.set(key, _NUMBER.sub(lambda found: f"{float(found[0]):.2f}", item.attrib[key]))
+    for item in root.iter(f"{{{_SVG}}}g"):
+        if texts := tips.get(item.get("id", "").removeprefix(f"{name}-")):
+            _tip(item, texts)
     root.set("id", name)
     if title:
         root.set("role", "img")

@@ -25,14 +25,7 @@ from pymoo.core.problem import Problem as Minimisation
 from pymoo.optimize import minimize
 
 from hmcvt_core.identification import identify
-from hmcvt_core.identification.annealing import (
-    IMPROVED,
-    STANDARD,
-    Schedule,
-    minimise,
-    never,
-    with_steps,
-)
+from hmcvt_core.identification.annealing import Schedule, minimise, with_steps
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.two_part import hydraulic_roots, starting_points
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
@@ -79,6 +72,14 @@ class Run:
     def evaluations_to(self, target: float) -> int:
         """Evaluations until the value was at most a target; all of them where it never was."""
         return next((count for count, value in self.curve if value <= target), self.evaluations)
+
+
+def never(steps: int, slow_steps: Array) -> Array:
+    """The standard algorithm's disturbance: the same range from first to last."""
+    return np.zeros_like(slow_steps)
+
+
+STANDARD = Schedule(shrink=never, cooling=(0.9, 0.9), moves=paper.PARTICLES)
 
 
 @dataclass(frozen=True)
@@ -131,14 +132,14 @@ def run(task: Task) -> Run:
 
 def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
     """Schedule, and whether it starts from part 1."""
-    improved = replace(IMPROVED, shrink=with_steps, moves=paper.PARTICLES, threshold=threshold)
+    improved = Schedule(shrink=with_steps, moves=paper.PARTICLES, threshold=threshold)
     return {
         IMPROVED_SA: (improved, True),
         WITHOUT[1]: (replace(improved, threshold=None), True),
         WITHOUT[2]: (replace(improved, shrink=never), True),
         WITHOUT[3]: (replace(improved, cooling=STANDARD.cooling), True),
         WITHOUT[4]: (improved, False),
-        STANDARD_SA: (replace(STANDARD, moves=paper.PARTICLES), False),
+        STANDARD_SA: (STANDARD, False),
         COOLER: (replace(improved, initial_temperature=_COOLER[0], final_temperature=_COOLER[1]),
                  True),
     }[algorithm]

@@ -81,11 +81,11 @@ def test_summary():
 def test_progress_without_a_terminal(monkeypatch):
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
-    counter = _Counter()
-    counter.line.start = counter.line.told = counter.line.start - 600.0
+    counter = _Counter("fleet", 60.0)
+    counter.start = counter.told = counter.start - 600.0
     for number in range(9):
-        counter(_row(number), 30)
-    counter(BROKEN, 30)
+        counter.count(_row(number), 30)
+    counter.count(BROKEN, 30)
     counter.close()
     shown = stream.getvalue()
     assert "hmcvt: broken: x.csv: is empty\n" in shown

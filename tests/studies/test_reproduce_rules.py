@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.annealing import STANDARD, never
 from studies.reproduce import algorithms, bench, formulas, paper, subsets, tables
-from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, WITHOUT, Run, Task
+from studies.reproduce.algorithms import (
+    GA,
+    IMPROVED_SA,
+    PSO,
+    SERVED,
+    STANDARD,
+    WITHOUT,
+    Run,
+    Task,
+    never,
+)
 from studies.reproduce.comparison import Summary, cheaper
 from studies.reproduce.item import printed, printed_error
 from studies.workers import recorded
