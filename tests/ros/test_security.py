@@ -14,9 +14,9 @@ from ros_bench import command
 
 import hmcvt_ros
 
-ROOT = Path(hmcvt_ros.__file__).parents[1]
-EXAMPLE = ROOT / "examples" / "control_stack.py"
-POLICY = ElementTree.parse(ROOT / "hmcvt_ros" / "security" / "hmcvt.policy.xml")
+PLACE = Path(hmcvt_ros.__file__).parent
+POLICY = ElementTree.parse(PLACE / "security" / "hmcvt.policy.xml")
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "control_stack.py"
 # (element, attribute, value): the query of the graph that tells what a node uses in this way.
 QUERIES = {
     ("topics", "publish"): "get_publisher_names_and_types_by_node",
@@ -66,7 +66,7 @@ def control_stack(sim_node, environment):
     """The example of a controller, which pretends to be the tractor too."""
     with subprocess.Popen(
             [sys.executable, str(EXAMPLE), "--pretend", "--namespace", sim_node.namespace],
-            env={**environment, "PYTHONPATH": str(ROOT)},
+            env={**environment, "PYTHONPATH": str(PLACE.parent)},
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         yield
         process.kill()
