@@ -19,6 +19,7 @@ ARGUMENTS = {
     "use_sim_time": ("false", "follow /clock"),
     "log_level": ("info", "debug, info, warn or error"),
     "enclave": ("/", "SROS2 enclave"),
+    "respawn": ("true", "start the node again when it has ended"),
 }
 
 
@@ -39,5 +40,8 @@ def generate_launch_description() -> LaunchDescription:
         arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level"),
                    "--enclave", LaunchConfiguration("enclave")],
         output="screen",
+        # launch does so after any end but its own, wrong parameters too; hence not at once.
+        respawn=LaunchConfiguration("respawn"),
+        respawn_delay=2.0,
     )
     return LaunchDescription([*declarations, node])
