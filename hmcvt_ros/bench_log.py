@@ -19,7 +19,6 @@ COLUMNS = ("stamp", "displacement_ratio", "engine_speed", "load_torque", "effici
            "output_speed")
 _HEADER = ",".join(COLUMNS) + "\n"
 _RANGES = {column.name: column for column in BENCH_COLUMNS}
-_UNKNOWN = -1  # no size of a file
 
 
 class BenchLog:
@@ -64,16 +63,16 @@ class BenchLog:
             write_atomically(self.path, _HEADER)
         if self.path.stat().st_size != self._size:
             self._recover()  # new, or changed by someone else
-        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-        try:
-            _write_all(handle, rows)
-            os.fsync(handle)
-        except OSError:
-            with contextlib.suppress(OSError):  # if not now, the next call repairs it
-                os.ftruncate(handle, self._size)
-            raise
-        finally:
-            os.close(handle)
+        with self.path.open("ab", buffering=0) as file:
+            try:
+                left = rows
+                while left:
+                    left = left[file.write(left):]
+                os.fsync(file.fileno())
+            except OSError:
+                with contextlib.suppress(OSError):  # if not now, the next call repairs it
+                    file.truncate(self._size)
+                raise
         self._count += len(sample)
         self._size += len(rows)
 
@@ -103,7 +102,7 @@ class BenchLog:
         # A cut in the middle of a number leaves a number: a line counts only with its end.
         good = [line for line in lines[1:] if _is_row(line)]
         text = _HEADER + "".join(good)
-        self._count, self._size = len(good), _UNKNOWN
+        self._count, self._size = len(good), -1  # no size that it could have
         if torn or lines[:1] != [_HEADER] or len(good) != len(lines) - 1:
             kept = free_name(self.path, "damaged")
             write_atomically(kept, raw)
@@ -134,8 +133,3 @@ def _is_row(line: str) -> bool:
                    for name, cell in zip(COLUMNS, cells, strict=True))
     except ValueError:
         return False
-
-
-def _write_all(handle: int, data: bytes) -> None:
-    while data:
-        data = data[os.write(handle, data):]

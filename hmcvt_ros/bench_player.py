@@ -62,7 +62,7 @@ class BenchPlayer(Node):
     Attributes:
         efficiencies, optima: values received since the last `hold`.
         model_text: last YAML of `~/model`, None before the first.
-        map: last efficiency map, None before the first.
+        map: last message of `~/efficiency_map`, None before the first.
         statuses: last diagnostics by the last word of the name (`inputs`, `model`), each with
             `level`, `message` and `values`.
     """
@@ -72,7 +72,7 @@ class BenchPlayer(Node):
         self.efficiencies: list[float] = []
         self.optima: list[float] = []
         self.model_text: str | None = None
-        self.map: Any = None
+        self.map: Float64MultiArray | None = None
         self.statuses: dict[str, Any] = {}
         self._spinner = SingleThreadedExecutor(context=context)
         self._spinner.add_node(self)
@@ -85,9 +85,11 @@ class BenchPlayer(Node):
         self.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS)
         # These last: what arrives on them tells that the node knows the subscriptions before.
-        self.create_subscription(String, "hmcvt/model", self._on_model, qos.LATCHED)
         self.create_subscription(
-            Float64MultiArray, "hmcvt/efficiency_map", self._on_map, qos.LATCHED)
+            String, "hmcvt/model", lambda m: setattr(self, "model_text", m.data), qos.LATCHED)
+        self.create_subscription(
+            Float64MultiArray, "hmcvt/efficiency_map", lambda m: setattr(self, "map", m),
+            qos.LATCHED)
         self._triggers = {name: self.create_client(Trigger, f"hmcvt/{name}") for name in (
             "reidentify", "diagnose", "revert", "clear_samples")}
 
@@ -172,11 +174,8 @@ class BenchPlayer(Node):
 
     def wait_for_logged(self, count: int, timeout: float = 10.0) -> bool:
         """Wait until diagnostics say that the log holds at least `count` samples."""
-        def logged() -> bool:
-            status = self.statuses.get("model")
-            return status is not None and int(status["values"]["bench samples logged"]) >= count
-
-        return self.wait_until(logged, timeout)
+        return self.wait_until(lambda: "model" in self.statuses and int(
+            self.statuses["model"]["values"]["bench samples logged"]) >= count, timeout)
 
     def request(self, service: str) -> Any:
         """Call a service and return the future of its reply."""
@@ -195,12 +194,6 @@ class BenchPlayer(Node):
         return Reply(response.success, json.loads(response.message))
 
     # --- callbacks ----------------------------------------------------------------------------
-
-    def _on_model(self, message: String) -> None:
-        self.model_text = message.data
-
-    def _on_map(self, message: Float64MultiArray) -> None:
-        self.map = messages.map_from_message(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         mine = f"{self.get_namespace()}/hmcvt: ".replace("//", "/").lstrip("/")

@@ -62,18 +62,17 @@ def inputs_status(
 ) -> DiagnosticStatus:
     """Return the status of the inputs: the worst state of the three, each with age and counts."""
     values: dict[str, Any] = {}
-    states, problems = [], []
+    found = []
     for key, item in inputs.by_name.items():
         age, limit = item.age(now), timeouts[key]
-        states.append(item.state(now, limit))
-        problems.append(item.problem(now, limit))
-        values |= {f"{key} state": states[-1].value,
+        found.append(item.state(now, limit))
+        values |= {f"{key} state": found[-1][0].value,
                    f"{key} age [s]": "-" if age is None else f"{age:.3f}",
                    f"{key} age limit [s]": f"{limit:g}", **item.tally.values(key)}
     values |= {"points answered": answered, "clock jumps": inputs.clock_jumps}
-    worst = max(states, key=list(State).index)
-    message = "; ".join(filter(None, problems)) or "three fresh inputs"
-    return _status(f"{name}: inputs", name, _LEVELS[worst], message, values)
+    worst = max((state for state, _ in found), key=list(State).index)
+    message = "; ".join(problem for _, problem in found if problem) or "three fresh inputs"
+    return _status(name, "inputs", _LEVELS[worst], message, values)
 
 
 def model_status(
@@ -118,12 +117,12 @@ def model_status(
         **activity.gap,
         "running": activity.running or "-",
     }
-    return _status(f"{name}: model", name, level, message, values)
+    return _status(name, "model", level, message, values)
 
 
 def _status(
-    name: str, hardware: str, level: bytes, message: str, values: Mapping[str, Any]
+    node: str, part: str, level: bytes, message: str, values: Mapping[str, Any]
 ) -> DiagnosticStatus:
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     return DiagnosticStatus(
-        name=name, hardware_id=hardware, level=level, message=message, values=pairs)
+        name=f"{node}: {part}", hardware_id=node, level=level, message=message,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])

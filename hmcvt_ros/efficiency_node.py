@@ -11,7 +11,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ImportError as error:
         return _failed(f"the node needs ROS 2 ({error}): source its setup.bash, or, in the "
                        "folder of hmcvt, pip install '.[ros]'")
+    from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
 
@@ -51,7 +51,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A RuntimeError is what rclpy raises on a parameter file or argument that it cannot read.
         kind = f"{type(error).__name__}: " if isinstance(error, RuntimeError) else ""
         return _failed(f"{kind}{error}")
-    _spin(node, asked)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not asked:
+            executor.spin_once()  # the node's timer wakes it up every 0.1 s
+        node.get_logger().info("stopping: asked to by a signal")
+    finally:
+        node.close()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
     return 0
 
 
@@ -70,23 +80,6 @@ def _stop_signals() -> list[int]:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, ask)
     return asked
-
-
-def _spin(node: Any, asked: list[int]) -> None:
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
-        while not asked:
-            executor.spin_once()  # the node's timer wakes it up every 0.1 s
-        node.get_logger().info("stopping: asked to by a signal")
-    finally:
-        node.close()
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown()
 
 
 def _failed(text: str) -> int:

@@ -114,21 +114,14 @@ class Input:
             self.forget()
         return None if self.stamp is None else (now - self.stamp) * NANOSECONDS
 
-    def state(self, now: int, timeout: float) -> State:
-        """Return the state at a time, for an age limit in seconds."""
+    def state(self, now: int, timeout: float) -> tuple[State, str]:
+        """Return the state at a time, for an age limit in seconds, and what is wrong."""
         age = self.age(now)
         if age is None:
-            return State.MISSING
+            return State.MISSING, f"{self.limits.name}: nothing received"
         if age > timeout:
-            return State.STALE
-        return State.INVALID if self.value is None else State.FRESH
-
-    def problem(self, now: int, timeout: float) -> str:
-        """Say what is wrong, empty when nothing is."""
-        return {State.FRESH: "", State.INVALID: self.tally.complaint,
-                State.MISSING: f"{self.limits.name}: nothing received",
-                State.STALE: f"{self.limits.name}: nothing received for {self.age(now) or 0:.1f} s",
-                }[self.state(now, timeout)]
+            return State.STALE, f"{self.limits.name}: nothing received for {age:.1f} s"
+        return (State.INVALID, self.tally.complaint) if self.value is None else (State.FRESH, "")
 
 
 class Inputs:
@@ -152,7 +145,7 @@ class Inputs:
         """
         values = []
         for name, item in self.by_name.items():
-            if item.state(now, timeouts[name]) is not State.FRESH or item.value is None:
+            if item.state(now, timeouts[name])[0] is not State.FRESH or item.value is None:
                 return None
             values.append(item.value)
         return OperatingPoint(*values)

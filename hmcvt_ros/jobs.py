@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,12 +13,7 @@ from numpy.typing import ArrayLike
 import hmcvt_core as hmcvt
 from hmcvt_core.files import plain
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.identification.cross_validation import (
-    FEWEST,
-    QUICK,
-    CrossValidation,
-    cross_validate,
-)
+from hmcvt_core.identification.cross_validation import FEWEST, QUICK, cross_validate
 from hmcvt_core.model.agreement import RelativeError, predicted_at
 
 from .model_store import servable
@@ -39,14 +32,6 @@ class Done(NamedTuple):
     answer: dict[str, Any]
     refit: hmcvt.EfficiencyModel | None = None
     grid: hmcvt.EfficiencyMap | None = None
-
-
-def run(job: Callable[..., Done], request: Mapping[str, Any]) -> Done:
-    """Do a job and add the time that it took."""
-    started = time.monotonic()
-    done = job(**request)
-    done.answer["seconds"] = round(time.monotonic() - started, 3)
-    return done
 
 
 def reidentify(
@@ -95,21 +80,16 @@ def reidentify(
         "held_back": None if compared is None else asdict(compared),
     }
     if compared is not None and compared.worse:
-        return Done({**answer, **_set_aside(fit.model, compared, candidates)})
+        path = next_name(candidates).with_suffix(".yaml")
+        hmcvt.save_model(fit.model, path)
+        keep_newest(candidates, CANDIDATES_KEPT)
+        return Done({**answer, "candidate": str(path), "refused": (
+            "the refit is worse on samples held back: mean error "
+            f"{100 * compared.error_refit:.2f} %, model in service "
+            f"{100 * compared.error_in_service:.2f} %; it is kept as {path}")})
     fit.save(output)
     refit = servable(output)  # what a restart would read, to the last digit
     return Done(answer, refit, refit.efficiency_map(*map_axes))
-
-
-def _set_aside(
-    model: hmcvt.EfficiencyModel, compared: CrossValidation, folder: Path
-) -> dict[str, str]:
-    path = next_name(folder).with_suffix(".yaml")
-    hmcvt.save_model(model, path)
-    keep_newest(folder, CANDIDATES_KEPT)
-    return {"candidate": str(path), "refused": (
-        f"the refit is worse on samples held back: mean error {100 * compared.error_refit:.2f} %, "
-        f"model in service {100 * compared.error_in_service:.2f} %; it is kept as {path}")}
 
 
 def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> Done:

@@ -62,12 +62,11 @@ def bench_sample_to_message(
     output_torque: float,
 ) -> JointState:
     """Return what a bench measures [-, rad/s, N m] as a message without a stamp."""
-    nan = math.nan
     return JointState(
         name=list(JOINTS),
-        position=[nan, nan, float(displacement_ratio)],
-        velocity=[float(engine_speed), float(output_speed), nan],
-        effort=[float(engine_torque), float(output_torque), nan],
+        position=[math.nan, math.nan, float(displacement_ratio)],
+        velocity=[float(engine_speed), float(output_speed), math.nan],
+        effort=[float(engine_torque), float(output_torque), math.nan],
     )
 
 
@@ -100,19 +99,3 @@ def map_to_message(grid: EfficiencyMap) -> Float64MultiArray:
     # As an array of the kind that the message holds; it would look at every item of a list.
     message.data = array("d", np.concatenate([*axes, grid.efficiency.ravel()]).tobytes())
     return message
-
-
-def map_from_message(message: Float64MultiArray) -> EfficiencyMap:
-    """Read what `map_to_message` gives.
-
-    Raises:
-        InputError: the layout is another.
-    """
-    sizes = [dimension.size for dimension in message.layout.dim]
-    labels = tuple(dimension.label for dimension in message.layout.dim)
-    data = np.asarray(message.data, dtype=float)
-    if labels != MAP_AXES or len(data) != sum(sizes) + math.prod(sizes):
-        raise InputError(f"efficiency map: layout {labels} with {len(data)} values; "
-                         f"needs {MAP_AXES}")
-    first, second, third, efficiency = np.split(data, np.cumsum(sizes))
-    return EfficiencyMap(first, second, third, efficiency.reshape(sizes))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -71,18 +72,17 @@ class EfficiencyNode(Node):
         self._last_output = -math.inf
         self._output_due = False
         self._ticks = 0
-        # Ages follow the node's clock, which a simulation may drive; the timer must run even when
-        # a simulated clock stands still.
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         # Held on to: the callback lives as long as what is returned.
         self._jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
             post_callback=lambda jump: self._inputs.clock_jumped())
-        self._create_publishers()
-        self._create_subscriptions()
+        self._create_topics()
         self._service_handlers = Services(self, self._store, self._log, self._activity,
                                           lambda: self._settings, self._announce)
-        self.create_timer(TICK, self._guarded(self._tick), clock=self._steady)
+        # Ages follow the node's clock, which a simulation may drive; the timer must run even when
+        # a simulated clock stands still.
+        self.create_timer(TICK, self._guarded(self._tick),
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._announce(self._settings)
         self._report_start()
 
@@ -93,7 +93,7 @@ class EfficiencyNode(Node):
 
     # --- set-up -------------------------------------------------------------------------------
 
-    def _create_publishers(self) -> None:
+    def _create_topics(self) -> None:
         def create(kind: Any, topic: str, profile: Any, **options: Any) -> Any:
             return self.create_publisher(kind, topic, **qos.overridable(profile), **options)
 
@@ -105,20 +105,19 @@ class EfficiencyNode(Node):
         self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED, **rare)
         self._diagnostics_publisher = create(
             DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS, **rare)
-
-    def _create_subscriptions(self) -> None:
-        def create(kind: Any, topic: str, callback: Callable[..., None], profile: Any) -> None:
+        for kind, topic, callback, profile in (
+                *((Float64, limits.name, self._input_callback(limits.name), qos.INPUT)
+                  for limits in INPUT_RANGES),
+                (JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)):
             self.create_subscription(
                 kind, topic, callback=self._guarded(callback), **qos.overridable(profile))
 
-        for limits in INPUT_RANGES:
-            create(Float64, limits.name, self._input_callback(limits.name), qos.INPUT)
-        create(JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE)
-
     def _report_start(self) -> None:
         logger = self.get_logger()
-        for name in parameters.undeclared(self):
-            logger.warning(f"parameter {name} is unknown and has no effect")
+        # Typing errors, as a rule; ROS drops them without a word.
+        for name in sorted(self._parameter_overrides):
+            if not self.has_parameter(name):
+                logger.warning(f"parameter {name} is unknown and has no effect")
         for complaint in filter(None, (self._state.complaint, self._store.complaint,
                                        self._log.recovered)):
             logger.warning(complaint)
@@ -139,7 +138,7 @@ class EfficiencyNode(Node):
 
     def _warn(self, about: str, text: str) -> None:
         # The throttle of the logger is one for each line of code, not one for each input.
-        now = self._steady_seconds()
+        now = time.monotonic()
         if now - self._warned.get(about, -math.inf) >= QUIET:
             self._warned[about] = now
             self.get_logger().warning(text)
@@ -148,7 +147,7 @@ class EfficiencyNode(Node):
 
     def _take_settings(self, changes: Sequence[Parameter]) -> None:
         before = self._settings
-        self._settings = parameters.Settings.of(parameters.current_values(self))
+        self._settings = parameters.current(self)
         if self._settings.engine_speed_limits != before.engine_speed_limits:
             self._publish_map()
 
@@ -169,7 +168,7 @@ class EfficiencyNode(Node):
     def _publish_outputs(self, now: int) -> None:
         """Answer the inputs as they stand, unless the rate limit says later."""
         rate = self._settings.max_output_rate
-        if rate > 0.0 and self._steady_seconds() - self._last_output < 1.0 / rate:
+        if rate > 0.0 and time.monotonic() - self._last_output < 1.0 / rate:
             return
         self._output_due = False
         point = self._point(now)
@@ -182,7 +181,7 @@ class EfficiencyNode(Node):
         else:
             return
         if rate > 0.0:
-            self._last_output = self._steady_seconds()
+            self._last_output = time.monotonic()
 
     # --- bench samples ------------------------------------------------------------------------
 
@@ -219,9 +218,6 @@ class EfficiencyNode(Node):
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)
-
-    def _steady_seconds(self) -> float:
-        return float(self._steady.now().nanoseconds) * NANOSECONDS
 
     def _tick(self) -> None:
         self._service_handlers.poll()

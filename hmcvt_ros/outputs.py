@@ -15,8 +15,6 @@ from . import messages, qos
 from .inputs import OperatingPoint
 from .parameters import NAN, Settings
 
-CreatePublisher = Callable[[Any, str, Any], Any]
-
 
 class Outputs:
     """`efficiency` and `optimal_displacement_ratio`.
@@ -26,7 +24,7 @@ class Outputs:
         refusal: why the last operating point got none; empty when it got one.
     """
 
-    def __init__(self, create_publisher: CreatePublisher) -> None:
+    def __init__(self, create_publisher: Callable[..., Any]) -> None:
         self.answered = 0
         self.refusal = ""
         self._efficiency = create_publisher(Float64, "efficiency", qos.OUTPUT)
@@ -44,25 +42,21 @@ class Outputs:
             self.refusal = ""
         else:
             self.refusal = model.refusal(*point) or ""
-        _publish(self._optimum, self._best(model, point, settings), settings)
-
-    def deny(self) -> None:
-        """Publish NaN: there is no operating point to answer."""
-        for publisher in (self._efficiency, self._optimum):
-            publisher.publish(messages.float64(math.nan))
-
-    def _best(self, model: EfficiencyModel, point: OperatingPoint, settings: Settings) -> float:
-        """Ask the model for the optimum, unless it was asked the same the last time."""
         ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
         asked = (model, point.engine_speed, point.load_torque, ratio, settings.optimum_hold,
                  settings.engine_speed_limits)
-        if asked != self._asked:
+        if asked != self._asked:  # most often it is the same as the last time
             self._found = model.optimal_displacement_ratio(
                 point.engine_speed, point.load_torque, hold=settings.optimum_hold,
                 displacement_ratio=ratio,
                 engine_speed_limits=settings.engine_speed_limits).displacement_ratio
             self._asked = asked
-        return self._found
+        _publish(self._optimum, self._found, settings)
+
+    def deny(self) -> None:
+        """Publish NaN: there is no operating point to answer."""
+        for publisher in (self._efficiency, self._optimum):
+            publisher.publish(messages.float64(math.nan))
 
 
 def _publish(publisher: Any, value: float, settings: Settings) -> None:

@@ -248,27 +248,22 @@ def declare(node: Node) -> Settings:
         except InvalidParameterValueException as error:
             raise InputError(
                 f"parameter {name} = {given!r}: allowed {declaration.allowed}") from error
-    return Settings.of(current_values(node))
+    return current(node)
 
 
-def current_values(node: Node) -> dict[str, Any]:
-    """Return the values of `PARAMETERS` as the node holds them."""
-    return {item.name: node.get_parameter(item.name).value for item in PARAMETERS}
+def current(node: Node, changes: Sequence[Parameter] = ()) -> Settings:
+    """Return the settings that a node holds, or would with some changes."""
+    values = {item.name: node.get_parameter(item.name).value for item in PARAMETERS}
+    return Settings.of(values | {change.name: change.value for change in changes})
 
 
 def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
     """Tell whether changed values fit together with the rest; for the on-set callback."""
     try:
-        Settings.of(current_values(node) | {change.name: change.value for change in changes})
+        current(node, changes)
     except (InputError, TypeError) as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)
-
-
-def undeclared(node: Node) -> list[str]:
-    """Return the parameters given at start that no one declared: typing errors, as a rule."""
-    # No public way to see them; ROS drops them without a word.
-    return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
 
 
 def usage() -> str:

@@ -162,9 +162,9 @@ class Services:
         samples = self._samples()
         if self._job:
             raise HmcvtError(f"busy: {self._running()}")
-        running = self._worker.submit(jobs.run, job, {
-            "samples": samples, "model": self._store.in_service.path,
-            "seed": self._settings().reidentify_seed, **options})
+        running = self._worker.submit(
+            job, samples=samples, model=self._store.in_service.path,
+            seed=self._settings().reidentify_seed, **options)
         self._job, self._started = job.__name__, time.monotonic()
         self._node.get_logger().info(f"{self._job}: started on {samples}")
         try:
@@ -174,6 +174,7 @@ class Services:
                              f"{self._worker.exit_status}") from None
         finally:
             self._job = ""
+        done.answer["seconds"] = round(time.monotonic() - self._started, 3)
         return done
 
     async def _finished(self, running: Running[Any]) -> Any:

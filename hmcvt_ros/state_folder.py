@@ -41,11 +41,21 @@ class StateFolder:
             # Nothing can be logged or refitted; what is there can still be served.
             self.complaint = f"state_folder: {error}"
             return
-        locked = self._lock()
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.close()
+            raise InputError(
+                f"state_folder: {path} is in use by another node; give each node a name, a "
+                "namespace or a state_folder of its own") from None
+        except OSError as error:
+            # Some network file systems cannot; that is no reason not to serve.
+            self.complaint = (f"state_folder: {path} cannot be locked ({error.strerror}); "
+                              "see to it that no other node uses it")
         self.writable = os.access(path, os.W_OK)
         if not self.writable:
             self.complaint = f"state_folder: {path} cannot be written: no logging, no refits"
-        elif locked:
+        elif not self.complaint:
             for folder in (path, *filter(Path.is_dir, path.iterdir())):
                 remove_leftovers(folder)
 
@@ -54,22 +64,6 @@ class StateFolder:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
-
-    def _lock(self) -> bool:
-        assert self._handle is not None
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            self.close()
-            raise InputError(
-                f"state_folder: {self.path} is in use by another node; give each node a name, a "
-                "namespace or a state_folder of its own") from None
-        except OSError as error:
-            # Some network file systems cannot; that is no reason not to serve.
-            self.complaint = (f"state_folder: {self.path} cannot be locked ({error.strerror}); "
-                              "see to it that no other node uses it")
-            return False
-        return True
 
 
 def next_name(folder: Path) -> Path:

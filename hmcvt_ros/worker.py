@@ -28,17 +28,24 @@ class Worker:
         self._pool: ProcessPoolExecutor | None = None
         self._processes: list[BaseProcess] = []
 
-    def submit(self, job: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    def submit(self, job: Callable[..., Any], **options: Any) -> Future[Any]:
         """Start a job; the future raises `BrokenProcessPool` when the process dies meanwhile.
 
         Raises:
             OSError: no process can be started.
         """
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
         try:
-            return self._submit(job, *arguments)
+            return self._pool.submit(job, **options)
         except BrokenProcessPool:  # it has died while it had nothing to do
             self.kill()
-            return self._submit(job, *arguments)
+            return self.submit(job, **options)
+        except OSError:
+            self.kill()
+            raise
+        finally:
+            self._processes = active_children() or self._processes
 
     @property
     def exit_status(self) -> int | None:
@@ -54,17 +61,6 @@ class Worker:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         self._pool, self._processes = None, []
-
-    def _submit(self, job: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
-        try:
-            return self._pool.submit(job, *arguments)
-        except OSError:
-            self.kill()
-            raise
-        finally:
-            self._processes = active_children() or self._processes
 
 
 def _begin() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, Isolability, diagnose_system, isolability
-from ..diagnosis.observations import TRUST_ASSUMED, Observations, Reading, distinct_rows, reading_of
+from ..diagnosis.observations import TRUST_ASSUMED, Observations, Reading, reading_of
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
@@ -159,9 +159,6 @@ def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
     Raises:
         InputError: `noise` is out of range.
     """
-    if noise == 0.0:
-        raise InputError("noise = 0: no bench is exact; give the standard deviation of the "
-                         f"efficiency, {EFFICIENCY_STD}")
     if noise is not None:
         noise = float(EFFICIENCY_STD.check(noise, "noise"))
     axes = AXES if samples.oil_temperature is None else (*AXES, OIL_TEMPERATURE)
@@ -206,9 +203,12 @@ def diagnose(
             nothing new, or the formulation is another.
     """
     system, notes = Transmission(model), []
-    rows = distinct_rows(_columns(samples, [item.name for item in BENCH_COLUMNS])
-                         + list(samples.extra.values()))
-    # Copies state no noise, which repeated readings would.
+    told = list(zip(_rows(samples, [item.name for item in BENCH_COLUMNS]),
+                    *samples.extra.values(), strict=True))
+    # The first of equal rows. A copy says nothing new, least of all about the noise, as readings
+    # repeated at one point do.
+    first = {row: i for i, row in reversed(list(enumerate(told)))}
+    rows = np.array(sorted(first.values()))
     observed = replace(observe(samples.select(rows), noise), number=rows)
     if len(rows) < len(samples):
         notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
@@ -217,8 +217,9 @@ def diagnose(
     return diagnose_system(system, observed, held, notes=notes, seed=seed, progress=progress)
 
 
-def _columns(samples: BenchSamples, names: Iterable[str]) -> list[Sequence[object]]:
-    return [column.tolist() for name in names if (column := getattr(samples, name)) is not None]
+def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
+    columns = [getattr(samples, name) for name in names]
+    return list(zip(*(each.tolist() for each in columns if each is not None), strict=True))
 
 
 def _fresh(holdout: BenchSamples, samples: BenchSamples, notes: list[str]) -> Observations:
@@ -226,9 +227,9 @@ def _fresh(holdout: BenchSamples, samples: BenchSamples, notes: list[str]) -> Ob
     if holdout.oil_temperature is None and samples.oil_temperature is not None:
         raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
                          "has it")
-    seen = set(zip(*_columns(samples, REQUIRED_COLUMNS), strict=True))
-    kept = np.array([i for i, row in enumerate(zip(*_columns(holdout, REQUIRED_COLUMNS),
-                                                   strict=True)) if row not in seen], dtype=np.intp)
+    seen = set(_rows(samples, REQUIRED_COLUMNS))
+    kept = np.array([i for i, row in enumerate(_rows(holdout, REQUIRED_COLUMNS))
+                     if row not in seen], dtype=np.intp)
     if not len(kept):
         raise InputError(f"{holdout.source}: every sample held out is among those diagnosed; a "
                          "holdout is measured apart, or leave it out for cross-validation")

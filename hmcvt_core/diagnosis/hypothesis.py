@@ -131,19 +131,28 @@ class Fit:
         return np.asarray(self.whitened
                           + self.jacobian @ (self.theta - self.hypothesis.prior_mean))
 
-
     @cached_property
-    def absorbed(self) -> tuple[Array, Array]:
-        """What a refit nearby absorbs: an orthonormal basis of its columns, the noise divided out.
+    def absorbed(self) -> Array:
+        """What a refit nearby absorbs: an orthonormal basis, shape (channels x n + p, p).
 
-        Data of shape (channels, n, p), and the priors as further rows, shape (p, p); for a
-        hypothesis without effects.
+        Of its columns, the noise divided out, and of the priors as further rows; for a hypothesis
+        without effects.
         """
         scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
-        p = len(self.theta)
         basis, _ = np.linalg.qr(np.concatenate([
-            scaled.reshape(-1, p), np.diag(1.0 / self.hypothesis.prior_spread)]))
-        return basis[:-p].reshape(scaled.shape), basis[-p:]
+            scaled.reshape(-1, len(self.theta)), np.diag(1.0 / self.hypothesis.prior_spread)]))
+        return np.asarray(basis)
+
+    def left(self, readings: Array, prior: Array | float = 0.0) -> Array:
+        """What a refit leaves of changes of the readings, shape (k, channels, n), and of priors.
+
+        Returns:
+            The rows of `absorbed` one after another, shape (k, channels x n + p).
+        """
+        whole = np.concatenate([
+            readings.reshape(len(readings), -1),
+            np.broadcast_to(prior, (len(readings), len(self.theta)))], axis=1)
+        return np.asarray(whole - whole @ self.absorbed @ self.absorbed.T)
 
 
 def nuisance_columns(hypothesis: Hypothesis, theta: Array, observed: Observations) -> Array:
@@ -180,8 +189,7 @@ def refit(hypothesis: Hypothesis, observed: Observations, base: Array | None = N
     # A pass begins where the one before ended: nothing is predicted twice.
     @lru_cache(maxsize=2)
     def linear(at: bytes) -> tuple[Array, Array]:
-        here = _residuals(hypothesis, observed, columns, np.frombuffer(at))
-        return here, _jacobian(hypothesis, observed, columns, np.frombuffer(at), here)
+        return _linear(hypothesis, observed, columns, np.frombuffer(at))
 
     def rows(at: Array) -> Array:
         return np.concatenate([(linear(at.tobytes())[0] / root).ravel(),
@@ -236,34 +244,29 @@ def linearise(
 ) -> Fit:
     """Return a fit as it stands at given parameters, also at points it was not fitted to."""
     nuisance = nuisance_columns(hypothesis, theta, observed)
-    left = _residuals(hypothesis, observed, nuisance, theta)
-    return Fit(hypothesis, observed, theta, left,
-               _jacobian(hypothesis, observed, nuisance, theta, left), noise)
+    return Fit(hypothesis, observed, theta, *_linear(hypothesis, observed, nuisance, theta), noise)
 
 
-def _residuals(
+def _linear(
     hypothesis: Hypothesis, observed: Observations, nuisance: Array, theta: Array
-) -> Array:
-    first = len(hypothesis.system.base)
-    whitened = (observed.whiten(hypothesis.predict(theta, observed.points))
-                - nuisance @ theta[first:hypothesis.shared])
-    return np.where(np.isnan(whitened), REFUSED, whitened)
-
-
-def _jacobian(
-    hypothesis: Hypothesis, observed: Observations, nuisance: Array, theta: Array, here: Array
-) -> Array:
-    """Of the prediction / deviation, shape (channels, n, p); `here` the residuals at theta."""
-    columns = np.empty((*here.shape, len(theta)))
+) -> tuple[Array, Array]:
+    """`whitened` and `jacobian` of a fit."""
     first, shared, high = len(hypothesis.system.base), hypothesis.shared, hypothesis.bounds[1]
-    columns[..., first:shared] = nuisance
+
+    def whitened(at: Array) -> Array:
+        found = (observed.whiten(hypothesis.predict(at, observed.points))
+                 - nuisance @ at[first:shared])
+        return np.where(np.isnan(found), REFUSED, found)
+
+    here = whitened(theta)
+    jacobian = np.empty((*here.shape, len(theta)))
+    jacobian[..., first:shared] = nuisance
     for i in (*range(first), *range(shared, len(theta))):
         step = _BASE_STEP if i < first else _SIZE_STEP
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= high[i] else -step
-        columns[..., i] = (here - _residuals(hypothesis, observed, nuisance, moved)) / (
-            moved[i] - theta[i])
-    return columns
+        jacobian[..., i] = (here - whitened(moved)) / (moved[i] - theta[i])
+    return here, jacobian
 
 
 def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:

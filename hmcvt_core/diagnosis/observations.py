@@ -119,24 +119,15 @@ class Observations:
 
     def stating(self, noise: float) -> Observations:
         """Return the same as if somebody had stated the noise of the first channel."""
-        first = replace(self.readings[0], deviation=np.full(len(self), noise),
-                        trust=believed(TRUST_STATED, len(self), assumed=False))
-        return replace(self, readings=(first, *self.readings[1:]), noise_source="given",
-                       assumed=False)
+        first, *others = self.readings
+        stated, _ = reading_of(first.channel, first.measured, noise, None, (), {})
+        return replace(self, readings=(stated, *others), noise_source="given", assumed=False)
 
     def describe(self, i: int) -> str:
         """Return one sample by number and operating point."""
         place = ", ".join(f"{axis.name.replace('_', ' ')} {self.points[axis.name][i]:.4g} "
                           f"{axis.unit}".removesuffix(" -") for axis in self.steered)
         return f"sample {self.number[i] + 1} ({place})"
-
-
-def believed(trust: float, count: int, assumed: bool) -> float:
-    """Return the worth of a statement of noise beside so many samples.
-
-    Few samples cannot correct it: it has to be believed.
-    """
-    return trust if count >= FEW else max(trust, _TRUST_FEW_ASSUMED if assumed else _TRUST_FEW)
 
 
 def reading_of(
@@ -164,18 +155,9 @@ def reading_of(
         deviation, trust, source = np.full(n, pure[0]), pure[1], "repeated points"
     else:
         deviation, trust = channel.uncertainty * np.abs(measured), TRUST_ASSUMED
-    return Reading(channel, measured, deviation, believed(trust, n, source is None)), source
-
-
-def distinct_rows(columns: Sequence[Sequence[object]]) -> NDArray[np.intp]:
-    """Indices of the rows without those that copy an earlier one in every column.
-
-    A copy says nothing new, least of all about the noise. Readings repeated at one point differ.
-    """
-    rows = list(zip(*columns, strict=True))
-    # The last of equal keys stays: the first row, read backwards.
-    first = {row: i for i, row in reversed(list(enumerate(rows)))}
-    return np.array(sorted(first.values()), dtype=np.intp)
+    if n < FEW:  # so few cannot correct a statement: it has to be believed
+        trust = max(trust, _TRUST_FEW_ASSUMED if source is None else _TRUST_FEW)
+    return Reading(channel, measured, deviation, trust), source
 
 
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:

@@ -34,7 +34,7 @@ from .hypothesis import Fit, Hypothesis, linearise
 from .observations import Observations, Reading
 from .ranking import Candidate, Ranking, screen
 from .result import NextTest
-from .system import Channel, System
+from .system import System
 from .words import plain
 
 Array = NDArray[np.float64]
@@ -49,20 +49,7 @@ _TESTS = 6
 _CAUSES = 4
 _CHANNEL_PAYS = 3.0
 _WIDTH = 100
-_MOST_REPEATS = 20
-
-
-class Confusion(NamedTuple):
-    """An effect that a plan can see and not tell from its twins.
-
-    Reading a further channel too would tell it from those `by_channel`; `remedies` are
-    measurements that settle it against the rest.
-    """
-
-    effect: str
-    twins: tuple[str, ...]
-    by_channel: tuple[str, ...]
-    remedies: tuple[str, ...]
+_MOST_RUNS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,61 +61,57 @@ class Isolability:
         detectability: L of each at its typical size, shape (k,).
         separation: row a, column b: L of a when b may mimic it, shape (k, k); the diagonal is
             `detectability`.
-        samples: points in the plan.
-        noise: standard deviation of the first channel; `noise_source` says by whom.
-        channels: what is read, the first channel first.
+        plan: what is to be read where.
         further: name of the channel that a bench may read besides.
         remedies: measurement that settles each effect when no operating point does, by name.
-        with_further: `separation` if the further channel were read too; None where it is.
+        fuller: the same if the further channel were read too; None where it is.
     """
 
     effects: tuple[str, ...]
     detectability: Array
     separation: Array
-    samples: int
-    noise: float
-    noise_source: str
-    channels: tuple[Channel, ...]
+    plan: Observations
     further: str
     remedies: Mapping[str, str]
-    with_further: Array | None = None
+    fuller: Isolability | None = None
 
-    def confused(self) -> tuple[Confusion, ...]:
-        """Visible effects that another may mimic, visible at its own typical size or not."""
+    def confused(self) -> list[dict[str, Any]]:
+        """Return what helps where an effect is visible and others may mimic it, as plain data."""
         found = []
-        for i, name in enumerate(self.effects):
-            twins = self.twins(name) if self.detectability[i] >= DECISIVE else ()
-            by_channel = () if self.with_further is None else tuple(
-                other for other in twins
-                if self.with_further[i, self.effects.index(other)] >= DECISIVE)
-            left = [other for other in twins if other not in by_channel]
+        for i in np.flatnonzero(self.detectability >= DECISIVE):
+            name, twins = self.effects[i], self.twins(self.effects[i])
+            left = twins if self.fuller is None else [
+                other for other in twins if other in self.fuller.twins(name)]
             remedies = dict.fromkeys(self.remedies[each] for each in (name, *left) if left)
             if twins:
-                found.append(Confusion(name, twins, by_channel, tuple(filter(None, remedies))))
-        return tuple(found)
+                found.append({
+                    "effect": name, "indistinguishable_from": twins,
+                    f"told_by_{self.further}": [each for each in twins if each not in left],
+                    "remedies": list(filter(None, remedies))})
+        return found
 
-    def twins(self, effect: str) -> tuple[str, ...]:
-        """Effects that the plan cannot tell from one that it can see."""
-        i = self.effects.index(effect)
-        return tuple(other for j, other in enumerate(self.effects)
-                     if j != i and self.separation[i, j] < DECISIVE)
+    def twins(self, effect: str) -> list[str]:
+        """Return the effects that the plan cannot tell from one that it can see."""
+        row = self.separation[self.effects.index(effect)]
+        return [other for other, level in zip(self.effects, row, strict=True)
+                if other != effect and level < DECISIVE]
+
+    @property
+    def _channels(self) -> list[str]:
+        return [reading.channel.name for reading in self.plan.readings]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
-            "samples": self.samples, "noise": self.noise,
-            "noise_source": self.noise_source,
-            "channels": [channel.name for channel in self.channels],
+            "samples": len(self.plan), "noise": self.plan.usual_noise,
+            "noise_source": self.plan.noise_source, "channels": self._channels,
             "threshold": DECISIVE,
             "effects": [{
                 "effect": name, "detectability": float(self.detectability[i]),
                 "visible": bool(self.detectability[i] >= DECISIVE),
-                "indistinguishable_from": list(self.twins(name)),
+                "indistinguishable_from": self.twins(name),
             } for i, name in enumerate(self.effects)],
-            "confused": [{
-                "effect": item.effect, "indistinguishable_from": list(item.twins),
-                f"told_by_{self.further}": list(item.by_channel), "remedies": list(item.remedies),
-            } for item in self.confused()],
+            "confused": self.confused(),
             "separation": self.separation.tolist(),
         }
 
@@ -138,43 +121,37 @@ class Isolability:
         Args:
             matrix: whether to print `separation` too.
         """
-        confused, first = self.confused(), self.channels[0]
-        levels = dict(zip(self.effects, self.detectability.tolist(), strict=True))
-        told = [name for name, level in levels.items() if level >= DECISIVE
-                and name not in {item.effect for item in confused}]
-        lines = [f"{self.samples} points; read: "
-                 f"{', '.join(channel.name for channel in self.channels)}",
-                 f"noise of the {plain(first.name)}: {first.factor * self.noise:.2g} "
-                 f"{first.unit}, {self.noise_source}", "",
-                 *_listed("told from all others: ", told or ["none"])]
+        confused, first = self.confused(), self.plan.readings[0].channel
+        told, hidden = [], []
+        for name, level in zip(self.effects, self.detectability.tolist(), strict=True):
+            if level < DECISIVE:
+                runs = f" ({math.ceil(DECISIVE / level)})" if _MOST_RUNS * level >= DECISIVE else ""
+                hidden.append(name + runs)
+            elif not self.twins(name):
+                told.append(name)
+        lines = [f"{len(self.plan)} points; read: {', '.join(self._channels)}",
+                 f"noise of the {plain(first.name)}: {first.factor * self.plan.usual_noise:.2g} "
+                 f"{first.unit}, {self.plan.noise_source}", "",
+                 *_listed("told from all others: ", told)]
         if confused:
             lines += ["", "seen, but not told from:"]
         for item in confused:
-            lines += _listed(f"  {item.effect}: ", item.twins)
-            if item.by_channel:
+            lines += _listed(f"  {item['effect']}: ", item["indistinguishable_from"])
+            if by_channel := item[f"told_by_{self.further}"]:
                 lines += _listed(f"    reading the {plain(self.further)} too tells it from ",
-                                 item.by_channel)
-            if item.remedies:
-                lines += _listed("    to settle it: ", ["; or ".join(item.remedies)])
-        hidden = []
-        for name, level in levels.items():
-            if level < DECISIVE:
-                times = DECISIVE / max(level, 1e-9)
-                hidden.append(name + (f" ({math.ceil(times)})" if times <= _MOST_REPEATS else ""))
+                                 by_channel)
+            if item["remedies"]:
+                lines += _listed("    to settle it: ", ["; or ".join(item["remedies"])])
         lines += ["", *_listed("not visible at their typical size (number: runs of the whole plan "
-                               "that would show it): ", hidden or ["none"])]
-        return "\n".join([*lines, *(self._matrix() if matrix else ())])
-
-    def _matrix(self) -> list[str]:
-        width = max(len(name) for name in self.effects)
-        lines = ["", "squared deviations that the row's effect, at its typical size, leaves after "
-                 "the refit of the", "base parameters when the column's effect may mimic it; "
-                 f"visible from {DECISIVE:g}:",
-                 " " * (width + 3) + " ".join(f"{j + 1:>6}" for j in range(len(self.effects)))]
-        for i, name in enumerate(self.effects):
-            row = " ".join(f"{min(value, 99999.0):6.0f}" for value in self.separation[i])
-            lines.append(f"{i + 1:>2} {name:<{width}} {row}")
-        return lines
+                               "that would show it): ", hidden)]
+        if matrix:
+            lines += ["", "squared deviations that the row's effect, at its typical size, leaves "
+                      "after the refit of the", "base parameters when the column's effect, in the "
+                      f"same order, may mimic it; visible from {DECISIVE:g}:"]
+            width = max(map(len, self.effects))
+            lines += [f"{name:<{width}} " + " ".join(f"{min(value, 99999.0):5.0f}" for value in row)
+                      for name, row in zip(self.effects, self.separation, strict=True)]
+        return "\n".join(lines)
 
 
 def isolability(
@@ -191,13 +168,8 @@ def isolability(
     # Nothing is read yet to which base parameters could be fitted.
     fit = linearise(Hypothesis(system), plan, np.append(base, np.zeros(len(system.nuisances))),
                     np.ones(len(plan.readings)))
-    data, prior = fit.absorbed
     screened = screen(fit)
-    rows = np.array([change for _, _, change in screened])
-    shadow = np.einsum("mcn,cnp->mp", rows, data)
-    left = np.concatenate([
-        (rows - np.einsum("mp,cnp->mcn", shadow, data)).reshape(len(rows), -1),
-        -shadow @ prior.T], axis=1)
+    left = fit.left(np.stack([change for _, _, change in screened]))
     effects = tuple(sorted({form.name for _, form, _ in screened}))
     index = np.array([effects.index(form.name) for _, form, _ in screened])
     squares = np.sum(left**2, axis=1)
@@ -210,20 +182,14 @@ def isolability(
     separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
                            for own in members])
     np.fill_diagonal(separation, detectability)
-    read, with_further = len(plan.readings), None
-    if fuller is not None:
-        # Read alone, a channel may show effects that the plan cannot.
-        both = isolability(system, fuller, base)
-        kept = [both.effects.index(name) for name in effects]
-        with_further = both.separation[np.ix_(kept, kept)]
     return Isolability(
-        effects, detectability, separation, len(plan), plan.usual_noise, plan.noise_source,
-        system.channels[:read], system.channels[min(read, len(system.channels) - 1)].name,
-        {form.name: form.remedy for _, form, _ in screened}, with_further)
+        effects, detectability, separation, plan, system.channels[:len(plan.readings) + 1][-1].name,
+        {form.name: form.remedy for _, form, _ in screened},
+        None if fuller is None else isolability(system, fuller, base))
 
 
 def _listed(title: str, names: Iterable[str]) -> list[str]:
-    return textwrap.wrap(title + ", ".join(names), _WIDTH, subsequent_indent="      ",
+    return textwrap.wrap(title + (", ".join(names) or "none"), _WIDTH, subsequent_indent="      ",
                          break_on_hyphens=False)
 
 

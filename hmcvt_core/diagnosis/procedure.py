@@ -20,7 +20,7 @@ from .ranking import Linear, Ranking, pair_candidates, rank, single_candidates
 from .regions import Regions, regions
 from .report import Diagnosis
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, Gap, Region, ShrinkageSummary
-from .shrinkage import averaged_errors, deals, shrinkage
+from .shrinkage import cross_validated_errors, deals, shrinkage
 from .significance import Significance, significance
 from .system import Effect, System
 from .words import plain
@@ -70,19 +70,12 @@ class _Study:
 
     def errors(self, rivals: Sequence[Linear]) -> Array:
         """Errors of the best of some rivals at samples left out, shape (n,)."""
-        return averaged_errors(rivals, self.base.observed, self.dealt)
+        return cross_validated_errors(rivals, self.base.observed, self.dealt)
 
     @property
     def noise(self) -> Array:
-        """Standard deviation of the first channel, (n,), from the best competitor of all."""
-        ranking = self.ranking
-        variance = ranking.nothing.noise[0]
-        if self.significant and ranking.unlisted > 0.5:
-            # A narrow band would pass as noise for every competitor without one.
-            variance = ranking.pure[0]
-        elif self.significant:
-            rivals = [ranking.nothing, ranking.field, ranking.leading.linear]
-            variance = max(rivals, key=lambda item: item.log).noise[0]
+        """Standard deviation of the first channel, (n,); without a gap that of the base model."""
+        variance = self.ranking.noise if self.significant else self.ranking.nothing.noise[0]
         return np.asarray(self.base.observed.scale[0] * np.sqrt(variance))
 
 
@@ -127,8 +120,9 @@ def diagnose_system(
     study = _Study(base, boxes, found, ranking, seed, deals(observed, seed))
     before, after, noise = study.before, study.before, study.noise
     held_out: list[str] = []
+    judged = observed
     if held is not None:
-        before, after, noise, held_out = _errors_on(study, held)
+        before, after, noise, judged, held_out = _errors_on(study, held)
     elif study.significant:
         after = study.errors([ranking.nothing,
                               *(item.plain for item in ranking.candidates[:_RIVALS])])
@@ -146,8 +140,8 @@ def diagnose_system(
         ranking.unlisted if study.significant else 0.0,
         (*notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
-        _model_of(base), observed.samples, before, after, observed.steered, extent,
-        observed.readings[0].channel)
+        _model_of(base), observed.samples, study.before, judged.samples, before, after,
+        observed.steered, extent, observed.readings[0].channel)
 
 
 def _rms(values: Array) -> float:
@@ -180,8 +174,10 @@ def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, list[str]]:
     return "cause_found" if known >= FOUND and adequate else "ambiguous", []
 
 
-def _errors_on(study: _Study, held: Observations) -> tuple[Array, Array, Array, list[str]]:
-    """Errors before and after on samples held out, their noise, and notes.
+def _errors_on(
+    study: _Study, held: Observations
+) -> tuple[Array, Array, Array, Observations, list[str]]:
+    """Errors before and after on samples held out, their noise, those with an answer, and notes.
 
     After: of the model of the first cause, the one that is saved. Samples that do not state
     their noise have that of the campaign.
@@ -197,9 +193,10 @@ def _errors_on(study: _Study, held: Observations) -> tuple[Array, Array, Array, 
     stalled = np.flatnonzero(~usable)
     notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
              f"{listed_samples(held, stalled)}"] if len(stalled) else []
+    held = held.select(np.flatnonzero(usable))
     noise = (np.full(len(held), _rms(study.noise)) if held.assumed
              else held.readings[0].deviation)
-    return before[usable], after[usable], noise[usable], notes
+    return before[usable], after[usable], noise, held, notes
 
 
 def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:

@@ -8,6 +8,7 @@ and nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channe
 _SCREENED_SIZE = 0.1  # in typical sizes
 
 PRIOR_UNLISTED = 0.10
-_PRIOR_PAIR = 0.10  # that a gap has two causes
+_PRIOR_OF = {1: 1.0 - PRIOR_UNLISTED, 2: 0.10 * 2.0}  # one cause; two, in either order
 _CLEAR = 4.0  # squared gap / squared noise of a channel that certainly shows one
 _LEADERS = 5
 _PAIRS = 8
@@ -180,41 +181,32 @@ def fields(observed: Observations, beside: Linear) -> list[Linear]:
     return models
 
 
-def steps(
-    observed: Observations, boxes: Regions, beside: Linear, channel: int
-) -> tuple[Array, Array]:
-    """Weigh a loss in one channel inside each box beside an hypothesis.
+def steps(observed: Observations, boxes: Regions, beside: Linear) -> tuple[Array, list[Array]]:
+    """Weigh a loss inside each box beside an hypothesis, channel by channel.
 
     Returns:
-        Log evidence of each, shape (boxes,), and the noise of the best, shape (channels,).
+        Log evidence of each, shape (channels x boxes,), and for each channel the noise that the
+        best of its boxes leaves, shape (channels,).
     """
-    shared, target, reading = beside.columns, beside.target, observed.readings[channel]
-    column = boxes.members * reading.unit_loss
+    shared, target = beside.columns, beside.target
     p = shared.shape[-1]
-    grams = np.zeros((len(boxes), len(target), p + 2, p + 2))
     keep = np.append(np.arange(p), p + 1)
-    grams[:, :, keep[:, None], keep] = gram(shared, target)
-    grams[:, channel, p, p] = np.sum(column**2, axis=1)
-    cross = column @ np.concatenate([shared[channel], target[channel][:, None]], axis=1)
-    grams[:, channel, p, keep] = cross
-    grams[:, channel, keep, p] = cross
-    found = [evidence(grams, len(observed),
-                      np.broadcast_to(np.append(beside.spread, scale), (len(boxes), p + 1)),
-                      observed.trusts) for scale in reading.channel.step_spreads]
-    logs = np.logaddexp.reduce([item.log for item in found]) - np.log(len(found))
-    return np.asarray(logs), found[0].noise[logs.argmax()]
-
-
-def unlisted(
-    observed: Observations, boxes: Regions, smooth: Sequence[Linear], beside: Linear
-) -> float:
-    """Log evidence of a loss that nobody listed: half a smooth field, half a step somewhere."""
-    log = log_mean([item.log for item in smooth])
-    if not len(boxes):
-        return log
-    placed = log_mean(np.concatenate([steps(observed, boxes, beside, channel)[0]
-                                      for channel in range(len(observed.readings))]))
-    return float(np.logaddexp(log, placed) - np.log(2.0))
+    every, noises = np.empty((len(target), len(boxes))), []
+    for channel, reading in enumerate(observed.readings if len(boxes) else ()):
+        column = boxes.members * reading.unit_loss
+        grams = np.zeros((len(boxes), len(target), p + 2, p + 2))
+        grams[:, :, keep[:, None], keep] = gram(shared, target)
+        grams[:, channel, p, p] = np.sum(column**2, axis=1)
+        cross = column @ np.concatenate([shared[channel], target[channel][:, None]], axis=1)
+        grams[:, channel, p, keep] = cross
+        grams[:, channel, keep, p] = cross
+        found = [evidence(grams, len(observed),
+                          np.broadcast_to(np.append(beside.spread, scale), (len(boxes), p + 1)),
+                          observed.trusts) for scale in reading.channel.step_spreads]
+        logs = every[channel] = np.logaddexp.reduce([item.log for item in found]) - np.log(
+            len(found))
+        noises.append(found[0].noise[logs.argmax()])
+    return every.ravel(), noises
 
 
 # --- the ranking ---------------------------------------------------------------------------------
@@ -227,27 +219,23 @@ class Ranking:
     Attributes:
         probability: that an effect is present, by name, most probable first.
         best: the most likely candidate that holds each effect, by name.
-        leading: the most likely candidate of all, single or pair.
         unlisted: probability of a loss that nobody listed.
         leftover: log evidence that something smooth is left beside the leading candidate.
         explained: part of the squared gap that the leading candidate removes from each channel,
             shape (channels,), from the refits; NaN for a channel without a clear gap.
-        pure: lowest noise variance that any competitor leaves, in stated ones, (channels,).
+        noise: variance of the first channel in stated ones, by the best competitor of all.
         candidates: all that were refitted, best first.
         nothing: the base model alone.
-        field: the best smooth field.
     """
 
     probability: dict[str, float]
     best: dict[str, Candidate]
-    leading: Candidate
     unlisted: float
     leftover: float
     explained: Array
-    pure: Array
+    noise: float
     candidates: tuple[Candidate, ...]
     nothing: Linear
-    field: Linear
 
 
 def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
@@ -259,7 +247,7 @@ def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
         candidates: refitted sets of effects.
     """
     bare, = weigh(base.observed, base.jacobian, base.target, base.hypothesis.prior_spread[None])
-    smooth = fields(base.observed, bare)
+    smooth, (placed, noises) = fields(base.observed, bare), steps(base.observed, boxes, bare)
     groups: dict[tuple[str, ...], list[Candidate]] = {}
     candidates = sorted(candidates, key=lambda item: -item.log)
     for item in candidates:
@@ -268,9 +256,11 @@ def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
     prior = {effect.name: effect.prior for item in candidates for effect in item.fit.effects}
     total = sum(prior.values())
     prior = {name: value / total for name, value in prior.items()}
-    logs = {names: np.log(_prior_of(names, prior)) + log_mean([item.log for item in members])
-            for names, members in groups.items()}
-    logs[()] = np.log(PRIOR_UNLISTED) + unlisted(base.observed, boxes, smooth, bare)
+    logs = {names: np.log(math.prod((_PRIOR_OF[len(names)], *(prior[name] for name in names))))
+            + log_mean([item.log for item in members]) for names, members in groups.items()}
+    # A loss that nobody listed: half a smooth field, half a step somewhere.
+    logs[()] = np.log(PRIOR_UNLISTED) + log_mean([
+        log_mean(each) for each in ([item.log for item in smooth], placed) if len(each)])
     weights = np.exp(np.array(list(logs.values())) - max(logs.values()))
     posterior = dict(zip(logs, (weights / weights.sum()).tolist(), strict=True))
     probability = {name: sum(p for names, p in posterior.items() if name in names)
@@ -279,34 +269,20 @@ def rank(base: Fit, boxes: Regions, candidates: Sequence[Candidate]) -> Ranking:
     best = {name: next(groups[names][0] for names in likeliest if name in names)
             for name in prior}
     leading = groups[likeliest[0]][0]
-    return Ranking(dict(sorted(probability.items(), key=lambda item: -item[1])), best, leading,
-                   posterior[()], *_left(base.observed, boxes, leading, bare),
-                   tuple(candidates), bare, max(smooth, key=lambda item: item.log))
-
-
-def _prior_of(names: tuple[str, ...], prior: dict[str, float]) -> float:
-    if len(names) == 1:
-        return (1.0 - PRIOR_UNLISTED) * prior[names[0]]
-    first, second = names
-    return _PRIOR_PAIR * 2.0 * prior[first] * prior[second]
-
-
-def _left(
-    observed: Observations, boxes: Regions, leading: Candidate, bare: Linear
-) -> tuple[float, Array, Array]:
-    """What the leading candidate leaves: `leftover`, `explained` and `pure` of `Ranking`."""
-    smooth = fields(observed, leading.linear)
-    leftover = log_mean([item.log for item in smooth]) - leading.linear.log
-    noises = [item.noise for item in (leading.linear, *smooth)]
-    if len(boxes):
-        noises += [steps(observed, boxes, base, channel)[1]
-                   for channel in range(len(observed.readings)) for base in (bare, leading.plain)]
-    pure = np.min(noises, axis=0)
+    left = fields(base.observed, leading.linear)
+    noises += [item.noise for item in (leading.linear, *left)]
+    pure = np.min([*noises, *steps(base.observed, boxes, leading.plain)[1]], axis=0)
     before, after = bare.noise - pure, leading.plain.noise - pure
     # A channel whose scatter hardly grows without the cause had no gap to remove.
     clear = before > _CLEAR * pure
-    explained = np.where(clear, 1.0 - after / np.where(clear, before, 1.0), np.nan)
-    return leftover, explained, pure
+    weighed = max((bare, *smooth, leading.linear), key=lambda item: item.log)
+    # A narrow band would pass as noise for every competitor without one.
+    noise = pure if posterior[()] > 0.5 else weighed.noise
+    return Ranking(
+        dict(sorted(probability.items(), key=lambda item: -item[1])), best, posterior[()],
+        log_mean([item.log for item in left]) - leading.linear.log,
+        np.where(clear, 1.0 - after / np.where(clear, before, 1.0), np.nan), float(noise[0]),
+        tuple(candidates), bare)
 
 
 def single_candidates(base: Fit) -> list[Candidate]:

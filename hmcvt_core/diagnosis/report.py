@@ -3,39 +3,27 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 from . import words
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
 
 _DETAILED = 3  # causes told at length; the page has all
-_TESTS, _BESIDE = 5, 2  # lines of next tests, and how many of them are no operating point
 _WIDTH, _MARGIN = 100, 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
 
-def _plain(value: Any) -> Any:
-    """A value as JSON has it; a model is none."""
-    if is_dataclass(value):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)
-                if item.repr}
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value
-
-
-def _spread(data: dict[str, Any], key: str, nowhere: dict[str, Any]) -> dict[str, Any]:
-    """The same with the axes at the level of the rest."""
-    place = data.pop(key)
-    return {**(place or nowhere), **data}
+def _fields(value: Any) -> dict[str, Any]:
+    """What JSON has under the name of a field; a place is told axis by axis, a model not at all."""
+    return {item.name: getattr(value, item.name) for item in fields(value)
+            if item.name not in ("limits", "point", "model")}
 
 
 def _wrapped(line: str) -> str:
-    if len(line) <= _WIDTH:
-        return line
     margin = " " * (_MARGIN if line[:1].isalpha() and "  " in line else
                     len(line) - len(line.lstrip()))
     return "\n".join(textwrap.wrap(line, _WIDTH, subsequent_indent=margin,
@@ -87,24 +75,17 @@ def _causes(found: Outcome) -> list[str]:
 
 
 def _tests(found: Outcome) -> list[str]:
-    """The first few of the next tests: points first, and a measurement beside the plan."""
+    """The next tests: points first, then measurements beside the plan, which have no gain."""
     merged: dict[tuple[object, ...], list[NextTest]] = {}
     for test in found.next_tests:
         place = None if test.point is None else tuple(test.point.values())
         merged.setdefault((place, test.measure), []).append(test)
-    if not merged:
-        return []
     groups = sorted(merged.values(), key=lambda tests: -max(test.gain for test in tests))
-    at_points = [tests for tests in groups if tests[0].point]
-    others = [tests for tests in groups if not tests[0].point]
-    chosen = at_points[:_TESTS - min(len(others), _BESIDE)]
-    chosen += others[:_TESTS - len(chosen)]
+    if not groups:
+        return []
     gain = (" (gain: squared standard deviations by which the readings are expected to speak "
-            "against the wrong one of the two; 9 in all settle it)") if at_points else ""
-    lines = [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in chosen)]
-    if len(groups) > len(chosen):
-        lines.append(f"  {len(groups) - len(chosen)} more in the JSON and on the report page")
-    return lines
+            "against the wrong one of the two; 9 in all settle it)") if groups[0][0].point else ""
+    return [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in groups)]
 
 
 def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
@@ -126,17 +107,19 @@ class Diagnosis(Outcome):
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt diagnose --json`."""
         nowhere = {axis.name: None for axis in self.axes}
-        return {
-            "gap": _plain(self.gap),
-            "where": [_spread(_plain(region), "limits", nowhere) for region in self.where],
+        data = {
+            "gap": _fields(self.gap),
+            "where": [{**region.limits, **_fields(region)} for region in self.where],
             "component": self.component,
             "verdict": self.verdict,
-            "causes": _plain(self.causes),
+            "causes": [_fields(cause) for cause in self.causes],
             "unlisted_probability": self.unlisted,
-            "shrinkage": _plain(self.shrinkage),
-            "next_tests": [_spread(_plain(test), "point", nowhere) for test in self.next_tests],
-            "notes": list(self.notes),
+            "shrinkage": _fields(self.shrinkage),
+            "next_tests": [{**(test.point or nowhere), **_fields(test)}
+                           for test in self.next_tests],
+            "notes": self.notes,
         }
+        return dict(json.loads(json.dumps(data)))
 
     def report(self) -> str:
         """Return the outcome as text for a person, at most 100 columns wide."""

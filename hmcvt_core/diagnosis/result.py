@@ -19,8 +19,6 @@ GAP_SIGNIFICANCE = 0.02
 REGION_SIGNIFICANCE = 0.05
 """Family-wise p value up to which a place is one by itself."""
 
-VERDICTS = ("no_gap", "cause_found", "ambiguous", "unexplained")
-
 
 @dataclass(frozen=True)
 class Gap:
@@ -145,12 +143,14 @@ class Outcome:
 
     Attributes:
         gap, where, causes, shrinkage, next_tests: see the classes above.
-        verdict: one of `VERDICTS`.
+        verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
         unlisted: probability of an effect outside the library.
         notes: plain sentences on the data and the search.
         base: the base model refitted to the samples, no effect added.
         samples: what was diagnosed.
-        residuals_before, residuals_after: measured - predicted at samples left out, (n,).
+        residuals: measured - predicted of the refitted base model at each of them, left out, (n,).
+        judged: the samples by which the shrinkage is measured, of the holdout or the same;
+            `residuals_before`, `residuals_after` are theirs.
         axes: of the operating points; `extent` how far the samples reach along each.
         channel: the one in which the gap is measured.
     """
@@ -165,6 +165,8 @@ class Outcome:
     notes: tuple[str, ...]
     base: Any
     samples: Any
+    residuals: Array
+    judged: Any
     residuals_before: Array
     residuals_after: Array
     axes: tuple[Axis, ...]

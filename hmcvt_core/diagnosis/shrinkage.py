@@ -41,46 +41,32 @@ def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
              for part in np.array_split(order, min(FOLDS, points))] for order in orders]
 
 
-def averaged_errors(
+def cross_validated_errors(
     rivals: Sequence[Linear], observed: Observations, dealt: Sequence[Sequence[NDArray[np.intp]]]
 ) -> Array:
-    """Errors of `cross_validated_errors` over several deals, shape (n,).
+    """Errors of the first channel at samples left out, (n,); the rival is chosen on the others.
 
-    The root of the mean square at each sample, with the sign of the mean: squares add up right.
+    Over several deals the root of the mean square at each sample, with the sign of the mean:
+    squares add up right.
     """
-    errors = np.stack([cross_validated_errors(rivals, observed, parts) for parts in dealt])
+    n, errors = len(observed), np.empty((len(dealt), len(observed)))
+    for parts, own in zip(dealt, errors, strict=True):
+        best, count = np.full(len(parts), -np.inf), np.array([[n - len(part)] for part in parts])
+        for rival in rivals:
+            left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
+                                 for part in parts])
+            found = evidence(gram(rival.columns, rival.target) - left_out, count,
+                             np.tile(rival.spread, (len(parts), 1)), observed.trusts,
+                             rival.positive)
+            for i in np.flatnonzero(found.log > best).tolist():
+                best[i], part, mean = found.log[i], parts[i], found.mean[i]
+                if (size := rival.positive) is not None and mean[size] < 0.0:
+                    # The others as they are once it is known to be zero.
+                    along = found.covariance[i, :, size]
+                    mean = mean - along * mean[size] / along[size]
+                own[part] = rival.target[0, part] - rival.columns[0, part] @ mean
+    errors *= observed.scale[0]
     return np.asarray(np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0)))
-
-
-def cross_validated_errors(
-    rivals: Sequence[Linear], observed: Observations, parts: Sequence[NDArray[np.intp]]
-) -> Array:
-    """Errors of the first channel at samples left out, (n,); the rival is chosen on the others."""
-    n = len(observed)
-    best, errors = np.full(len(parts), -np.inf), np.full(n, np.nan)
-    count = np.array([[n - len(part)] for part in parts])
-    for rival in rivals:
-        left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
-                             for part in parts])
-        others = gram(rival.columns, rival.target) - left_out
-        found = evidence(others, count, np.tile(rival.spread, (len(parts), 1)), observed.trusts,
-                         rival.positive)
-        for i in np.flatnonzero(found.log > best).tolist():
-            best[i], part, mean = found.log[i], parts[i], found.mean[i]
-            if rival.positive is not None and mean[rival.positive] < 0.0:
-                mean = _without(others[i], rival, found.noise[i])
-            errors[part] = rival.target[0, part] - rival.columns[0, part] @ mean
-    return np.asarray(errors * observed.scale[0])
-
-
-def _without(grams: Array, rival: Linear, noise: Array) -> Array:
-    """Posterior mean with the coefficient that went negative held at zero, and its bends."""
-    free = slice(rival.positive)
-    weighted = np.einsum("c,cij->ij", 1.0 / noise, grams)
-    mean = np.zeros(len(rival.spread))
-    mean[free] = np.linalg.solve(weighted[free, free] + np.diag(rival.spread[free] ** -2.0),
-                                 weighted[free, -1])
-    return mean
 
 
 def shrinkage(
@@ -100,17 +86,13 @@ def shrinkage(
     mean = squares.mean(axis=0)
     fraction, interval = None, None
     if real and mean[0] > 0.0:
-        fraction = float(_fraction(mean))
         draws = np.random.default_rng(seed).integers(0, len(squares), (_DRAWS, len(squares)))
-        drawn = squares[draws].mean(axis=1)
-        drawn = _fraction(drawn[drawn[:, 0] > 0.0])
-        if len(drawn):
-            low, high = np.quantile(drawn, [_TAIL, 1.0 - _TAIL]).tolist()
+        drawn = np.concatenate([mean[None], squares[draws].mean(axis=1)])
+        drawn = drawn[drawn[:, 0] > 0.0]
+        # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
+        fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()
+        if others:
+            low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
             interval = low, high
     gap = np.sqrt(np.maximum(mean, 0.0)).tolist()
     return ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
-
-
-def _fraction(means: Array) -> Array:
-    # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
-    return np.asarray(np.clip(1.0 - means[..., 1] / means[..., 0], -10.0, 1.0))

@@ -10,6 +10,7 @@ raise alarms.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,74 +55,65 @@ def significance(
         replicates: simulated campaigns.
     """
     observed, search = fit.observed, _Search(fit, boxes)
-    white = fit.target / np.sqrt(fit.noise)[:, None]
-    z_boxes, z_effects = search.statistics(white[None], np.zeros((1, len(fit.theta))))
+    p, white = len(fit.theta), fit.target / np.sqrt(fit.noise)[:, None]
+    *own, effects = search.statistics(white[None], np.zeros((1, p)))
+    z = np.concatenate(own)
     rng = np.random.default_rng(seed)
     tops = []
     for start in range(0, replicates, _CHUNK):
         count = min(_CHUNK, replicates - start)
         data = rng.standard_normal((count, *white.shape))
-        prior = rng.standard_normal((count, len(fit.theta)))
-        tops.append([_top(z) for z in search.statistics(data, prior)])
+        tops.append(_tops(search.statistics(data, rng.standard_normal((count, p)))))
     null = np.concatenate(tops, axis=1)
     # Two families of looks: the smaller p value, itself judged against the same campaigns.
     ranks = np.min([_p_values(top, top) for top in null], axis=0)
-    p_own = np.min([_p_values(top, _top(z)) for top, z in zip(null, (z_boxes, z_effects),
-                                                              strict=True)])
+    p_own = np.min([_p_values(top, one) for top, one in zip(
+        null, _tops([*own, effects]), strict=True)])
     p_value = (1.0 + np.sum(ranks <= p_own)) / (1.0 + replicates)
     if len(observed) < FEW:
         # Two looks: shape and size.
         p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, white)))
-    z_channels = z_boxes[0].reshape(len(observed.readings), len(boxes))
-    channel = np.abs(z_channels).argmax(axis=0)
-    z = np.take_along_axis(z_channels, channel[None], 0)[0]
+    channel = np.abs(z).argmax(axis=0)
+    z = np.take_along_axis(z, channel[None], 0)[0]
     return Significance(float(p_value), z, channel, _p_values(null[0], np.abs(z)))
 
 
 class _Search:
-    """What is looked at, and what the refit may absorb of it (`Fit.absorbed`)."""
+    """What is looked at: boxes in each channel, and effects in all of them."""
 
     def __init__(self, fit: Fit, boxes: Regions) -> None:
-        observed, root = fit.observed, np.sqrt(fit.noise)
-        self.data, self.prior = fit.absorbed
-        self.trust, self.count, self.root = observed.trusts, len(observed), root
-        self.boxes = [(boxes.members * reading.unit_loss / root[i]).astype(np.float32)
-                      for i, reading in enumerate(observed.readings)]
-        self.effect = np.stack([change for _, _, change in screen(fit)]) / root[:, None]
-        self.box_norms = [_norms(np.sum(box**2, axis=1), box @ self.data[i])
-                          for i, box in enumerate(self.boxes)]
-        self.effect_norm = _norms(np.sum(self.effect**2, axis=(1, 2)),
-                                  np.einsum("mcn,cnp->mp", self.effect, self.data))
-        self.used = np.sum(self.data**2, axis=(1, 2))  # degrees of freedom by channel
+        observed, root, n = fit.observed, np.sqrt(fit.noise), len(fit.observed)
+        self.fit, self.root, self.trust = fit, root, observed.trusts
+        # Which readings, one channel after another, and how they change.
+        looks = [(slice(i * n, (i + 1) * n),
+                  (boxes.members * reading.unit_loss / root[i]).astype(np.float32))
+                 for i, reading in enumerate(observed.readings)]
+        effects = np.stack([change for _, _, change in screen(fit)]) / root[:, None]
+        looks.append((slice(effects[0].size), effects.reshape(len(effects), -1)))
+        self.looks = [(own, look, _norms(np.sum(look**2, axis=1), look @ fit.absorbed[own]))
+                      for own, look in looks]
+        # Degrees of freedom by channel.
+        used = np.sum(fit.absorbed[:root.size * n].reshape(root.size, -1) ** 2, axis=1)
+        self.free = np.maximum(n - used, 1.0)
 
-    def left(self, data: Array, prior: Array) -> Array:
-        """What a refit leaves of k campaigns, shape (k, channels, n); `prior` (k, p)."""
-        shadow = np.einsum("kcn,cnp->kp", data, self.data) + prior @ self.prior
-        return np.asarray(data - np.einsum("kp,cnp->kcn", shadow, self.data))
+    def statistics(self, data: Array, prior: Array) -> list[Array]:
+        """z of boxes, channel by channel, and of effects, for k campaigns.
 
-    def statistics(self, data: Array, prior: Array) -> tuple[Array, Array]:
-        """z of every box (channel by channel) and every effect, for k campaigns.
-
-        `data` has shape (k, channels, n); the answers (k, channels x boxes) and (k, effects).
+        `data` has shape (k, channels, n), `prior` (k, p); each answer (k, looks).
         """
-        left = self.left(data, prior)
-        squares = np.sum(left**2, axis=2)
-        scale = np.sqrt((self.trust + squares)
-                        / (self.trust + np.maximum(self.count - self.used, 1.0)))
-        left = left / scale[..., None]
-        boxes = np.concatenate([
-            (left[:, i].astype(np.float32) @ box.T) / self.box_norms[i]
-            for i, box in enumerate(self.boxes)], axis=1)
-        effects = np.einsum("kcn,mcn->km", left, self.effect) / self.effect_norm
-        return boxes.astype(float), effects
+        left = self.fit.left(data, prior)[:, :data[0].size].reshape(data.shape)
+        scale = np.sqrt((self.trust + np.sum(left**2, axis=2)) / (self.trust + self.free))
+        flat = (left / scale[..., None]).reshape(len(data), -1)
+        return [np.asarray(flat[:, own].astype(look.dtype) @ look.T / norms, dtype=float)
+                for own, look, norms in self.looks]
 
 
 def _lack_of_fit(search: _Search, white: Array) -> float:
     """Chance of so much scatter at the noise stated (F test, worth of the statement counted)."""
     from scipy.stats import f
 
-    left = search.left(white[None], np.zeros((1, len(search.prior))))[0, 0] * search.root[0]
-    free = max(left.size - float(search.used[0]), 1.0)
+    left = search.fit.left(white[None])[0, :white.shape[1]] * search.root[0]
+    free = float(search.free[0])
     return float(f.sf(np.sum(left**2) / free, free, search.trust[0]))
 
 
@@ -132,8 +124,10 @@ def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
     return np.asarray(np.sqrt(np.where(left > 1e-6 * total, left, np.inf)), dtype=np.float64)
 
 
-def _top(z: Array) -> Array:
-    return np.asarray(np.abs(z).max(axis=1) if z.shape[1] else np.zeros(len(z)), dtype=np.float64)
+def _tops(families: Sequence[Array]) -> Array:
+    """Largest |z| of all boxes and of all effects, shape (2, k)."""
+    *boxes, effects = (np.abs(z).max(axis=1, initial=0.0) for z in families)
+    return np.stack([np.max(boxes, axis=0), effects])
 
 
 def _p_values(null: Array, values: Array) -> Array:

@@ -12,7 +12,6 @@ MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
 
 NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNITS = {"m3": "m³", "N m": "N·m", "deg C": "°C", "s Pa": "s·Pa"}
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
 _MOST_TWINS = 4  # named in the verdict
@@ -22,53 +21,29 @@ def fixed(value: float | None, digits: int, sign: bool = False) -> str:
     """Return a number with so many decimals; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    shown = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
-    if float(shown) == 0.0:
-        shown = f"{0.0:.{digits}f}"
-    return shown.replace("-", MINUS)
+    value = round(value, digits) + 0.0  # no zero is negative
+    return f"{value:{'+' if sign and value else ''}.{digits}f}".replace("-", MINUS)
 
 
 def number(value: float | None) -> str:
     """Return a number with three significant digits, powers of ten as such."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
-        digits = 0 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
-        return fixed(value, min(digits, 5))
-    mantissa, power = f"{value:.2e}".split("e")
-    exponent = str(int(power)).translate(_SUPERSCRIPT)
-    return f"{mantissa} \N{MULTIPLICATION SIGN} 10{exponent}".replace("-", MINUS)
+    mantissa, _, power = f"{value:.3g}".partition("e")
+    exponent = str(int(power)).translate(_SUPERSCRIPT) if power else ""
+    times = f" \N{MULTIPLICATION SIGN} 10{exponent}" if power else ""
+    return (mantissa + times).replace("-", MINUS)
 
 
-def interval(limits: Sequence[float] | None) -> str:
-    """Return `a to b`, or nothing."""
-    return "" if limits is None else f"{number(limits[0])} to {number(limits[1])}"
-
-
-def unit(name: str) -> str:
-    """Return a unit as it is printed; nothing for a plain number."""
-    if name == "-":
-        return ""
-    for plain, shown in _UNITS.items():
-        name = name.replace(plain, shown)
-    return name
-
-
-def points(value: float | None, sign: bool = False) -> str:
-    """Return an efficiency difference in points."""
-    return f"{fixed(None if value is None else 100.0 * value, 2, sign)} points"
-
-
-def amount(found: Outcome, value: float | None, sign: bool = False) -> str:
+def amount(found: Outcome, value: float, sign: bool = False) -> str:
     """Return a value of the channel in which the gap is measured, in the unit it is told in."""
     channel = found.channel
-    shown = None if value is None else channel.factor * value
-    return f"{fixed(shown, channel.digits, sign)} {channel.unit}"
+    return f"{fixed(channel.factor * value, channel.digits, sign)} {channel.unit}"
 
 
-def percent(value: float | None) -> str:
+def percent(value: float) -> str:
     """Return a part in percent."""
-    return f"{fixed(None if value is None else 100.0 * value, 0)} %"
+    return f"{fixed(100.0 * value, 0)} %"
 
 
 def probability(value: float) -> str:
@@ -89,11 +64,6 @@ def p_is(value: float) -> str:
     """Return `p = ...`, or that it is no larger than can be told."""
     told = chance(value)
     return f"p {told}" if told.startswith(AT_MOST) else f"p = {told}"
-
-
-def rpm(engine_speed: float) -> str:
-    """Return an engine speed [rad/s] in r/min, without the unit."""
-    return fixed(30.0 / math.pi * engine_speed, 0)
 
 
 def plain(name: str) -> str:
@@ -120,25 +90,6 @@ def verdict(found: Outcome) -> str:
                 f"{plain(found.channel.name)}") if fraction > 0.0 else ""
         return f"{_lies(found)}. No effect in the library explains it{best}."
     return f"{_lies(found)}; {_explained(found)}. {_removed(found)}"
-
-
-def remark(found: Outcome) -> str:
-    """Return what the reader should bear in mind about the verdict."""
-    if found.verdict == "no_gap":
-        times = f"{100 * found.gap.p_value:.0f}" if found.gap.p_value >= 0.01 else "fewer than 1"
-        return (f"Chance alone gives as much disagreement in {times} of 100 campaigns. A gap that "
-                "is small against the noise cannot be seen with these samples.")
-    if found.verdict == "unexplained":
-        return ("Do not add an effect on the strength of these data. Look first at the places "
-                "marked on the map below: a narrow place points to a resonance, a valve that "
-                "switches, or a fault of the bench.")
-    if found.verdict == "ambiguous":
-        return ("More than one cause fits these data. Section 3 says what each would mean, "
-                "section 5 which measurements decide between them.")
-    if found.causes and found.causes[0].together_with is not None:
-        return ("Two effects act together; each has its own probability. Section 3 says how large "
-                "they are and whether that is plausible.")
-    return "One cause stands out. Section 3 says how large it is and whether that is plausible."
 
 
 def _lies(found: Outcome) -> str:

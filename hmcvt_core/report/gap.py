@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import partial
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import REGION_SIGNIFICANCE
-from ..model.agreement import predicted_at
-from ..model.model import EfficiencyModel
 from ..transmission.ranges import RPM
 from .style import BLUE, INK, ORANGE, Figures, few_ticks, icon, styled, to_svg
 
@@ -24,12 +22,10 @@ _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0),
          "engine_speed": ("engine speed [r/min]", 1.0 / RPM),
          "load_torque": ("load torque [N·m]", 1.0)}
 _MAP = (6.9, 6.0)  # in
-_MOST_MARKS, _MOST_DOTS = 400, 1500
-_CELLS = 18  # cells along an axis when there are more samples than marks
+_MOST_MARKS = 400
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
-    "below": ("v", ORANGE, "w"), "slightly-below": ("v", "#f6d3b8", ORANGE),
-    "above": ("^", BLUE, "w"), "slightly-above": ("^", "#cfe1f2", BLUE),
+    "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
     "within": ("o", "#9aa3ad", "none"), "place": ("s", "none", INK),
 }
 _WHOLE = 0.86  # part of a view from which a place spans it and says nothing
@@ -38,60 +34,40 @@ _OUTWARDS = np.array([[-1.0], [1.0]])
 _TREND_SAMPLES, _TREND_BINS = 24, 8
 
 
-def shared(found: Diagnosis, model: EfficiencyModel) -> float:
-    """Return the mean of measured - predicted over the samples diagnosed [-]."""
-    errors = _errors(found, model)
-    known = errors[np.isfinite(errors)]
-    return float(np.mean(known)) if len(known) else 0.0
+def _shown(samples: Any, axis: str) -> Array:
+    return np.asarray(getattr(samples, axis)) * _AXES[axis][1]
 
 
-def _errors(found: Diagnosis, model: EfficiencyModel) -> Array:
-    return found.samples.efficiency - predicted_at(model, found.samples)
-
-
-def _of_samples(found: Diagnosis) -> bool:
-    """Whether the residuals of the diagnosis are those of the samples diagnosed."""
-    return (found.shrinkage.on == "cross-validation"
-            and len(found.residuals_before) == len(found.samples))
-
-
-def _shown(found: Diagnosis, axis: str) -> Array:
-    return np.asarray(getattr(found.samples, axis)) * _AXES[axis][1]
-
-
-def _in_words(found: Diagnosis, values: Array) -> Any:
+def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
-    columns = (*(_shown(found, axis) for axis in _AXES), values)
+    columns = (*(_shown(samples, axis) for axis in _AXES), values)
     return np.array([
         f"displacement ratio {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
-        f"{words.fixed(load, 0)} N·m: {words.points(value, sign=True)}"
+        f"{words.fixed(load, 0)} N·m: {words.amount(found, value, sign=True)}"
         for stroke, speed, load, value in np.column_stack(columns).tolist()])
 
 
 def gap_map(found: Diagnosis) -> Figures:
     """Draw the residuals of the refitted base model at the samples diagnosed."""
-    values, note = found.residuals_before, "predicted without the sample itself"
-    if not _of_samples(found):
-        # A part that all samples share is booked as calibration of the meters, as in the diagnosis.
-        offset = shared(found, found.base)
-        values = _errors(found, found.base) - offset
-        note = f"less the part that all samples share, {words.points(offset, sign=True)}"
-    sizes = np.abs(values[np.isfinite(values)])
-    largest = max(float(np.quantile(sizes, 0.98)) if len(sizes) else 0.0, 2.0 * found.gap.noise,
-                  1e-9)
+    values = found.residuals
+    largest = float(np.nanmax(np.abs(values), initial=2.0 * found.gap.noise))
     entries = [("bench below model", "below", _USUAL), ("bench above model", "above", _USUAL),
-               ("less than twice the noise", "slightly-below", _USUAL),
-               (f"within the noise ({words.points(found.gap.noise)})", "within", _DOT),
-               (f"this size: {words.points(largest / 2.0)}", "below", (_SMALL + _LARGE) / 2.0)]
+               (f"within twice the noise ({words.amount(found, 2.0 * found.gap.noise)})", "within",
+                _DOT),
+               (f"this size: {words.amount(found, largest / 2.0)}", "below",
+                (_SMALL + _LARGE) / 2.0)]
     if found.where:
         entries.append(("numbered places of the table below", "place", _USUAL))
     legend = [(text, icon(f"mark-{i}", partial(_scatter, kind=kind, at=[[0.5, 0.5]],
                                                height=height)))
               for i, (text, kind, height) in enumerate(entries)]
-    what = ("Each mark is the mean of the samples in one cell of the view"
-            if len(values) > _MOST_MARKS else "Each mark is one sample")
-    return Figures([_view(found, values, largest, *view) for view in combinations(_AXES, 2)],
-                   legend, [f"{what}: measured minus predicted efficiency, {note}."])
+    views = [_view(found, values, largest, *view) for view in itertools.combinations(_AXES, 2)]
+    return Figures(views, legend, ["Each mark is one sample: measured minus predicted efficiency, "
+                                   "predicted without the sample itself.", *_part(values)])
+
+
+def _part(values: Array) -> list[str]:
+    return ["A part of the samples is drawn, evenly picked."] * (len(values) > _MOST_MARKS)
 
 
 def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
@@ -102,7 +78,7 @@ def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
 
 
 def _view(found: Diagnosis, values: Array, largest: float, across: str, up: str) -> str:
-    at = np.column_stack([_shown(found, across), _shown(found, up)])
+    at = np.column_stack([_shown(found.samples, across), _shown(found.samples, up)])
     with styled(_MAP) as figure:
         axes = figure.subplots()
         axes.update_datalim(at)  # of all samples, whether they have a residual or not
@@ -111,12 +87,8 @@ def _view(found: Diagnosis, values: Array, largest: float, across: str, up: str)
         axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim(), xlabel=_AXES[across][0],
                  ylabel=_AXES[up][0])
         few_ticks(axes)
-        if up == "engine_speed":
-            axes.secondary_yaxis(
-                "right", functions=(lambda speed: speed * RPM, lambda speed: speed / RPM),
-            ).set_ylabel("engine speed [rad/s]")
-        at, tips = _draw_marks(axes, found, values, at, largest)
-        _outline(axes, found, (across, up), at)
+        tips = _draw_marks(axes, found, values, at, largest)
+        _outline(axes, found, (across, up))
         return to_svg(figure, f"map-{across}-{up}".replace("_", "-"), (
             f"Map of residuals: {_AXES[up][0]} over {_AXES[across][0]}; triangles down where the "
             "bench lies below the model, up where above"), tips)
@@ -124,20 +96,15 @@ def _view(found: Diagnosis, values: Array, largest: float, across: str, up: str)
 
 def _draw_marks(
     axes: Any, found: Diagnosis, values: Array, at: Array, largest: float
-) -> tuple[Array, dict[str, list[str]]]:
-    """Draw a mark for each sample or cell; return where they are, and their texts."""
-    known = np.isfinite(values)
-    if len(values) > _MOST_MARKS:
-        at, values, noise, texts = _cell_means(at[known], values[known], found.gap.noise)
-    else:
-        texts = _in_words(found, values)[known]
-        at, values, noise = at[known], values[known], np.full(known.sum(), found.gap.noise)
+) -> dict[str, list[str]]:
+    """Draw a mark for each sample; return their texts."""
+    shown, noise = _picked(values), found.gap.noise
+    texts = _in_words(found, found.samples, values)[shown]
+    at, values = at[shown], values[shown]
     size = np.abs(values)
     height = _SMALL + (_LARGE - _SMALL) * np.minimum(size / largest, 1.0)
-    height[size <= noise] = _DOT
-    side = np.where(values < 0.0, "below", "above")
-    kinds = np.select([size <= noise, size <= 2.0 * noise],
-                      ["within", np.char.add("slightly-", side)], side)
+    height[size <= 2.0 * noise] = _DOT
+    kinds = np.select([size <= 2.0 * noise, values < 0.0], ["within", "below"], "above")
     tips = {}
     for kind in _MARKS:
         chosen = np.flatnonzero(kinds == kind)
@@ -146,23 +113,19 @@ def _draw_marks(
         if len(chosen):
             _scatter(axes, kind, at[chosen], height[chosen])
             tips[kind] = texts[chosen].tolist()
-    return at, tips
+    return tips
 
 
-def _cell_means(at: Array, values: Array, noise: float) -> tuple[Array, Array, Array, Any]:
-    span = np.maximum(np.ptp(at, axis=0), 1e-12)
-    cells = np.minimum((at - at.min(axis=0)) / span * _CELLS, _CELLS - 1).astype(int)
-    _, group, count = np.unique(cells @ (_CELLS, 1), return_inverse=True, return_counts=True)
-    x, y, means = (np.bincount(group, column) / count for column in (*at.T, values))
-    texts = np.array([f"mean of {n} samples: {words.points(mean, sign=True)}"
-                      for n, mean in zip(count.tolist(), means.tolist(), strict=True)])
-    return np.column_stack([x, y]), means, noise / np.sqrt(count), texts
+def _picked(values: Array) -> NDArray[np.intp]:
+    """Which samples are drawn: those that have a residual, or an even part of them."""
+    known = np.flatnonzero(np.isfinite(values))
+    return known[:: max(1, -(-len(known) // _MOST_MARKS))]
 
 
-def _outline(axes: Any, found: Diagnosis, view: tuple[str, str], marks: Array) -> None:
+def _outline(axes: Any, found: Diagnosis, view: tuple[str, str]) -> None:
     """Outline the places that do not span the whole view, each with its number."""
     low, high = np.column_stack([axes.get_xlim(), axes.get_ylim()])
-    seen, flags = (marks - low) / (high - low), np.empty((0, 2))
+    flags = np.empty((0, 2))
     for number, region in enumerate(found.where, 1):
         ends = np.transpose([np.multiply(region.limits[axis], _AXES[axis][1]) for axis in view])
         box = (ends - low) / (high - low)
@@ -173,24 +136,14 @@ def _outline(axes: Any, found: Diagnosis, view: tuple[str, str], marks: Array) -
         axes.plot((left, right, right, left, left), (bottom, bottom, top, top, bottom), color=INK,
                   lw=2.0, ls="-" if region.p_value <= REGION_SIGNIFICANCE else (0, (3, 2)),
                   transform=axes.transAxes)
-        at = _corner(box, flags, seen)
+        inner = np.clip(box - _OUTWARDS * _FLAG, _FLAG, 1.0 - _FLAG)
+        # In the first corner without a flag.
+        corners = np.array(list(itertools.product(inner[:, 0], inner[::-1, 1])))
+        beside = np.abs(corners[:, None] - flags) > 2.2 * _FLAG
+        at = corners[beside.any(axis=2).sum(axis=1).argmax()]
         flags = np.vstack([flags, at])
         axes.text(*at, str(number), transform=axes.transAxes, ha="center", va="center", color="w",
                   weight="bold", bbox={"boxstyle": "square,pad=0.25", "fc": INK})
-
-
-def _corner(box: Array, flags: Array, marks: Array) -> Array:
-    """Place of a flag at the edge of a box, hiding no other flag and fewest marks."""
-    steps = np.linspace(0.0, 1.0, 9)
-    edge = np.array([(x, y) for y in steps[::-1] for x in steps if x in (0, 1) or y in (0, 1)])
-    inner = box - _OUTWARDS * _FLAG
-    places = np.clip(inner[0] + edge * (inner[1] - inner[0]), _FLAG, 1.0 - _FLAG)
-
-    def hidden(place: Array) -> tuple[int, int]:
-        return (int(np.all(np.abs(flags - place) < 2.2 * _FLAG, axis=1).sum()),
-                int(np.all(np.abs(marks - place) < 1.5 * _FLAG, axis=1).sum()))
-
-    return min(places, key=hidden)
 
 
 def residuals(found: Diagnosis) -> Figures:
@@ -199,53 +152,35 @@ def residuals(found: Diagnosis) -> Figures:
     if found.verdict != "no_gap":
         panels["Best listed effect added" if found.verdict == "unexplained"
                else "With the effect added"] = found.residuals_after
-    sizes = np.abs(np.concatenate(list(panels.values())))
-    sizes = sizes[np.isfinite(sizes)]
-    # A few outliers do not flatten the rest.
-    usual = min(sizes.max(), 2.0 * np.quantile(sizes, 0.95)) if len(sizes) else 0.0
-    reach = 1.1 * max(usual, 2.5 * found.gap.noise)
+    largest = np.nanmax(np.abs(list(panels.values())), initial=2.5 * found.gap.noise)
     label, across = _across(found)
-    drawings = [_panel(found, f"residuals-{i}", title, values, label, across, reach)
+    drawings = [_panel(found, f"residuals-{i}", title, values, label, across, 1.1 * largest)
                 for i, (title, values) in enumerate(panels.items())]
-    notes, beyond = [], int(np.sum(sizes > reach))
-    if beyond:
-        notes.append(f"Open triangles: {beyond} beyond the scale.")
-    if len(across) > _MOST_DOTS:
-        notes.append("A part of the samples is drawn, evenly picked.")
-    return Figures(drawings, notes=notes)
+    return Figures(drawings, notes=_part(across))
 
 
 def _across(found: Diagnosis) -> tuple[str, Array]:
     """Label and values of the axis along which the first place is narrowest."""
-    if not _of_samples(found):
-        return (f"sample of the {found.shrinkage.on}, in order of the file",
-                np.arange(1.0, len(found.residuals_before) + 1.0))
-
     def width(axis: str) -> float:
         span = np.ptp(getattr(found.samples, axis))
         return float(np.ptp(found.where[0].limits[axis]) / max(span, 1e-12))
 
     axis = min(_AXES, key=width) if found.where else "engine_speed"
-    return _AXES[axis][0], _shown(found, axis)
+    return _AXES[axis][0], _shown(found.judged, axis)
 
 
 def _panel(
     found: Diagnosis, name: str, title: str, values: Array, label: str, across: Array, reach: float
 ) -> str:
-    known = np.flatnonzero(np.isfinite(values))
-    shown = known[:: max(1, -(-len(known) // _MOST_DOTS))]
-    inside, beyond = (shown[(np.abs(values[shown]) > reach) == far] for far in (False, True))
-    rms = f"{words.points(np.sqrt(np.mean(values[known] ** 2)))} rms" if len(known) else "not known"
+    known, shown = np.flatnonzero(np.isfinite(values)), _picked(values)
+    rms = (f"{words.amount(found, np.sqrt(np.mean(values[known] ** 2)))} rms" if len(known)
+           else "not known")
     with styled() as figure:
         axes = figure.subplots()
         axes.axhspan(-200.0 * found.gap.noise, 200.0 * found.gap.noise, color="#e9edf1", lw=0.0)
         axes.axhline(0.0, color="0.4", lw=1.0)
-        axes.scatter(across[inside], 100.0 * values[inside], s=40.0, color=BLUE, alpha=0.75,
+        axes.scatter(across[shown], 100.0 * values[shown], s=40.0, color=BLUE, alpha=0.75,
                      edgecolors="w", linewidths=0.6, gid="sample")
-        for sign, marker in ((1.0, "^"), (-1.0, "v")):
-            outer = across[beyond[sign * values[beyond] > 0.0]]
-            axes.scatter(outer, np.full(len(outer), sign * 97.0 * reach), s=90.0, marker=marker,
-                         facecolors="w", edgecolors=BLUE, linewidths=1.4, gid=f"beyond-{marker}")
         if len(known) >= _TREND_SAMPLES:
             parts = np.array_split(known[np.argsort(across[known], kind="stable")], _TREND_BINS)
             axes.plot([across[part].mean() for part in parts],
@@ -255,7 +190,6 @@ def _panel(
         axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
                  ylabel="measured minus predicted [points]")
         few_ticks(axes)
-        texts = (_in_words(found, values)[inside].tolist()
-                 if _of_samples(found) and len(inside) <= _MOST_MARKS else [])
+        texts = _in_words(found, found.judged, values)[shown].tolist()
         return to_svg(figure, name, f"{title}: measured minus predicted efficiency over {label}",
                       {"sample": texts})

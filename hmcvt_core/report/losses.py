@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from operator import methodcaller
 from typing import Any
 
@@ -17,28 +18,29 @@ from .style import LOSSES, Figures, few_ticks, icon, loss_style, styled, to_svg
 
 Array = NDArray[np.float64]
 
-_STROKES = 201
+STROKES = np.linspace(-1.0, 1.0, 201)
 _LEAST = 1e-3  # of the largest part; what never takes more is not drawn
 
 
 def lost_power(
-    model: EfficiencyModel, displacement_ratio: Array, engine_speed: float, load_torque: float,
+    model: EfficiencyModel, engine_speed: float, load_torque: float,
     oil_temperature: float | None = None,
 ) -> dict[str, Array]:
-    """Return the watts of each part in words, gear pairs as one; NaN where the load stalls it.
+    """Return the watts of each part at all `STROKES`; NaN where the load stalls it.
+
+    Parts are in words, gear pairs are one.
 
     Args:
         model: of formulation `power_balance`.
-        displacement_ratio: shape (k,) [-].
         engine_speed: [rad/s].
         load_torque: [N m].
         oil_temperature: [deg C].
     """
     parts: dict[str, Array] = {}
-    for name, watts in model.breakdown(displacement_ratio, engine_speed, load_torque,
+    for name, watts in model.breakdown(STROKES, engine_speed, load_torque,
                                        oil_temperature).losses.items():
         part = "gear pairs" if name.startswith("gear_pair_") else name.replace("_", " ")
-        parts[part] = parts.get(part, 0.0) + np.broadcast_to(watts, displacement_ratio.shape)
+        parts[part] = parts.get(part, 0.0) + np.broadcast_to(watts, STROKES.shape)
     # What turns idly loses something known even where the load cannot be carried: drop it.
     stalled = np.isnan(sum(parts.values()))
     return {part: np.where(stalled, np.nan, watts) for part, watts in parts.items()}
@@ -46,9 +48,8 @@ def lost_power(
 
 def worth_drawing(*balances: Mapping[str, Array]) -> list[str]:
     """Return the parts that take anything to be seen, in the order of the stack."""
-    most: dict[str, float] = {}
-    for part, watts in (entry for balance in balances for entry in balance.items()):
-        most[part] = max(most.get(part, 0.0), float(np.max(np.abs(np.nan_to_num(watts)))))
+    most = {part: max(np.nanmax(np.abs(each.get(part, 0.0)), initial=0.0) for each in balances)
+            for part in dict.fromkeys(chain(*balances))}
     order = (*(part for part in LOSSES if part in most), *sorted(most.keys() - LOSSES.keys()))
     return [part for part in order if most[part] >= _LEAST * max(most.values())]
 
@@ -61,27 +62,26 @@ def scale(*balances: Mapping[str, Array]) -> tuple[float, float]:
     return (1.05 * low if -low > _LEAST * high else 0.0), 1.05 * high
 
 
-def stack(
-    axes: Any, displacement_ratio: Array, balance: Mapping[str, Array], parts: Sequence[str]
-) -> None:
+def stack(axes: Any, balance: Mapping[str, Array], parts: Sequence[str]) -> None:
     """Draw parts of a balance above each other, lowest first and gains below zero.
 
-    The `gid` is the part. `displacement_ratio` ascends and has shape (k,) like each part.
+    The `gid` is the part.
     """
-    lost = gained = np.zeros(len(displacement_ratio))
+    lost = gained = np.zeros(len(STROKES))
     for part in (part for part in parts if part in balance):
         above = lost + np.maximum(balance[part], 0.0)
         below = gained + np.minimum(balance[part], 0.0)
         style = loss_style(part)
-        axes.fill_between(displacement_ratio, lost, above, label=part, gid=part, **style)
+        axes.fill_between(STROKES, lost, above, label=part, gid=part, **style)
         if np.any(below < gained):
-            axes.fill_between(displacement_ratio, below, gained, **style)
+            axes.fill_between(STROKES, below, gained, **style)
         lost, gained = above, below
     missing = np.concatenate([[False], np.isnan(lost), [False]])
     for start, end in np.flatnonzero(np.diff(missing)).reshape(-1, 2):
-        axes.text(displacement_ratio[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
+        axes.text(STROKES[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
                   va="center", transform=axes.get_xaxis_transform())
-    axes.set(xlim=displacement_ratio[[0, -1]], xlabel="displacement ratio [-]")
+    axes.tick_params(pad=8.0)  # the numbers at the corner stay apart
+    axes.set(xlim=STROKES[[0, -1]], xlabel="displacement ratio [-]")
 
 
 def draw_losses(
@@ -97,11 +97,10 @@ def draw_losses(
         displacement_ratio: a point to mark [-].
     """
     axes = figure.subplots()
-    strokes = np.linspace(-1.0, 1.0, _STROKES)
-    power = model.breakdown(strokes, engine_speed, load_torque).input_power
+    power = model.breakdown(STROKES, engine_speed, load_torque).input_power
     balance = {part: 100.0 * watts / power for part, watts in
-               lost_power(model, strokes, engine_speed, load_torque).items()}
-    stack(axes, strokes, balance, worth_drawing(balance))
+               lost_power(model, engine_speed, load_torque).items()}
+    stack(axes, balance, worth_drawing(balance))
     if displacement_ratio is not None:
         axes.axvline(displacement_ratio, color="k", lw=1.6, ls="--")
     axes.set(ylim=scale(balance), ylabel="lost, % of engine power",
@@ -110,9 +109,7 @@ def draw_losses(
                 loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def before_and_after(
-    displacement_ratio: Array, before: Mapping[str, Array], after: Mapping[str, Array]
-) -> Figures:
+def before_and_after(before: Mapping[str, Array], after: Mapping[str, Array]) -> Figures:
     """Draw two balances of `lost_power` on one scale, or one if they are the same object."""
     parts = worth_drawing(before, after)
     panels = {"Base model, refitted": before}
@@ -123,7 +120,7 @@ def before_and_after(
         kilowatts = {part: lost / 1e3 for part, lost in balance.items()}
         with styled() as figure:
             axes = figure.subplots()
-            stack(axes, displacement_ratio, kilowatts, parts)
+            stack(axes, kilowatts, parts)
             axes.set(title=title, ylabel="power lost [kW]", ylim=(low / 1e3, high / 1e3))
             few_ticks(axes)
             tips = {part: f"{part}: {words.fixed(np.nanmin(lost), 2)} to "
@@ -148,13 +145,14 @@ def means(
 
     Means are over the points that both models answer; NaN if there is none.
     """
-    totals = [np.sum(list(balance.values()), axis=0) for balance in (before, after)]
-    answered = np.isfinite(totals[0] + totals[1])
+    balances = [{**balance, "total": np.sum(list(balance.values()), axis=0)}
+                for balance in (before, after)]
+    answered = np.isfinite(balances[0]["total"] + balances[1]["total"])
 
     def mean(loss: Array) -> float:
         return float(loss[answered].mean()) if answered.any() else float("nan")
 
     nothing = np.zeros(len(answered))
-    rows = [(part, mean(before.get(part, nothing)), mean(after.get(part, nothing)))
-            for part in worth_drawing(before, after)]
-    return [*rows, ("total", mean(totals[0]), mean(totals[1]))]
+    first, second = balances
+    return [(part, mean(first.get(part, nothing)), mean(second.get(part, nothing)))
+            for part in (*worth_drawing(before, after), "total")]

@@ -5,20 +5,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..diagnosis import Cause, Diagnosis, words
+from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
-from .gap import gap_map, residuals, shared
+from ..transmission.ranges import RPM
+from .gap import gap_map, residuals
 from .losses import before_and_after, lost_power, means
 from .style import render
-
-_STROKES = 41
 
 
 def write_html(diagnosis: Diagnosis, path: str | os.PathLike[str]) -> None:
@@ -38,53 +35,14 @@ def html(diagnosis: Diagnosis) -> str:
         InputError: Jinja2 or matplotlib is missing.
     """
     base, model, samples = diagnosis.base, diagnosis.model, diagnosis.samples
-    strokes = _strokes(samples.displacement_ratio)
     speed, load = float(np.median(samples.engine_speed)), float(np.median(samples.load_torque))
     heat = (None if samples.oil_temperature is None
             else float(np.median(samples.oil_temperature)))
-    before = lost_power(base, strokes, speed, load, heat)
-    after = before if model is base else lost_power(model, strokes, speed, load, heat)
+    before = lost_power(base, speed, load, heat)
+    after = before if model is base else lost_power(model, speed, load, heat)
     return render(
-        "diagnosis.html.j2", found=diagnosis, words=words, groups=groups(diagnosis), speed=speed,
-        load=load, map=gap_map(diagnosis), residuals=residuals(diagnosis),
-        watts=before_and_after(strokes, before, after), means=means(before, after),
-        offsets=[shared(diagnosis, each) for each in (base, model)], units=PARAMETER_UNITS,
-        gap_significance=GAP_SIGNIFICANCE, region_significance=REGION_SIGNIFICANCE)
-
-
-def _strokes(measured: NDArray[np.float64]) -> NDArray[np.float64]:
-    low, high = measured.min(), measured.max()
-    if high == low:  # an area needs a width
-        low, high = max(low - 0.05, -1.0), min(high + 0.05, 1.0)
-    return np.linspace(low, high, _STROKES)
-
-
-class Group(NamedTuple):
-    """Causes under one heading.
-
-    Attributes:
-        causes: at least one.
-        leading: whether the first is the cause to look at.
-        beside: other effects, in words, that the data cannot tell from the first.
-    """
-
-    causes: list[Cause]
-    leading: bool = False
-    beside: tuple[str, ...] = ()
-
-
-def groups(found: Diagnosis) -> list[Group]:
-    """Share the causes among groups: a leading one (or each of a pair) with its twins, the rest."""
-    left, made = list(found.causes), []
-    leading = (left[0].effect, left[0].together_with) if left else ()
-    for name in leading if found.verdict != "unexplained" else ():
-        first = next((cause for cause in left if cause.effect == name), None)
-        if first is None:
-            continue
-        twins = set(first.indistinguishable_from).difference(leading)
-        members = [cause for cause in left if cause is first or cause.effect in twins]
-        left = [cause for cause in left if cause not in members]
-        listed = [cause.effect for cause in members]
-        made.append(Group(members, True, tuple(
-            words.plain(twin) for twin in first.indistinguishable_from if twin not in listed)))
-    return [*made, Group(left)] if left else made
+        "diagnosis.html.j2", found=diagnosis, words=words, speed=speed, load=load,
+        map=gap_map(diagnosis), residuals=residuals(diagnosis),
+        watts=before_and_after(before, after), means=means(before, after),
+        units=PARAMETER_UNITS, rpm=RPM, gap_significance=GAP_SIGNIFICANCE,
+        region_significance=REGION_SIGNIFICANCE)

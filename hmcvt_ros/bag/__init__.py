@@ -2,8 +2,7 @@
 """Bench samples from recorded bags (rosbag2): read, aligned in time, cut to steady windows."""
 
 from .importing import Imported, ImportReport, import_bag
-from .reader import BAG_FILES
+from .reader import BAG_FILES, ImportSettings
 from .steady import Steadiness
-from .topics import ImportSettings
 
 __all__ = ["BAG_FILES", "ImportReport", "ImportSettings", "Imported", "Steadiness", "import_bag"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a rosbag2, with every failure in words.
+"""Messages of a rosbag2, with every failure in words: where to look for them, and reading them.
 
 The topics read here are of standard types, so the definitions that come with rosbags serve.
 Definitions in the bag are not compiled: one that cannot be, on a topic nobody asked for, would
@@ -12,18 +12,76 @@ import itertools
 import os
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hmcvt_core import InputError
 
+from .steady import Steadiness, require_positive
+
 BAG_FILES = (".mcap", ".db3")
 """How the names of the files end that hold messages."""
+DISPLACEMENT_TOPIC = "displacement_ratio"
+_INPUT_TOPICS = ("engine_speed", "load_torque", DISPLACEMENT_TOPIC)
 _SHOWN = 12
 _NANOSECONDS = 1e-9
 
 
-class Bag:
+@dataclass(frozen=True)
+class ImportSettings:
+    """Where to look in a bag, and how.
+
+    Attributes:
+        topic: the topic with the shafts; the end of its name will do, unless it starts with `/`.
+        namespace: of all topics; None takes the only one there is.
+        steadiness: when a window counts as steady.
+        age_limit: how far in time a reading of a slow channel may lie from a message [s].
+        gap: a longer pause between messages, or a step back of the clock, ends a window [s].
+        averaged: every message is a steady average already; no windows are sought.
+        use_oil_temperature: whether to look for the oil temperature.
+
+    Raises:
+        InputError: a time is not positive.
+    """
+
+    topic: str = "bench_sample"
+    namespace: str | None = None
+    steadiness: Steadiness = field(default_factory=Steadiness)
+    age_limit: float = 5.0
+    gap: float = 1.0
+    averaged: bool = False
+    use_oil_temperature: bool = True
+
+    def __post_init__(self) -> None:
+        require_positive("age_limit", self.age_limit)
+        require_positive("gap", self.gap)
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Full names of the topics to read.
+
+    Attributes:
+        bench: speeds and torques of the shafts.
+        displacement_ratio: for messages on `bench` without the joint `displacement`, or None.
+        oil_temperature: or None.
+        notes: what was found and not used, in sentences.
+    """
+
+    bench: str
+    displacement_ratio: str | None = None
+    oil_temperature: str | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of them."""
+        found = (self.bench, self.displacement_ratio, self.oil_temperature)
+        return tuple(name for name in found if name is not None)
+
+
+class Bag(ExitStack):
     """A bag open for reading; a context manager.
 
     Args:
@@ -40,6 +98,7 @@ class Bag:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__()
         self.path = str(path)
         try:
             from rosbags.rosbag2 import Reader
@@ -48,26 +107,19 @@ class Bag:
             raise InputError("reading bags needs the library rosbags; in the folder of hmcvt: "
                              "pip install '.[bag]'") from error
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._stack = ExitStack()
         self._readers: list[Any] = []
         self.topics: dict[str, str] = {}
         self.counts: dict[str, int] = {}
         try:
             for part in _parts(Path(path)):
                 with self._in_words():
-                    self._readers.append(self._stack.enter_context(Reader(part)))
+                    self._readers.append(self.enter_context(Reader(part)))
         except BaseException:
-            self._stack.close()
+            self.close()
             raise
         for entry in itertools.chain.from_iterable(item.connections for item in self._readers):
             self.topics[entry.topic] = entry.msgtype
             self.counts[entry.topic] = self.counts.get(entry.topic, 0) + entry.msgcount
-
-    def __enter__(self) -> Bag:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
 
     def records(self, topics: Collection[str]) -> Iterator[tuple[str, float, Any]]:
         """Yield the messages of some topics in the order of the bag.
@@ -93,11 +145,14 @@ class Bag:
                         message = self._decode(data, entry.msgtype)
                         yield entry.topic, receipt * _NANOSECONDS, message
 
-    def describe_topics(self) -> str:
-        """Return the topics with their types, for messages."""
-        names = [f"{name} ({kind})" for name, kind in sorted(self.topics.items())]
-        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-        return ", ".join(names[:_SHOWN]) + more if names else "none"
+    def matching(self, name: str, namespace: str | None = None) -> list[str]:
+        """Return the topics that a name may mean: a full one, or its end in any namespace."""
+        if name.startswith("/"):
+            return [name] if name in self.topics else []
+        if namespace is None:
+            return sorted(topic for topic in self.topics if f"/{topic}".endswith(f"/{name}"))
+        full = "/".join(part for part in ("", namespace.strip("/"), name) if part)
+        return [topic for topic in self.topics if topic.lstrip("/") == full]
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -115,6 +170,58 @@ class Bag:
             return self._types.deserialize_cdr(data, kind)
         except Exception:  # whatever the decoder stumbles on: the bytes are no such message
             return None
+
+
+def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
+    """Find the topics by the end of their names.
+
+    Raises:
+        InputError: the topic of the shafts is missing, there are several, or its type is another;
+            the topics in the bag are named.
+    """
+    bench = _bench_topic(bag, settings)
+    notes: list[str] = []
+
+    def beside(name: str, kind: str) -> str | None:
+        """The one topic of a name, the one beside that of the shafts first."""
+        found = bag.matching(name, settings.namespace)
+        nearest = f"{bench.rpartition('/')[0]}/{name}"
+        first = nearest if nearest in found else next(iter(found), None)
+        if len(found) > 1 and first != nearest:
+            notes.append(f"{' and '.join(found)}: none used; choose one by --namespace")
+        elif first is not None and not bag.topics[first].endswith(f"/{kind}"):
+            notes.append(f"{first} is {bag.topics[first]}, not {kind}: not used")
+        else:
+            return first
+        return None
+
+    stroke = beside(DISPLACEMENT_TOPIC, "Float64")
+    warmth = beside("oil_temperature", "Temperature") if settings.use_oil_temperature else None
+    return Topics(bench, stroke, warmth, tuple(notes))
+
+
+def _bench_topic(bag: Bag, settings: ImportSettings) -> str:
+    found = bag.matching(settings.topic, settings.namespace)
+    if len(found) > 1:
+        raise InputError(f"{bag.path}: holds {' and '.join(found)}; choose one by --namespace "
+                         "or its full name")
+    if not found:
+        where = "" if settings.namespace is None or settings.topic.startswith("/") else (
+            f" in namespace {settings.namespace}")
+        held = ", ".join(name for name in _INPUT_TOPICS if bag.matching(name))
+        hint = (f" ({held} alone cannot give a measured efficiency: that takes speed and torque of "
+                "both shafts)") if held else ""
+        problem = f"holds no topic {settings.topic}{where}{hint}"
+    elif not bag.topics[found[0]].endswith("/JointState"):
+        problem = f"{found[0]} is {bag.topics[found[0]]}, not JointState"
+    elif not bag.counts[found[0]]:
+        problem = f"{found[0]} holds no messages"
+    else:
+        return found[0]
+    names = [f"{name} ({kind})" for name, kind in sorted(bag.topics.items())]
+    shown = ", ".join(names[:_SHOWN]) or "none"
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    raise InputError(f"{bag.path}: {problem}; topics in it: {shown}{more}")
 
 
 def _parts(path: Path) -> list[Path]:

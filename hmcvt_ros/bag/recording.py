@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +23,7 @@ from hmcvt_core.transmission.ranges import (
 )
 
 from ..shafts import Shafts, UnreadableError, read_shafts
-from .reader import Bag
-from .topics import DISPLACEMENT_TOPIC, Topics
+from .reader import DISPLACEMENT_TOPIC, Bag, Topics
 
 Array = NDArray[np.float64]
 
@@ -136,8 +135,7 @@ def record(
         if not known.all():
             refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = int((~known).sum())
     if not len(bench.time):
-        reasons = ", ".join(
-            f"{count} {reason}" for reason, count in refused[topics.bench].most_common())
+        reasons = listed(dict(refused[topics.bench].most_common()))
         raise InputError(
             f"{bag.path}: none of the {read[topics.bench]} messages on {topics.bench} can be used: "
             f"{reasons} (needs velocity and effort of joints engine and output, and position of "
@@ -146,6 +144,11 @@ def record(
         series[topics.oil_temperature], bench, age_limit)
     clock = "header stamp" if bench.stamped else "time of receipt"
     return Readings(bench.time, Shafts(*bench.values.T), temperature), clock, read, refused
+
+
+def listed(reasons: Mapping[str, int]) -> str:
+    """Return counts by reason as text."""
+    return ", ".join(f"{count} {reason}" for reason, count in reasons.items())
 
 
 def _stamp(message: Any) -> float:

@@ -15,7 +15,7 @@ steady        the time integrator
 plans         operating points
 campaign      a campaign of noisy samples with its label
 conditions    which campaigns a trial makes
-trial         a campaign diagnosed and scored; needs the product, as does all below
-refit         what a refit of the base parameters leaves
+trial         a campaign diagnosed and scored, and what a refit of the base parameters leaves;
+              needs the product, as does all below
 scoring       rates and their intervals
 """

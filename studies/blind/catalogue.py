@@ -14,20 +14,23 @@ from studies.blind.effect import Box, Effect, FloatArray
 from studies.blind.plans import reference_points
 from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 
-_CLASSES: tuple[type[Effect], ...] = (
+_KNOWN: tuple[type[Effect], ...] = (
     drag.ChargePump, drag.Churning, drag.ClutchDrag, drag.GearMesh, drag.PlanetaryMesh,
     hydrostatics.PressureLeakage, drag.PressureFriction, hydrostatics.Compressibility,
     hydrostatics.DisplacementError, oil.OilTemperature, meters.TorqueSensor,
     hydrostatics.OrificeLeakage, hydrostatics.StrokeLeakage, drag.BearingSealDrag,
-    drag.OutputChurning, hydrostatics.PortPressureDrop, unknown.TorsionalResonance,
-    unknown.CasingDeflection, unknown.SwashChatter, unknown.ClutchMicroslip,
+    drag.OutputChurning, hydrostatics.PortPressureDrop,
 )
-_BY_NAME = {kind.name: kind for kind in _CLASSES}
+_UNKNOWN: tuple[type[Effect], ...] = (
+    unknown.TorsionalResonance, unknown.CasingDeflection, unknown.SwashChatter,
+    unknown.ClutchMicroslip,
+)
+_BY_NAME = {kind.name: kind for kind in (*_KNOWN, *_UNKNOWN)}
 
 #: Effects that the diagnosis contract names, and the further ones it lists.
-KNOWN_EFFECTS: tuple[str, ...] = tuple(k.name for k in _CLASSES if k.known)
+KNOWN_EFFECTS = tuple(kind.name for kind in _KNOWN)
 #: Effects in nobody's library.
-UNKNOWN_EFFECTS: tuple[str, ...] = tuple(k.name for k in _CLASSES if not k.known)
+UNKNOWN_EFFECTS = tuple(kind.name for kind in _UNKNOWN)
 
 #: Share of the reference plan that an effect may bring to stall before it counts as too large.
 _MOST_STALLED = 0.1

@@ -20,7 +20,6 @@ class ChargePump(Effect):
     (override); `size` 1 is 12 cm3/r.
     """
 
-    name: ClassVar[str] = "charge_pump"
     limit: ClassVar[float] = 6.0
     cracking_pressure: float = 1.7e6
     override: float = 0.3
@@ -45,7 +44,6 @@ class Churning(Effect):
     less what the gears fling away at speed, which lowers the level they dip into.
     """
 
-    name: ClassVar[str] = "churning"
     exponent: float = 2.8
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
@@ -59,7 +57,6 @@ class Churning(Effect):
 class OutputChurning(Effect):
     """Oil churned by the final gears, which turn with the output shaft."""
 
-    name: ClassVar[str] = "output_churning"
     exponent: float = 2.7
 
     def output_drag_power(self, at: Conditions) -> FloatArray:
@@ -77,7 +74,6 @@ class BearingSealDrag(Effect):
     of the SKF model of bearing friction).
     """
 
-    name: ClassVar[str] = "bearing_seal_drag"
     seal_share: float = 0.5
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
@@ -97,7 +93,6 @@ class ClutchDrag(Effect):
     923); at high speed the plates flutter and drag rises a little.
     """
 
-    name: ClassVar[str] = "clutch_drag"
     slip_ratio: float = 0.9
     peak_slip: float = 110.0
     decay: float = 1.7
@@ -120,7 +115,6 @@ class PressureFriction(Effect):
     zero stroke too.
     """
 
-    name: ClassVar[str] = "pressure_friction"
     hersey: float = 5e-7
     floor: float = 0.35
 
@@ -149,7 +143,6 @@ class GearMesh(Effect):
     efficient than assumed, each by its own amount (`uneven`, in the order 2, 3, 4, 5, 6, 11).
     """
 
-    name: ClassVar[str] = "gear_mesh"
     variants: ClassVar[tuple[str, ...]] = ("friction", "efficiency")
     limit: ClassVar[float] = 8.0
     uneven: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
@@ -175,7 +168,6 @@ class PlanetaryMesh(Effect):
     bearings whatever the torque (as in Muller, Epicyclic Drive Trains, 1982, for fast carriers).
     """
 
-    name: ClassVar[str] = "planetary_mesh"
     bearing: float = 0.15
 
     def planetary_loss(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
@@ -69,13 +70,15 @@ class Effect:
     physical.
     """
 
-    name: ClassVar[str] = ""
+    name: ClassVar[str]
     limit: ClassVar[float] = 10.0
-    known: ClassVar[bool] = True
     variants: ClassVar[tuple[str, ...]] = ()
 
     size: float = 1.0
     variant: str = ""
+
+    def __init_subclass__(cls) -> None:
+        cls.name = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     @property
     def box(self) -> Box | None:

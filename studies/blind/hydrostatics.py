@@ -27,7 +27,6 @@ class PressureLeakage(Effect):
     fits such exponents).
     """
 
-    name: ClassVar[str] = "pressure_leakage"
     variants: ClassVar[tuple[str, ...]] = ("clearance", "power_law")
     limit: ClassVar[float] = 8.0
     exponent: float = 1.8
@@ -51,7 +50,6 @@ class OrificeLeakage(Effect):
     dp^0.5.
     """
 
-    name: ClassVar[str] = "orifice_leakage"
     diameter: float = 3e-4
 
     def lost_flow(self, at: Conditions) -> FloatArray:
@@ -66,7 +64,6 @@ class OrificeLeakage(Effect):
 class StrokeLeakage(Effect):
     """Slippers that tilt at large stroke and leak; exponent of stroke below two."""
 
-    name: ClassVar[str] = "stroke_leakage"
     exponent: float = 1.5
 
     def lost_flow(self, at: Conditions) -> FloatArray:
@@ -84,7 +81,6 @@ class Compressibility(Effect):
     Schoenau, Int. J. Fluid Power 13 (2012) 7). `size` scales dead volume and air alike.
     """
 
-    name: ClassVar[str] = "compressibility"
     air: float = 0.03
     dead_volume: float = 0.5
 
@@ -108,8 +104,6 @@ class Compressibility(Effect):
 class PortPressureDrop(Effect):
     """Pressure lost in ports and lines; smooth-pipe turbulence (Blasius), dp ~ Q^1.75 nu^0.25."""
 
-    name: ClassVar[str] = "port_pressure_drop"
-
     def pressure_drop(self, at: Conditions) -> FloatArray:
         """Return the drop along the flow."""
         flow = at.pump_displacement * at.pump_speed * at.stroke / 2e-3
@@ -126,7 +120,6 @@ class DisplacementError(Effect):
     A positive size lowers the stroke; `sense` turns it round.
     """
 
-    name: ClassVar[str] = "displacement_error"
     variants: ClassVar[tuple[str, ...]] = ("offset", "gain", "dead_band")
     limit: ClassVar[float] = 1.0
     sense: float = 1.0

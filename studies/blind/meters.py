@@ -19,7 +19,6 @@ class TorqueSensor(Effect):
     it. A gain error bends slightly with load. `sense` +1 makes the meter read high.
     """
 
-    name: ClassVar[str] = "torque_sensor"
     variants: ClassVar[tuple[str, ...]] = (
         "engine_zero", "engine_gain", "output_zero", "output_gain")
     limit: ClassVar[float] = 12.0

@@ -45,7 +45,6 @@ class OilTemperature(Effect):
     by `film_share`. `size` scales the slope of Walther's line.
     """
 
-    name: ClassVar[str] = "oil_temperature"
     limit: ClassVar[float] = 1.5
     film_share: float = 0.85
 

@@ -23,8 +23,6 @@ class TorsionalResonance(Effect):
     Power ~ the squared magnification of a single mode with damping ratio `damping`.
     """
 
-    name: ClassVar[str] = "torsional_resonance"
-    known: ClassVar[bool] = False
     centre: float = 150.0
     damping: float = 0.04
 
@@ -47,8 +45,6 @@ class TorsionalResonance(Effect):
 class CasingDeflection(Effect):
     """The casing yields at high load and large stroke of one sign and misaligns the gears."""
 
-    name: ClassVar[str] = "casing_deflection"
-    known: ClassVar[bool] = False
     stroke_edge: float = 0.45
     load_edge: float = 300.0
     sense: float = 1.0
@@ -74,9 +70,7 @@ class SwashChatter(Effect):
     `torque`: chatter brakes the pump; `flow`: the valve plate cavitates and flow is lost.
     """
 
-    name: ClassVar[str] = "swash_chatter"
     variants: ClassVar[tuple[str, ...]] = ("torque", "flow")
-    known: ClassVar[bool] = False
     centre: float = 0.4
     half_width: float = 0.15
 
@@ -110,8 +104,6 @@ class SwashChatter(Effect):
 class ClutchMicroslip(Effect):
     """The closed clutch of the mechanical path creeps above its torque capacity."""
 
-    name: ClassVar[str] = "clutch_microslip"
-    known: ClassVar[bool] = False
     limit: ClassVar[float] = 20.0
     capacity: float = 380.0
 

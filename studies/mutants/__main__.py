@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from studies.workers import Record, recorded
@@ -19,6 +20,7 @@ from .harness import KILLED, NO_EFFECT, ROOT, SURVIVED, Copies, probed, reaches,
 from .mutations import Mutation, mutations
 
 GOAL = 0.85
+_say = partial(print, file=sys.stderr, flush=True)
 _ROOMS = ("physics", "model", "identification", "diagnosis", "benches", "transmission")
 
 
@@ -88,10 +90,6 @@ def report(records: Sequence[Record], what: str) -> str:
             for record in sorted(records, key=lambda record: record["key"])
             if record["outcome"] == outcome)]
     return "\n\n".join(parts) + "\n"
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -27,19 +26,9 @@ KILLED, SURVIVED, NO_EFFECT = "killed", "survived", "without effect"
 # What judges the source text or the speed of the machine, not answers.
 _LEFT_OUT = ("test_house_rules.py", "test_speed.py", "test_layers.py")
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+Reach = dict[str, Any]
+"""Of one test file: `seconds` that it takes, and `lines` of each source that it runs."""
 _PYTEST = ("-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no")
-
-
-@dataclass(frozen=True)
-class Reach:
-    """One test file: how long it takes [s], and the lines of each source that it runs."""
-
-    seconds: float
-    lines: dict[str, frozenset[int]]
-
-    def reaches(self, mutation: Mutation) -> bool:
-        first, last = mutation.lines
-        return not self.lines.get(mutation.path, frozenset()).isdisjoint(range(first, last + 1))
 
 
 class Copies:
@@ -103,7 +92,7 @@ def reaches(
                        for path in [ROOT / test, *(ROOT / test).rglob("test_*.py")]
                        if path.is_file() and path.name not in _LEFT_OUT)
 
-        def measure(name: str) -> tuple[str, dict[str, Any]]:
+        def measure(name: str) -> tuple[str, Reach]:
             with copies.one() as copy:
                 found = _measure(copy, name)
             say(f"{name}: {found['seconds']:.0f} s")
@@ -111,12 +100,11 @@ def reaches(
 
         with ThreadPoolExecutor(jobs) as pool:
             kept.write_text(json.dumps(dict(pool.map(measure, names))))
-    return {name: Reach(found["seconds"], {path: frozenset(lines)
-                                           for path, lines in found["lines"].items()})
-            for name, found in json.loads(kept.read_text()).items()}
+    found: dict[str, Reach] = json.loads(kept.read_text())
+    return found
 
 
-def _measure(copy: Path, name: str) -> dict[str, Any]:
+def _measure(copy: Path, name: str) -> Reach:
     start = time.monotonic()
     done = in_copy(copy, ["-m", "coverage", "run", "--source=hmcvt_core", *_PYTEST, name])
     seconds = time.monotonic() - start
@@ -146,10 +134,12 @@ def trial(
     source = path.read_bytes()
     path.write_bytes(mutation.apply(source))
     try:
-        tests = sorted((name for name, each in reach.items() if each.reaches(mutation)),
-                       key=lambda name: reach[name].seconds)
+        own = set(range(mutation.lines[0], mutation.lines[1] + 1))
+        tests = sorted((name for name, each in reach.items()
+                        if not own.isdisjoint(each["lines"].get(mutation.path, ()))),
+                       key=lambda name: reach[name]["seconds"])
         start = time.monotonic()
-        killer = _killer(copy, tests, 30.0 + 4.0 * sum(reach[name].seconds for name in tests))
+        killer = _killer(copy, tests, 30.0 + 4.0 * sum(reach[name]["seconds"] for name in tests))
         outcome = KILLED
         if killer is None:
             equal = probe.same(probed(copy, 60.0 + 10.0 * probe_seconds), answers)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import hmcvt_core as hmcvt
+from hmcvt_core.files import plain
 from hmcvt_core.physics.effects import library
 from studies.blind.campaign import make_campaign
 
@@ -115,28 +116,20 @@ def _saved(model: hmcvt.EfficiencyModel) -> Any:
         return [path.read_text(encoding="utf-8"), hmcvt.load_model(path).fingerprint]
 
 
-def _plain(value: Any) -> Any:
-    """Data that JSON holds, without the date of a fit."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items() if key != "date"}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    return value if isinstance(value, (bool, int, float, str, type(None))) else repr(value)
-
-
 def document() -> dict[str, Any]:
     """All answers by name."""
     found = {}
     for name, ask in answers():
         try:
-            found[name] = _plain(ask())
+            found[name] = json.loads(json.dumps(plain(ask()), default=repr), object_hook=_undated)
         except Exception as error:
             found[name] = f"{type(error).__name__}: {error}"
     return found
+
+
+def _undated(entries: dict[str, Any]) -> dict[str, Any]:
+    """Leave out the date of a fit."""
+    return {key: value for key, value in entries.items() if key != "date"}
 
 
 def same(one: Any, other: Any) -> bool:

@@ -12,7 +12,7 @@ from hmcvt_core.cli import run_command
 from hmcvt_core.cli.common import Progress, json_option, print_json
 
 from .procedure import reproduce
-from .report import plain, write
+from .report import write
 
 _SEEDS = 30
 _JOBS = 2
@@ -43,7 +43,7 @@ def command(out: Path, seeds: int, jobs: int, as_json: bool) -> None:
     if as_json:
         print_json([item.to_dict() for item in found.items])
         return
-    click.echo(plain(found))
+    click.echo(written[1].read_text(encoding="utf-8"))
     click.echo(f"written to {' and '.join(map(str, written))}")
 
 

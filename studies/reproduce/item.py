@@ -33,27 +33,13 @@ class Item:
     why: str = ""
     form: str = ".2f"
 
-    @property
-    def published_text(self) -> str:
-        """The published value as text."""
-        return self._text(self.published)
-
-    @property
-    def ours_text(self) -> str:
-        """Our value as text."""
-        return self._text(self.ours)
-
-    @property
-    def verdict_text(self) -> str:
-        """Verdict and reason in one."""
-        return f"{self.verdict}: {self.why}" if self.why else self.verdict
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return {"item": self.name, "published": self.published, "ours": self.ours,
                 "verdict": self.verdict, "why": self.why}
 
-    def _text(self, value: float | str | None) -> str:
+    def text(self, value: float | str | None) -> str:
+        """Return the published value, or ours, as text."""
         if value is None:
             return "-"
         if isinstance(value, str):

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -15,7 +14,6 @@ from . import (
     comparison,
     conclusions,
     formulas,
-    gear_choice,
     intervals,
     paper,
     subsets,
@@ -23,9 +21,9 @@ from . import (
     tables,
 )
 from .comparison import Summary
-from .gear_choice import Enumeration
+from .conclusions import Enumeration
 from .intervals import Profile
-from .item import VERDICTS, Item
+from .item import Item
 from .subsets import SubsetFit
 from .surfaces import Surface
 from .tables import Fit
@@ -60,12 +58,6 @@ class Reproduction:
     profiles: tuple[Profile, ...]
     seeds: int
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Items by verdict, in the order of `VERDICTS`."""
-        counted = Counter(item.verdict for item in self.items)
-        return {verdict: counted[verdict] for verdict in VERDICTS}
-
 
 def reproduce(
     seeds: int, jobs: int = 1, progress: Callable[[str], None] | None = None
@@ -90,8 +82,8 @@ def reproduce(
         fits = dict(zip(tables.fit_tasks(), done(
             tables.fit, tables.fit_tasks(), "identification"), strict=True))
         lowest = fits["published", paper.BEST_GEAR_EFFICIENCY].identification.objective
-        tried = gear_choice.enumerations(done(
-            gear_choice.fit, gear_choice.tasks(), "gear efficiency"))
+        tried = conclusions.enumerations(done(
+            conclusions.fit, conclusions.tasks(), "gear efficiency"))
         subset_fits = done(subsets.fit, subsets.tasks(), "subset of the tests")
         squares = done(intervals.profile_point, intervals.tasks(), "point of the profiles")
         runs = done(algorithms.run, comparison.tasks(seeds, lowest), "run of figure 6")
@@ -101,7 +93,7 @@ def reproduce(
     summaries = comparison.summaries(runs, lowest)
     items = [*formulas.uncertainties(), *formulas.items(), *tables.items(fits),
              *conclusions.items(fits), *subsets.items(subset_fits),
-             *gear_choice.items(fits, tried), *surfaces.items(drawn),
+             *conclusions.gear_items(fits, tried), *surfaces.items(drawn),
              *comparison.items(summaries), *intervals.items(profiles)]
     groups = list(dict.fromkeys(item.group for item in items))
     items.sort(key=lambda item: groups.index(item.group))

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report: a table for the terminal, a self-contained page, Markdown with figures beside it."""
+"""The report: a self-contained page, and Markdown with figures beside it."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
@@ -11,10 +12,10 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.report import style
 from studies.page import render, table
 
-from . import comparison, gear_choice, intervals, paper, subsets, surfaces, tables
+from . import comparison, conclusions, intervals, paper, subsets, surfaces, tables
 from .algorithms import SERVED
 from .figures import Drawing, drawings
-from .item import BETTER, DIFFERS, NOT_REPRODUCIBLE, REPRODUCED, Item
+from .item import BETTER, DIFFERS, NOT_REPRODUCIBLE, REPRODUCED, VERDICTS, Item
 from .procedure import Reproduction
 from .tables import FORMULATIONS
 
@@ -65,31 +66,15 @@ def _group(drawing: Drawing) -> str:
 
 def _items_table(items: Sequence[Item]) -> str:
     return table(("item", "published", "ours", "verdict"), [
-        (item.name, item.published_text, item.ours_text,
+        (item.name, item.text(item.published), item.text(item.ours),
          f"**{item.verdict}**{': ' if item.why else ''}{item.why}") for item in items])
 
 
 def counts(found: Reproduction) -> str:
     """How many items have each verdict."""
-    parts = ", ".join(f"{count} {verdict}" for verdict, count in found.counts.items())
+    counted = Counter(item.verdict for item in found.items)
+    parts = ", ".join(f"{counted[verdict]} {verdict}" for verdict in VERDICTS)
     return f"{len(found.items)} items: {parts}"
-
-
-def plain(found: Reproduction) -> str:
-    """Return the table for a terminal."""
-    head = ("item", "published", "ours", "verdict")
-    rows = [(item.name, item.published_text, item.ours_text, item.verdict_text)
-            for item in found.items]
-    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(2)]
-    ours = min(44, max(len(row[2]) for row in rows))
-
-    def line(row: Sequence[str]) -> str:
-        return f"{row[0]:<{widths[0]}}  {row[1]:>{widths[1]}}  {row[2]:>{ours}}  {row[3]}"
-
-    lines = [line(head)]
-    for name, group in groupby(zip(found.items, rows, strict=True), key=lambda pair: pair[0].group):
-        lines += ["", name, *(line(row) for _, row in group)]
-    return "\n".join([*lines, "", counts(found)])
 
 
 Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
@@ -100,7 +85,7 @@ def details(found: Reproduction, group: str) -> list[Table]:
     """Tables that stand below the items of a group."""
     if group == tables.TABLE_3:
         return [_table3(found)]
-    if group == gear_choice.GROUP:
+    if group == conclusions.GEAR:
         return [_enumerations(found)]
     if group == comparison.FIGURE_6:
         return [_algorithms(found)]

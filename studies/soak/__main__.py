@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 from studies.page import Run, busy_cores
@@ -17,6 +18,7 @@ from . import processes, report, trial
 
 QUICK = trial.Plan(seconds=3.0, turns=2, refit_turns=1, rates=(300.0, 1000.0, 2000.0),
                    rising_seconds=2.0, fuzz=10_000)
+_say = partial(print, flush=True)
 
 
 def main() -> int:
@@ -54,10 +56,6 @@ def _kill_trials(count: int) -> report.Kills:
         [sys.executable, "-m", "studies.soak.kill_trials", "--trials", str(count), "--seed", "0"],
         capture_output=True, text=True, cwd=processes.ROOT)
     return report.Kills(done.stdout + done.stderr, done.returncode == 0)
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)
 
 
 if __name__ == "__main__":

@@ -6,24 +6,32 @@ The node and the relay take turns, so that whatever else the machine does meets 
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 import hmcvt_core as hmcvt
+from hmcvt_ros import qos
+from hmcvt_ros.messages import bench_sample_to_message
 
 from . import points, processes
 from .fuzz_bench import BenchFuzzer
 from .fuzz_inputs import DEPTH, InputFuzzer, overrides
 from .load import Segment, Target, client
-from .points import Cycle
-from .refits import Refits
+from .points import ORDINARY, Cycle
 
 Say = Callable[[str], None]
+_BATCH = 80  # fewer than the node's subscription holds
+_NOISE = 0.004  # of the efficiency
 
 
 @dataclass(frozen=True)
@@ -186,3 +194,71 @@ def nonsense(plan: Plan, folder: Path, say: Say = print) -> Fuzzed:
             inputs.sent + bench.sent, inputs.oracle.answers, len(bench.rows),
             (*inputs.differences, *bench.differences), time.monotonic() - start, node.stop(),
             alive and "Traceback" not in node.log)
+
+
+class Refits:
+    """Calls `~/reidentify` again and again.
+
+    Attributes:
+        replies: what was answered, as JSON objects.
+    """
+
+    def __init__(self, client: Node, target: Target, namespace: str) -> None:
+        self._target = target
+        self._client = client.create_client(Trigger, f"{namespace}/hmcvt/reidentify")
+        self._samples = client.create_publisher(
+            JointState, f"{namespace}/bench_sample", qos.BENCH_SAMPLE)
+        self._waiting = False
+        self.replies: list[dict[str, Any]] = []
+
+    def log_samples(self, model: hmcvt.EfficiencyModel, count: int, seed: int) -> None:
+        """Have the node log bench samples: what a model gives, with noise.
+
+        Raises:
+            TimeoutError: it does not log them.
+        """
+        random = np.random.default_rng(seed)
+        for number in range(1, count + 1):
+            point = random.uniform(*np.transpose(ORDINARY))
+            efficiency = float(model.efficiency(*point)) * (1 + _NOISE * random.standard_normal())
+            speed, load = map(float, point[1:])
+            output_speed = float(model.output_speed(*point))
+            self._samples.publish(bench_sample_to_message(
+                point[0], speed, load / efficiency, output_speed, load * speed / output_speed))
+            if number % _BATCH and number < count:
+                continue
+            if not self._target.ear.listen_until(lambda logged=number: (
+                    self._target.statuses.sum("model", "logged") == logged), 30.0):
+                raise TimeoutError(f"bench samples are not logged:\n{self._target.process.log}")
+
+    def poll(self) -> None:
+        """Take the reply to the running refit, if it is there, and start the next."""
+        self._take()
+        if not self._waiting:
+            self._waiting = True
+            self._client.call_async(Trigger.Request())
+
+    def finish(self, timeout: float = 120.0) -> dict[str, Any]:
+        """Wait for the running refit; return its reply.
+
+        Raises:
+            TimeoutError: there is none.
+            RuntimeError: it failed.
+        """
+        def ended() -> bool:
+            self._take()
+            return not self._waiting
+
+        if not self._target.ear.listen_until(ended, timeout):
+            raise TimeoutError(f"a refit does not end:\n{self._target.process.log}")
+        return self.replies[-1]
+
+    def _take(self) -> None:
+        header, response = self._client.handle.take_response(Trigger.Response)
+        if header is None:
+            return
+        self._waiting = False
+        reply = json.loads(response.message)
+        if not response.success:
+            raise RuntimeError(f"~/reidentify: {reply['error']}")
+        self.replies.append(reply)

@@ -6,11 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from hmcvt_ros.bag.samples import (
+from hmcvt_ros.bag.steady import (
+    Channel,
+    Steadiness,
     effective_size,
+    find_windows,
     ratio_of_means,
 )
-from hmcvt_ros.bag.steady import Channel, Steadiness, find_windows
 
 from .simulated import RATE, correlated
 

@@ -39,16 +39,22 @@ def diagnosis(name: str) -> Diagnosis:
             found, verdict=name, causes=(), where=(), next_tests=(),
             gap=replace(found.gap, p_value=0.3, significant=False), residuals_after=(
                 found.residuals_before))
+    if name == "certain":
+        nothing = diagnosis("no_gap")
+        return replace(nothing, gap=replace(nothing.gap, p_value=0.009))
     if name == "cause_found":
         return replace(found, verdict=name, causes=(clear,), next_tests=())
     if name == "pair":
         pair = (replace(clear, together_with=second.effect),
                 replace(second, together_with=first.effect, indistinguishable_from=("churning",)))
         return replace(found, causes=(*pair, *others))
+    if name == "two_found":
+        return replace(diagnosis("pair"), verdict="cause_found")
     if name == "unexplained":
         return replace(found, verdict=name, next_tests=())
     if name == "holdout":
         return replace(found, shrinkage=replace(found.shrinkage, on="holdout"),
+                       judged=found.samples.select(np.arange(30)),
                        residuals_before=found.residuals_before[:30],
                        residuals_after=found.residuals_after[:30])
     return {"hostile": hostile, "bare": bare, "many": many, "one_stroke": one_stroke}[name](found)
@@ -79,7 +85,9 @@ def bare(found: Diagnosis) -> Diagnosis:
     stalled = replace(found.base, parameters=hmcvt.HydraulicParameters(9e-9, 0.1, 0.1))
     nothing = np.full(4, np.nan)
     return replace(
-        found, where=(), causes=(), next_tests=(), notes=(), base=stalled,
+        found, residuals=np.full(len(found.samples), np.nan),
+        judged=found.samples.select(np.arange(4)), where=(), causes=(), next_tests=(), notes=(),
+        base=stalled,
         shrinkage=ShrinkageSummary(0.01, 0.01, None, None, "holdout"), residuals_before=nothing,
         residuals_after=nothing)
 
@@ -89,7 +97,8 @@ def many(found: Diagnosis) -> Diagnosis:
     samples = campaign((ChargePump(6.0),), 3, 10_000)
     errors = samples.efficiency - found.base.efficiency(
         samples.displacement_ratio, samples.engine_speed, samples.load_torque)
-    return replace(found, samples=samples, residuals_before=errors, residuals_after=errors / 5.0)
+    return replace(found, samples=samples, residuals=errors, judged=samples,
+                   residuals_before=errors, residuals_after=errors / 5.0)
 
 
 def one_stroke(found: Diagnosis) -> Diagnosis:
@@ -97,7 +106,8 @@ def one_stroke(found: Diagnosis) -> Diagnosis:
     same = np.full(len(found.samples), 0.5)
     where = tuple(replace(region, limits={**region.limits, "displacement_ratio": (0.5, 0.5)})
                   for region in found.where)
-    return replace(found, samples=replace(found.samples, displacement_ratio=same), where=where)
+    samples = replace(found.samples, displacement_ratio=same)
+    return replace(found, samples=samples, judged=samples, where=where)
 
 
 @functools.cache
@@ -154,13 +164,17 @@ def test_escapes_every_text_from_outside() -> None:
     assert "<img src=x" in parsed("hostile").findtext("head/title")
 
 
-@pytest.mark.parametrize(("name", "badge"), [
-    ("no_gap", "No gap"), ("cause_found", "Cause found"), ("pair", "Ambiguous"),
-    ("unexplained", "Unexplained")])
-def test_says_the_verdict_first(name: str, badge: str) -> None:
+@pytest.mark.parametrize(("name", "badge", "remark"), [
+    ("no_gap", "No gap", "Chance alone gives as much disagreement in 30 of 100 campaigns."),
+    ("certain", "No gap", "Chance alone gives as much disagreement in fewer than 1 of 100 "),
+    ("cause_found", "Cause found", "One cause stands out."),
+    ("two_found", "Cause found", "Two effects act together;"),
+    ("pair", "Ambiguous", "More than one cause fits these data."),
+    ("unexplained", "Unexplained", "Do not add an effect on the strength of these data.")])
+def test_says_the_verdict_first(name: str, badge: str, remark: str) -> None:
     told = [" ".join(item.itertext()) for item in parsed(name).find("body/header")]
-    assert told == ["Model against bench: simulated", badge, words.verdict(diagnosis(name)),
-                    words.remark(diagnosis(name))]
+    assert told[:3] == ["Model against bench: simulated", badge, words.verdict(diagnosis(name))]
+    assert " ".join(told[3].split()).startswith(remark)
 
 
 def test_figures_of_the_page_are_those_of_the_diagnosis() -> None:
@@ -188,35 +202,38 @@ def test_map_shows_every_sample_on_its_side_and_tells_it(view: str) -> None:
         np.sort(errors), abs=0.0051)
     for kind, expected in (("below", errors < -2 * 100 * found.gap.noise),
                            ("above", errors > 2 * 100 * found.gap.noise),
-                           ("within", np.abs(errors) <= 100 * found.gap.noise)):
+                           ("within", np.abs(errors) <= 2 * 100 * found.gap.noise)):
         marks = re.search(rf'<g id="map-{view}-{kind}">(.*?)</g>\s*(?:</g>\s*)?<g id', drawn)
         count = 0 if marks is None else marks[1].count("<title>")
         assert count == expected.sum(), kind
 
 
-def test_map_of_many_samples_shows_means_on_a_page_of_moderate_size() -> None:
-    drawn = figure("many", "map-displacement-ratio-load-torque")
-    assert 100 < drawn.count("mean of ") <= 18 * 18
-    assert "mean of the samples in one cell" in text("many")
+def test_of_many_samples_an_even_part_is_drawn_on_a_page_of_moderate_size() -> None:
+    for drawn in ("map-displacement-ratio-load-torque", "residuals-1"):
+        assert 200 < figure("many", drawn).count(" points</title>") <= 400
+    assert text("many").count("A part of the samples is drawn, evenly picked.") == 2
+    assert "evenly picked" not in text("ambiguous")
     assert len(page("many")) < 1_000_000
 
 
 def test_next_tests_come_in_both_units_of_speed_and_implausible_sizes_are_tagged() -> None:
-    assert re.search(r"0\.50 1432 150\.0 300 3\.00", text("hostile"))
+    assert re.search(r"0\.50 1432 150\.0 300 3\b", text("hostile"))
     assert "A channel that is not logged yet : tells churning from charge pump." in text("hostile")
     assert "implausible size" in text("hostile")
     assert "implausible size" not in text("cause_found")
 
 
-def test_causes_that_cannot_be_told_apart_share_a_bracket() -> None:
-    first = diagnosis("ambiguous").causes[0]
-    assert first.indistinguishable_from, "this campaign is meant to leave twins"
-    brackets = re.findall(r'<div class="group bracket">(.*?)<div class="group', page("ambiguous"),
-                          re.DOTALL)
-    assert len(brackets) == 1
-    for name in (first.effect, *first.indistinguishable_from):
-        assert f"<h4>{name.replace('_', ' ')}" in brackets[0]
-    assert "group bracket" not in page("cause_found")
+def test_every_cause_says_what_it_is_not_told_from() -> None:
+    causes = diagnosis("ambiguous").causes
+    assert causes[0].indistinguishable_from, "this campaign is meant to leave twins"
+    articles = [" ".join(" ".join(item.itertext()).split()) for item in
+                parsed("ambiguous").iter("article")]
+    assert len(articles) == len(causes)
+    for article, cause in zip(articles, causes, strict=True):
+        twins = [words.plain(twin) for twin in cause.indistinguishable_from]
+        assert article.startswith(words.plain(cause.effect))
+        assert (f"Not told from {words.listed(twins)}, by these data" in article) == bool(twins)
+    assert "Not told from" not in text("cause_found")
 
 
 def test_watts_stack_up_to_the_loss_of_the_model_and_stalls_are_named() -> None:
@@ -224,8 +241,7 @@ def test_watts_stack_up_to_the_loss_of_the_model_and_stalls_are_named() -> None:
     rows = re.findall(r'<td>([a-z ]+)</td>\s*<td class="number">(\d+)</td>\s*<td class="number">'
                       r"(\d+)</td>", page("cause_found"))
     losses = {part: (int(before), int(after)) for part, before, after in rows}
-    strokes = np.linspace(found.samples.displacement_ratio.min(),
-                          found.samples.displacement_ratio.max(), 41)
+    strokes = np.linspace(-1.0, 1.0, 201)
     for place, model in enumerate((found.base, found.model)):
         parts = model.breakdown(strokes, float(np.median(found.samples.engine_speed)),
                                 float(np.median(found.samples.load_torque)))

@@ -6,7 +6,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import observe
-from hmcvt_core.diagnosis.observations import distinct_rows, pure_error, replicate_groups
+from hmcvt_core.diagnosis.observations import pure_error, replicate_groups
 
 from .campaigns import BASE, campaign, with_column
 
@@ -88,14 +88,18 @@ def test_where_the_noise_comes_from():
 
 
 def test_copies_are_dropped_and_repeated_readings_kept():
-    rows = [[1.0, 1.0, 2.0, 1.0], ["a", "a", "a", "b"]]
-    np.testing.assert_array_equal(distinct_rows(rows), [0, 2, 3])
     quiet = campaign(seed=2, n=24)
     thrice = hmcvt.diagnose(BASE, quiet.select(np.tile(np.arange(24), 3)))
     once = hmcvt.diagnose(BASE, quiet)
     assert thrice.gap == once.gap
     assert "48 of 72 rows copy another one in every column and were left out" in thrice.notes
     assert thrice.notes[1:] == once.notes
+    # The first of each stays, and a column that nobody uses can tell rows apart.
+    twice = with_column(quiet.select(np.repeat(np.arange(24), 2)), extra={"run": [
+        "a", "a", *["a", "b"] * 23]})
+    found = hmcvt.diagnose(BASE, twice)
+    assert "1 of 48 rows copy another one in every column and were left out" in found.notes
+    assert found.samples.extra["run"][:3] == ("a", "a", "b")
 
 
 def test_a_sample_is_described_by_its_number_in_the_file():

@@ -84,7 +84,7 @@ def test_points_planned_twice_do_not_state_the_noise():
     once = hmcvt.BenchSamples(*points[:3], BASE.answer_at(points).efficiency)
     thrice = once.select(np.repeat(np.arange(12), 3))
     single, triple = (hmcvt.separable(BASE, plan) for plan in (once, thrice))
-    assert triple.noise == pytest.approx(single.noise)
+    assert triple.plan.usual_noise == pytest.approx(single.plan.usual_noise)
     assert (triple.detectability >= single.detectability * (1.0 - 1e-9)).all()
     assert (triple.detectability <= 3.0 * single.detectability * (1.0 + 1e-9)).all()
 
@@ -108,12 +108,20 @@ def test_plain_data_and_words():
 
 def test_what_cannot_be_told_apart_comes_with_what_would():
     found = _matrix(campaign(seed=1, speed_noise=None))
-    confused = {item.effect: item for item in found.confused()}
-    assert "torque_sensor" in confused["charge_pump"].twins
-    assert any("meter" in remedy for remedy in confused["charge_pump"].remedies)
+    confused = {item["effect"]: item for item in found.to_dict()["confused"]}
+    assert "torque_sensor" in confused["charge_pump"]["indistinguishable_from"]
+    assert any("meter" in remedy for remedy in confused["charge_pump"]["remedies"])
     flow = confused["pressure_leakage"]
-    assert flow.by_channel, "reading the output speed helps a flow loss"
-    assert set(flow.by_channel) <= set(flow.twins)
+    assert flow["told_by_output_speed"], "reading the output speed helps a flow loss"
+    assert set(flow["told_by_output_speed"]) <= set(flow["indistinguishable_from"])
+    both = _matrix(campaign(seed=1))
+    for name, item in confused.items():
+        seen = found.detectability[found.effects.index(name)]
+        assert seen >= 9.0
+        assert item["told_by_output_speed"] == [
+            other for other in item["indistinguishable_from"] if other not in both.twins(name)]
+    visible = np.flatnonzero(found.detectability >= 9.0)
+    assert [found.effects[i] for i in visible if found.twins(found.effects[i])] == list(confused)
     text = found.report()
     assert "reading the output speed too tells it from" in text
     assert max(map(len, text.splitlines())) <= 100

@@ -99,13 +99,23 @@ def test_errors_are_those_of_a_fit_to_the_others():
     columns, target = _problem()
     spread = np.array([1.0, 2.0, 3.0])
     parts = deals(observed, 0)[0]
-    errors = cross_validated_errors([_linear(observed, columns, target, spread)], observed, parts)
+    errors = cross_validated_errors([_linear(observed, columns, target, spread)], observed, [parts])
     for part in parts:
         others = np.setdiff1d(np.arange(30), part)
         own = columns[0, others]
         mean = np.linalg.solve(own.T @ own + np.diag(spread**-2.0), own.T @ target[0, others])
         expected = (target[0, part] - columns[0, part] @ mean) * 0.01
         np.testing.assert_allclose(errors[part], expected, rtol=1e-5, atol=1e-9)
+
+
+def test_several_deals_are_averaged_in_squares_with_the_sign_of_the_mean():
+    observed = _observed(campaign(n=30, seed=1))
+    rivals = [_linear(observed, *_problem(), np.ones(3))]
+    dealt = deals(observed, 0)
+    each = np.stack([cross_validated_errors(rivals, observed, [parts]) for parts in dealt])
+    errors = cross_validated_errors(rivals, observed, dealt)
+    np.testing.assert_allclose(errors**2, np.mean(each**2, axis=0))
+    np.testing.assert_array_equal(np.sign(errors), np.sign(each.mean(axis=0)))
 
 
 def test_the_rival_is_chosen_on_the_others():
@@ -120,8 +130,8 @@ def test_the_rival_is_chosen_on_the_others():
     spiked = _linear(observed, np.concatenate([columns, spike], axis=-1), target,
                      np.array([1, 1, 1, 30.0]))
     assert spiked.log > plain.log
-    parts = deals(observed, 0)[0]
-    errors = cross_validated_errors([plain, spiked], observed, parts)
+    dealt = deals(observed, 0)[:1]
+    errors = cross_validated_errors([plain, spiked], observed, dealt)
     assert abs(errors[7]) > 0.2, "nothing learnt elsewhere foretells it"
 
 
@@ -131,7 +141,7 @@ def test_a_size_that_goes_negative_is_held_at_zero():
     columns = rng.standard_normal((1, 30, 2))
     target = columns @ np.array([1.0, -3.0])
     held, without = (
-        cross_validated_errors([linear], observed, deals(observed, 0)[0]) for linear in (
+        cross_validated_errors([linear], observed, deals(observed, 0)[:1]) for linear in (
             _linear(observed, columns, target, np.ones(2), positive=1),
             _linear(observed, columns[..., :1], target, np.ones(1))))
     np.testing.assert_allclose(held, without, rtol=1e-5)

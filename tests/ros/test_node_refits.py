@@ -48,9 +48,9 @@ def test_refit_improves_and_revert_goes_back(node, paper_file, table2):
     refitted = hmcvt.identify(hmcvt.read_bench(node.bench_file), seed=0).model
     assert node.player.hold(GOOD).efficiency == pytest.approx(refitted.efficiency(*GOOD), rel=1e-9)
     assert node.comes(lambda: reply.data["model"] in node.player.model_text)
-    grid = node.player.map
-    assert grid.efficiency[20, 8, 7] == pytest.approx(refitted.efficiency(
-        grid.displacement_ratio[20], grid.engine_speed[8], grid.load_torque[7]), rel=1e-9)
+    data = node.player.map.data  # 41, 17 and 15 values of the axes, then the efficiencies
+    assert data[73 + (20 * 17 + 8) * 15 + 7] == pytest.approx(
+        refitted.efficiency(data[20], data[41 + 8], data[41 + 17 + 7]), rel=1e-9)
 
     # The same once more gives the same model, which is no reason to refuse it.
     again = node.player.call("reidentify")

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD, STALLED, points, send_table
 
 import hmcvt_core as hmcvt
+from hmcvt_ros import messages
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +64,11 @@ def test_late_joiner_gets_model_and_map(node, model, tmp_path):
     assert served["fingerprint"] == model.fingerprint
     assert served["since"].endswith("Z")
 
-    grid = late.map
-    assert grid.efficiency.shape == (41, 17, 15)
-    assert (grid.displacement_ratio[0], grid.displacement_ratio[-1]) == (-1.0, 1.0)
-    assert grid.load_torque[0] == 50.0 and grid.load_torque[-1] == 400.0
-    expected = model.efficiency(*np.meshgrid(
-        grid.displacement_ratio, grid.engine_speed, grid.load_torque, indexing="ij"))
-    np.testing.assert_allclose(grid.efficiency, expected, rtol=1e-12)
-    assert np.isfinite(grid.efficiency).any()
+    expected = messages.map_to_message(model.efficiency_map(
+        np.linspace(-1.0, 1.0, 41), np.linspace(78.54, 230.38, 17), np.linspace(50.0, 400.0, 15)))
+    assert late.map.layout == expected.layout
+    np.testing.assert_allclose(late.map.data, expected.data, rtol=1e-12)
+    assert np.isfinite(late.map.data[late.map.layout.data_offset:]).any()
 
 
 def test_point_without_an_answer_is_silence_and_a_warning(node, model):
@@ -204,4 +202,4 @@ def test_parameter_changes_are_checked(node):
         assert not result.successful, (name, value)
         assert word in result.reason
     assert node.set(engine_speed_limits=[80.0, 200.0])[0].successful
-    assert node.comes(lambda: node.player.map.engine_speed[0] == 80.0)
+    assert node.comes(lambda: node.player.map.data[41] == 80.0)
