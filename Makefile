@@ -90,7 +90,7 @@ docs: $(BIN)/python
 # For all Pythons from 3.10 on at once. Without setuptools: `make colcon` needs an old one.
 lock: $(BIN)/python
 	@$(INSTALL) uv
-	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --python-version 3.10 --upgrade \
+	$(BIN)/uv --quiet pip compile pyproject.toml --all-extras --universal --python-version 3.10 --upgrade \
 		--no-emit-package setuptools --no-annotate --custom-compile-command 'make lock' \
 		--output-file constraints.txt
 
