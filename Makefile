@@ -13,6 +13,7 @@
 #   make docs    the pages of docs/ as a web site, in site/
 #   make bench   time everything against what one would use instead; writes docs/benchmarks.md (ten
 #                minutes; nothing else meanwhile, too)
+#   make lock    write constraints.txt anew: the newest versions of all that is installed for tests
 #   make clean   remove .venv and what tools left behind
 
 PYTHON ?= python3
@@ -20,6 +21,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # setuptools warns at length that an editable installation is editable.
 INSTALL := PYTHONWARNINGS=ignore $(BIN)/python -m pip --disable-pip-version-check install --quiet
+# The tests and the demonstration run with these versions; `make lock` moves them.
+LOCKED := $(INSTALL) --constraint constraints.txt
 
 # The wheels of ROS bring their own libraries; those of a ROS installation that this shell has
 # sourced, or of another environment with such wheels, must not be mixed in.
@@ -28,7 +31,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint types colcon soak bench blind reproduce mutants docs system clean
+.PHONY: demo test lint types colcon soak bench blind reproduce mutants docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -85,8 +88,15 @@ mutants: $(VENV)/.mutants
 	$(BIN)/python -m studies.mutants --out docs/mutants.md
 
 docs: $(BIN)/python
-	@$(INSTALL) --editable '.[docs]'
+	@$(LOCKED) --editable '.[docs]'
 	$(BIN)/mkdocs build --strict
+
+# For all Pythons from 3.10 on at once. Without setuptools: `make colcon` needs an old one.
+lock: $(BIN)/python
+	@$(INSTALL) uv
+	$(BIN)/uv --quiet pip compile pyproject.toml --all-extras --universal --python-version 3.10 --upgrade \
+		--no-emit-package setuptools --no-annotate --custom-compile-command 'make lock' \
+		--output-file constraints.txt
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -120,16 +130,16 @@ $(BIN)/python:
 	@$(PYTHON) -m venv --without-pip $(VENV)
 	@$(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install --quiet pip
 
-$(VENV)/.ros: $(BIN)/python pyproject.toml setup.py
+$(VENV)/.ros: $(BIN)/python pyproject.toml setup.py constraints.txt
 	@echo "Installing hmcvt and ROS 2 from wheels into $(VENV) (about 500 MB, once) ..."
-	@$(INSTALL) --editable '.[ros,bag,report]'
+	@$(LOCKED) --editable '.[ros,bag,report]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
-	@$(INSTALL) --editable '.[ros,report,bag,compare,fleet,test,dev]'
+	@$(LOCKED) --editable '.[ros,report,bag,compare,fleet,test,dev]'
 	@touch $@
 
 $(VENV)/.mutants: $(VENV)/.dev
-	@$(INSTALL) --editable '.[mutants]'
+	@$(LOCKED) --editable '.[mutants]'
 	@touch $@

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What colcon has to find here; dependencies, extras and tools stand in pyproject.toml."""
 
 import re

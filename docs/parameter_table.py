@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Write the table of parameters in docs/node.md anew: `python docs/parameter_table.py`."""
 
 from pathlib import Path

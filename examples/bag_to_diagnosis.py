@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """From a recorded bag to a diagnosis, for the test engineer. ROS is not needed.
 
     python examples/bag_to_diagnosis.py                     # a demonstration

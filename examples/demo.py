@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A real node, the bench tests of the paper, a refit (`make demo`).
 
 The node runs as a process of its own and is reached over DDS on the loopback interface, as a

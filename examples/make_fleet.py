@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Make the bench logs of a fleet of simulated transmissions, to try `hmcvt fleet` on.
 
     python examples/make_fleet.py fleet --logs 40

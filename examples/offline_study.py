@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What is there to save by letting the engine speed go? A study without ROS, for the researcher.
 
     python examples/offline_study.py

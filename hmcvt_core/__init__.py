@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Efficiency of hydromechanical CVTs: predict, identify, optimise, diagnose.
 
     import hmcvt_core as hmcvt

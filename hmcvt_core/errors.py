@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The exceptions that hmcvt raises on purpose."""
 
 _MOST = 1000  # characters

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The log of bench samples: a CSV that loses nothing and can be read at any moment.
 
 A sample is on disk when `append` returns. What a power cut leaves half written, or a disk gives

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A client of the node: holds operating points on the inputs, sends bench samples, calls services.
 
 For the demonstration and the tests; also the shortest example of how to talk to the node.

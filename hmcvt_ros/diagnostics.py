@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The two statuses of the node on /diagnostics: its inputs and its model."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The executable of the node `hmcvt`: arguments, signals, exit codes.
 
 The process for heavy work is given this module too, as every process that Python spawns is given

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Nothing that comes from the network ends the node or holds it up.
 
 rclpy answers some services and topics itself: parameters, type descriptions, /clock. An exception

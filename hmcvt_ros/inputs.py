@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The three inputs, and whether each is present, valid and fresh."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The heavy work of the node: a refit, a diagnosis. Done in a process of its own."""
 
 from __future__ import annotations

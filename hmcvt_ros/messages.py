@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Between ROS messages and values of the core.
 
 Every number goes through `float`: the generated message classes send a NumPy scalar or an int as

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The models of a node: the one it starts from, those refitted, and which one is in service.
 
     <state folder>/models/0001.yaml ...   every refitted model, never overwritten

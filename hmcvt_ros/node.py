@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The node `hmcvt`: efficiency and optimal displacement ratio as topics.
 
 It computes nothing itself. It takes messages, checks ages and ranges, asks the model of

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The outputs: what is published for an operating point, and what where there is no answer."""
 
 from __future__ import annotations

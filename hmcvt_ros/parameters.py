@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The parameters of the node: one table that declares, checks and documents them."""
 
 from __future__ import annotations

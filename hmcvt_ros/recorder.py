@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """All that waits for a disk, in a thread of its own: bench samples, and changes of model.
 
 Samples that come while the disk is busy are written together, with one wait for all of them.

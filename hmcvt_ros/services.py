@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The services of the node: each answers with a JSON object in `message`."""
 
 from __future__ import annotations

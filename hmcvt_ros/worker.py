@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A process beside the node for heavy work, so that lookups keep their latency meanwhile.
 
 One process for all jobs, started for the first: a start in itself costs the neighbours more time

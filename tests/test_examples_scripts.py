@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The scripts in examples/, run as their readers run them (the one over ROS 2: tests/ros)."""
 
 import json

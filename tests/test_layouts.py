@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The layouts in docs/layouts: whole, and about the topics of the node.
 
 That docs/node.md names the topics of the node is held by tests/ros/test_node_docs.py.

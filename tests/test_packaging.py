@@ -1,9 +1,10 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """One name and one version in every file that has to repeat them, and the files that ship."""
 
 from __future__ import annotations
 
 import ast
+import configparser
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -96,3 +97,62 @@ def test_everything_beside_the_modules_is_installed_for_ros():
         for path in (ROOT / "hmcvt_ros" / folder).iterdir():
             if path.is_file():
                 assert f'(f"share/{{NAME}}/{folder}", ["hmcvt_ros/{folder}/{path.name}"])' in setup
+
+
+# --- what a user of the package reads and relies on -----------------------------------------------
+
+HEADER = "# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0"
+
+
+def test_every_source_file_says_whose_it_is():
+    missing = [str(path.relative_to(ROOT))
+               for folder in ("docs", "examples", "hmcvt_core", "hmcvt_ros", "studies", "tests")
+               for path in (ROOT / folder).rglob("*.py")
+               if (text := path.read_text(encoding="utf-8")) and text.split("\n")[0] != HEADER]
+    assert missing == []
+
+
+def test_placeholders_are_marked_and_valid_in_form():
+    text = (ROOT / "package.xml").read_text(encoding="utf-8")
+    block = text.partition("<!-- PLACEHOLDERS")[2].partition("<!-- End of the placeholders")[0]
+    assert text.count("example.org") == block.count("example.org") > 0
+    for tag in ("maintainer", "author"):
+        # What catkin_pkg, and so colcon, takes for an address.
+        assert re.fullmatch(r"[-\w%+]+(\.[-\w%+]+)*@[-\w%]+(\.[-\w%]+)*\.[a-zA-Z]{2,}",
+                            PACKAGE.find(tag).get("email"))
+    assert {url.get("type") for url in PACKAGE.iterfind("url")} == {
+        "website", "repository", "bugtracker"}
+
+
+def test_all_that_pip_installs_for_the_tests_is_locked():
+    pinned = re.findall(r"^([\w.-]+)==", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
+    lines = (ROOT / "pyproject.toml").read_text(encoding="utf-8").partition("[tool.")[0].split("\n")
+    lines = [line for line in lines if line.startswith("dependencies = ")] + lines[
+        lines.index("[project.optional-dependencies]"):]
+    asked = re.findall(r'"([\w-]+)[^"]*"', "\n".join(lines))
+    assert len(asked) > 20
+    assert {name.lower() for name in asked} - set(pinned) == {"hmcvt_ros"}
+
+
+def test_what_ends_is_started_again():
+    launch = ast.parse((ROOT / "hmcvt_ros" / "launch" / "hmcvt.launch.py").read_text())
+    node, = (call for call in ast.walk(launch) if isinstance(call, ast.Call)
+             and isinstance(call.func, ast.Name) and call.func.id == "Node")
+    given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+    assert given["respawn"] == "LaunchConfiguration('respawn')"
+    assert float(given["respawn_delay"]) > 0.0
+    page = (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8")
+    unit = configparser.ConfigParser(interpolation=None)
+    unit.optionxform = str
+    unit.read_string(re.search(r"```ini\n(.*?)```", page, re.DOTALL)[1])
+    service = unit["Service"]
+    assert service["Restart"] == "on-failure" and service["RestartPreventExitStatus"] == "2"
+    assert service["MemoryMax"] and service["OOMPolicy"] == "continue"
+    # It would end a node that does not report to systemd.
+    assert "WatchdogSec" not in service
+
+
+def test_readme_leads_to_the_declarations():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for name in ("QUALITY_DECLARATION.md", "SECURITY.md", "docs/security.md"):
+        assert f"]({name})" in readme and (ROOT / name).is_file()

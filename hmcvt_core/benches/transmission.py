@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A transmission on a bench: all that the diagnosis has to know of one."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The command line: thin commands over the core, one module each.
 
 A command is a module here with a `command` in it and a line in `COMMANDS`. Other packages add

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Diagnosis of the gap between a model and a bench, whatever stands on it: see `system`."""
 
 from .plans import Isolability, isolability

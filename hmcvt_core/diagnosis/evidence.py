@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""Evidence of linear models with Gaussian priors and unknown noise of each channel.
 
 Near its refit every hypothesis is linear: y = J t + e with t ~ N(0, S) and e_c ~ N(0, phi_c I) in

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A hypothesis: the base model with some effects, their sizes free; and its refit to the bench.
 
 Every hypothesis is refitted together with the base parameters: a few free parameters swallow most

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which samples a diagnosis can use; impossible points and slips are left out and named.
 
 A gap has neighbours: points close by share it. A slip stands alone. A sample is called an outlier

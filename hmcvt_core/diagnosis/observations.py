@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What the bench measured, channel by channel, with what is known of its noise."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""What operating points can tell apart: those of a plan, and those to measure next.
 
 For effects a, b of typical size with signatures d_a, d_b (in deviations of the readings, what the

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Diagnosis of the gap between model and bench: where, which effect, how far it shrinks."""
 
 from __future__ import annotations

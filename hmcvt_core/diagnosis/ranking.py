@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which competitor explains a gap: linear models near their refits, their evidence and ranking.
 
 Three kinds compete: every form of every known effect, and pairs of them (with an allowance for a

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The working space of a campaign: boxes in which a gap is looked for, and smooth functions.
 
 Places have shape (axes, n); every axis counts by the extent of the campaign along it.

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A diagnosis as plain data (the contract of the command) and as text; nothing is computed."""
 
 from __future__ import annotations

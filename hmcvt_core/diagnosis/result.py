@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The outcome of a diagnosis as values; nothing is computed here."""
 
 from __future__ import annotations

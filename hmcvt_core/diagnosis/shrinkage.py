@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""How far the gap shrinks, on data not used for the fit.
 
 .. math:: G^2 = \overline{e^2} - \sigma^2, \qquad S = 1 - G^2_{after} / G^2_{before}

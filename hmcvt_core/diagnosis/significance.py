@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Is there a gap, and where: the largest of many statistics against its own null distribution.
 
 Whoever looks at thousands of regions and dozens of effects finds something. The statistic is

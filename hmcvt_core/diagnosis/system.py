@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What the diagnosis asks of whatever stands on a bench: all that it knows of it.
 
 A system predicts channels at operating points from a few base parameters with priors, and from

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Numbers, names and sentences that tell a diagnosis; plain text, nothing is escaped here."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Files on disk: bench tables, row-exact errors, atomic writes, shipped data, strict JSON."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Bench samples: steady working points with measured efficiency, as values and as CSV.
 
 The table of any bench is read too, with names and units of its own and torques of both shafts.

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Columns of numbers from CSV, checked against their ranges; every complaint names its place."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A fleet: identify and diagnose every bench log of a folder, many at a time.
 
 study       one log: samples and settings in, outcome out

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Many logs side by side: on processes of this machine, or on a Dask cluster.
 
 Samples go out, outcomes come back; files stay with the caller. A cluster needs hmcvt on scheduler

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """From a folder of bench logs to the two files of each finished one.
 
 Logs are read, studied elsewhere, and their files written here: the parameter file first, the

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """One log: samples and settings in, outcome out; no file is touched, so it can run anywhere."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The table over the fleet: one row per log, robust z scores, counts.
 
 A z score tells which transmissions stand apart from their fleet:

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Identification of the hydraulic parameters from bench samples."""
 
 from .annealing import Schedule

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Simulated annealing, as the paper improves it (section 4.1).
 
 Each improvement is a setting of its own: how the disturbance shrinks (`Shrink`), how the

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Does a refit predict samples that it has not seen, as well as the model in service does?
 
 The samples are dealt into five folds that all span the displacement ratio; each fold is predicted

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What samples say about a change of the model in service, and which of them do not belong.
 
 Parameters are counted in widths of their wear, and changes in directions that were independent of

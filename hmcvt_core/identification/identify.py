@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Identification: bench samples in; out a model, and how it was found as text and as data."""
 
 from __future__ import annotations

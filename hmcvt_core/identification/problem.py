@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The identification problem: what is minimised, the search that finishes it, what stays open."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A refit of the model in service that can do no harm: what the samples do not say, it keeps.
 
 1. Which samples belong together: least trimmed squares find the parameters that the better half of

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The paper's piecewise identification (section 4.1, improvement 4): eta_H first, then parameters.
 
 Part 1 finds, for each sample, the hydraulic efficiency eta_H that makes eq. (18) meet the measured

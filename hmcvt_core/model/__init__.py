@@ -1,2 +1,2 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The efficiency model in a user's hands: lookup, optimum, map, domain, parameter file."""

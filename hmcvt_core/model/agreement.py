@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """How well samples agree with a model (the paper's two measures) and with a gear train."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The region of working points that a model was identified from, and a map that knows it."""
 
 from __future__ import annotations

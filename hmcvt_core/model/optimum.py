@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The displacement ratio that wastes least.
 
 At a held engine speed the best displacement ratio lies next to the full-mechanical point, eps = 0.

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Parameter files: a model as YAML that a person can read, with units and provenance."""
 
 from __future__ import annotations

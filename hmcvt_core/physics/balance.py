@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""The power balance with effects: the whole power flow, shaft by shaft.
 
 The problem has one unknown, the motor speed u:

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""The published formulation: eqs (4)-(18) as the paper prints them, guarded.
 
 Readings (the paper is silent or misprints; `docs/theory.md` argues each):

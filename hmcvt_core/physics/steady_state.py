@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""The power balance of eqs (4), (13)-(15) without effects: at one point, and at many.
 
 Powers are balanced shaft by shaft: the motor speed follows from the flow, the torques from the

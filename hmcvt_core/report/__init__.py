@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a person looks at: the page of a diagnosis and the pictures (extra `report`).
 
 The page is one self-contained HTML file; it loads nothing and needs no script.

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Measured against predicted: residuals over the working space, and before and after an effect."""
 
 from __future__ import annotations

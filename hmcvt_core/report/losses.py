@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Where the watts go, part by part, over the displacement ratio."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Pictures of fits, losses and efficiency maps as files of their own."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """How everything drawn looks, on pages and in files: letters, colours, SVG, templates.
 
 Readable in grey and on a projector: large letters, dark lines, and marks or hatches wherever colour

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Fields of plain mappings, as YAML gives them: what is missing or wrong is named."""
 
 from __future__ import annotations

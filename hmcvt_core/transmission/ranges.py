@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Where the transmission works, and the range of every quantity that enters from outside.
 
 A range is a gate against wrong units and broken sensors, not a statement about validity of the

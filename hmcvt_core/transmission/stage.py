@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The gear train of one stage as data: what lies on each path between engine and output.
 
 A hydromechanical stage has one planetary row with three members. The engine drives one member

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Bench samples from recorded bags (rosbag2): read, aligned in time, cut to steady windows."""
 
 from .importing import Imported, ImportReport, import_bag

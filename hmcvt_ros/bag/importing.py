@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """From a bag to bench samples, and what became of its messages."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Messages of a rosbag2, with every failure in words: where to look for them, and reading them.
 
 The topics read here are of standard types, so the definitions that come with rosbags serve.

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The messages of a bag as time series on one clock, and counts of what is refused."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Steady windows of a time series, and how well a mean in one is known.
 
 The series is cut into short blocks. A run of blocks is steady when in each channel the means of the

@@ -1,2 +1,2 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Commands that this package adds to the command `hmcvt`."""

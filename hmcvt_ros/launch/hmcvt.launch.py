@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Start the node: `ros2 launch hmcvt_ros hmcvt.launch.py params_file:=my.yaml`."""
 
 from pathlib import Path
@@ -40,6 +40,7 @@ def generate_launch_description() -> LaunchDescription:
         arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level"),
                    "--enclave", LaunchConfiguration("enclave")],
         output="screen",
+        # launch does so after any end but its own, wrong parameters too; hence not at once.
         respawn=LaunchConfiguration("respawn"),
         respawn_delay=2.0,
     )

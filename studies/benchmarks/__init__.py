@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The benchmarks: `make bench`, which writes docs/benchmarks.md.
 
 timing      calls that take turns, and what their times say

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Identification beside SciPy's global searches, the annealing by itself, and the diagnosis."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The node beside a bare relay: time from an arrival to the last of its two answers."""
 
 from __future__ import annotations

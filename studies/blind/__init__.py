@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A virtual HMCVT test bench whose physics are written apart from the served model.
 
 It exists to try the gap diagnosis blind: a plant with hidden effects, in other functional forms

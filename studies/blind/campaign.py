@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A measuring campaign on the twin: noisy bench samples, the truth behind them and their label."""
 
 from __future__ import annotations

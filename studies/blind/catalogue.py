@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects by name, drawn with random shape, and scaled to a wanted shift of efficiency."""
 
 from __future__ import annotations

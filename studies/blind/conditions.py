@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which campaigns a blind trial makes: the reference conditions, a grid around them, stress."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Drag of charge pump, oil, bearings, seals and open clutches; friction of units and gears."""
 
 from __future__ import annotations

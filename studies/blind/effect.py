@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What an effect of the twin may act on, and the conditions under which it acts."""
 
 from __future__ import annotations

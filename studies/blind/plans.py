@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Operating points of a campaign, and the reference plan on which effects are sized."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Scores of a blind trial, with Wilson intervals; records in, text out."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Time integration of many small independent systems to their steady states at once.
 
 Linearly implicit Euler whose time step grows as the rates fall (pseudo-transient continuation,

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Gear data of stage HM4 and the speeds and torques that its gear train imposes."""
 
 from __future__ import annotations

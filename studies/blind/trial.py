@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The blind trial: campaigns of the twin, diagnosed through the public command alone.
 
 Each case makes a campaign and gives its CSV file to `hmcvt diagnose` in a process of its own, which

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The plant: stage HM4 with hidden effects, brought to rest and read by its meters.
 
 The dynamometer holds the output power, a governor holds the engine speed, and the pump, the loop

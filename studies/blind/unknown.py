@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects that are in nobody's library, each confined to a region that its `box` states."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Mutation testing: `make mutants`, which asks whether the tests would notice a wrong edit.
 
 mutations   the edits: one operator, number, comparison or name at a time

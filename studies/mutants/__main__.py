@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.mutants`: try random mutants of the core on the tests."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Small wrong edits of a source file, each at one place of its syntax tree.
 
 Operators, comparisons, numbers, conditions and pairs of names such as min and max are changed.

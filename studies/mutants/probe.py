@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Answers of the core, as one JSON document: `python -m studies.mutants.probe [REFERENCE]`.
 
 A mutant that leaves all of them as they are changes no answer. Everything goes through public

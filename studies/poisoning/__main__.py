@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.poisoning`: refits to a worn unit, with and without bad samples."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The algorithms of figure 6 on the paper's identification: improved and standard SA, GA, PSO.
 
 All minimise 1 - RSQ (21) over the same three scaled parameters within the same bounds, gear

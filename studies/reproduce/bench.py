@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The paper's bench and its split, and the search that finds the lowest point of a fit.
 
 The search is `identify`'s aim by cheaper means, for hundreds of fits: the best few of a fixed cloud

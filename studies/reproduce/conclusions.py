@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The four conclusions of the paper as checks that can fail.
 
 The fourth, that 0.98 is the best gear efficiency, depends on the fit: the enumeration of Table 3 is

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The figures of the report; in the style of the pictures of hmcvt (extra `report`)."""
 
 from __future__ import annotations

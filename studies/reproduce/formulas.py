@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What follows from formulas alone: uncertainty (1)-(3), ratio (5), split (8), row at rest (12).
 
 For the ratios the paper prints formulas, not values: the published side is the formula, line by

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """How well five tests determine three parameters: profiles and correlations.
 
 A parameter is held at a value while the others are fitted; the interval holds the values at which

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """One published thing beside ours, judged by the first of the rules in `rules.txt`."""
 
 from __future__ import annotations

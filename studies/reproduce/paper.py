@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What the paper prints, in the units it prints; nothing of ours."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Runs everything and gathers the items and what the figures are drawn from."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The report: a self-contained page, and Markdown with figures beside it."""
 
 from __future__ import annotations

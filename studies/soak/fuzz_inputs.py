@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Nonsense on the three inputs, and what the node may say to it: nothing, or what is right.
 
 Reliable subscriptions that hold a whole burst, so that nothing is lost and every count is exact.

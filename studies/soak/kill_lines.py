@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A kill before every single line of the code that writes files.
 
 Random moments rarely meet the short ones, such as that between two renames; this meets them all.

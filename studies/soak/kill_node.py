@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The node, killed over DDS: while it logs, while it refits, while it puts models into service.
 
 The trials of one kind follow each other in one state folder: each start is the restart that shows

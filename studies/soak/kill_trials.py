@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.soak.kill_trials`: kill -9 at many moments, and look what is left.
 
 Exits with 1 when anything acknowledged was lost, or a file cannot be read.

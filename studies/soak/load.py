@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The load: three inputs at a rate, every answer recognised, its latency taken from the stamps.
 
 An arrival begins when this process is about to publish it and ends when the middleware of this

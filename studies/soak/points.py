@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What is sent under load, the answer that each arrival must get, and which arrival one belongs to.
 
 The arrivals of one topic are taken in the order sent. Those of two topics are not when they wait

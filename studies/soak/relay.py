@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The least that a node in rclpy can do: what ROS itself costs, for comparison.
 
 The inputs, outputs, qualities of service and executor of the node `hmcvt`, and one line of work:

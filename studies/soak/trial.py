@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The trials: steady load, rising load, load during refits, and nonsense.
 
 The node and the relay take turns, so that whatever else the machine does meets both.

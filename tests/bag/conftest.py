@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A simulated bench. These tests need the extra `bag`; without it they are left out, and say so."""
 
 import importlib.util

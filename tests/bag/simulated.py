@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A small simulated bench that moves between operating points, and the bag it is recorded in."""
 
 import math

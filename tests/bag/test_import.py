@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """From bags on disk to bench samples: what is recovered, refused, counted and told."""
 
 import math

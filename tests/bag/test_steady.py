@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Steady windows and the uncertainty of a mean: pure functions on arrays, no bags."""
 
 import math

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a user can get wrong: one line that names the place and the range, exit code 2."""
 
 import pytest

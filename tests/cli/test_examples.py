@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Every command shown to a reader works: in --help, in README.md and on every page of docs/.
 
 A command line is run for real in a folder that holds the files it names. What is not run is named

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt identify`: the paper's split, what it prints and what it writes."""
 
 import pathlib

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`--json` prints one JSON value alone, whatever else a command writes.
 
 `fleet` is run with it by tests/fleet, `import-bag` by tests/bag; `node` prints nothing.

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a command says beside its answer: copies, stalls, oil temperature, errors of meters."""
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The pictures as files: what stands in them, and how a browser lays them out."""
 
 import importlib.util

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The command as a citizen of the shell: exit codes, files, pipes, signals, other packages."""
 
 import array

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """docs/tutorial.md from top to bottom, as its reader follows it; and examples of other pages."""
 
 import re

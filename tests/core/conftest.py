@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The paper's bench tests and stage, and one fixed stream of examples for hypothesis."""
 
 import numpy as np

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A second solution of the steady state, written from the paper's equations alone.
 
 Ten equations in ten unknowns, one for each law, handed to `scipy.optimize.root`. Nothing of

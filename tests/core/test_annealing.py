@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Simulated annealing: the improved one of section 4.1 and the standard one, same harness."""
 
 import itertools

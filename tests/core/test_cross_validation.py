@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A refit against the model in service, on samples that the refit has not seen."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Identification: the paper's split, known truth from synthetic samples, what stays open."""
 
 import json

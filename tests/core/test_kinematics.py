@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Gear train: Table 1, eqs (4), (5), (8), and the values that the paper prints from them."""
 
 import csv

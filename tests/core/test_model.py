@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The model as users hold it: shapes, input checks, standard errors, domain, map."""
 
 import math

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Optimal displacement ratio against brute force, for both things that may be held."""
 
 import math

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Parameter files: round trip, refusal by the name of the field, and damage of every field."""
 
 import copy

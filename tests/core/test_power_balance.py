@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Power balance: properties over random stages, and a second solution of the same equations."""
 
 from dataclasses import replace

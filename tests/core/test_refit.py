@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A refit with the model in service as prior: bad samples, few samples, wear, drift."""
 
 from __future__ import annotations

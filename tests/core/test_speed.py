@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The speeds of docs/benchmarks.md, held to half of the goals so that a busy machine passes.
 
 Processor time, and the least of several rounds in which ours and theirs take turns.

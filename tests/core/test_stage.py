@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A stage comes from YAML alone: a made-up one is checked by hand, wrong ones are refused."""
 
 import copy

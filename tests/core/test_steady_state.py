@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The scalar solve, the array solve, the balance and the optimum: they say the same."""
 
 import numpy as np

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Bench campaigns simulated from the served model, with effects that the diagnoser is not told."""
 
 import functools

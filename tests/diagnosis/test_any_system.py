@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The diagnosis knows no transmission: a leaking hose of two axes goes through it unchanged."""
 
 import ast

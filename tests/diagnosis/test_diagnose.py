@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Whole diagnoses of simulated campaigns: verdict, place, cause, shrinkage, next tests."""
 
 import json

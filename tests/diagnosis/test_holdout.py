@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Samples held out: their own noise, what does not count, and the model that is measured."""
 
 import numpy as np

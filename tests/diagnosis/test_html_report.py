@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The page of a diagnosis: one real diagnosis, and what it could have been."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Refits find the truth in exact data, and stay within their bounds."""
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What is known of readings: their noise, which repeat a point, which copy another."""
 
 import numpy as np

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Regions of the working space: all different, none too small, narrow where the data allow."""
 
 import numpy as np

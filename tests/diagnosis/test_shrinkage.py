@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Shrinkage of the gap: folds, the formula, and errors at samples left out."""
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Fleets to run, their results without what the clock wrote, and their worker processes."""
 
 import contextlib

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Workers and runs that are killed or interrupted: what was finished stays, the rest is made up."""
 
 import multiprocessing

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What `hmcvt fleet` writes and prints, and what it does when it is run again."""
 
 import json

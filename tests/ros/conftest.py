@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Fixtures that run the real node in a process of its own and talk to it over DDS.
 
 Without rclpy these tests fail; on purpose they are left out with HMCVT_CORE_ONLY=1 only.

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A DDS with security beside that of the wheels: Eclipse Cyclone DDS of Debian and Ubuntu.
 
 What `ros2 security` makes of a policy is made here with openssl: identities, and permissions in
@@ -85,18 +85,22 @@ def rules(profile: ElementTree.Element) -> tuple[set[str], set[str]]:
     publish, subscribe = {"ros_discovery_info"}, {"ros_discovery_info"}
     for group in profile:
         verb, = group.attrib
+        # A request goes the way of what is published, its reply the other way.
+        ends = (publish, subscribe) if verb in ("publish", "request") else (subscribe, publish)
         for item in group:
-            name = _full(str(item.text), str(profile.get("node")))
-            if group.tag == "topics":
-                (publish if verb == "publish" else subscribe).add(f"rt{name}")
-            else:
-                request, reply = f"rq{name}Request", f"rr{name}Reply"
-                publish.add(request if verb == "request" else reply)
-                subscribe.add(reply if verb == "request" else request)
+            names = wire_names(item.tag, full(str(item.text), str(profile.get("node"))))
+            for end, name in zip(ends, names, strict=False):
+                end.add(name)
     return publish, subscribe
 
 
-def _full(name: str, node: str) -> str:
+def wire_names(tag: str, name: str) -> list[str]:
+    """What DDS calls a topic, or the request and the reply of a service."""
+    return [f"rt{name}"] if tag == "topic" else [f"rq{name}Request", f"rr{name}Reply"]
+
+
+def full(name: str, node: str) -> str:
+    """A name as ROS expands it for a node in the namespace /."""
     if name.startswith("~"):
         return f"/{node}{name[1:]}"
     return name if name.startswith("/") else f"/{name}"

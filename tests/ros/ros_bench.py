@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What the tests send: the command that starts a node, operating points, bench samples."""
 
 from __future__ import annotations

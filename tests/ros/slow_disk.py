@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A disk that takes its time, by a library that is loaded before all others."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """No message, request or clock from outside ends the node, holds it up, or makes it say old things.
 
 One node for all, with a clock and a main thread that the tests take hold of.

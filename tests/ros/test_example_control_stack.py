@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """examples/control_stack.py beside a node: the pair it asks for is the best of the served model."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Nothing is lost by kill -9: a small edition of `python -m studies.soak.kill_trials`.
 
 In processes of their own, because they fork, which the threads of DDS in this one would not bear.

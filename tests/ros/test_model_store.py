@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which model is in service, over refits, reverts, restarts and damage."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Diagnostics: levels, counts that add up, the input that lies outside the data."""
 
 from __future__ import annotations

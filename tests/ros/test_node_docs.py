@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """docs/node.md against a node that runs: every table, every reply, every file."""
 
 from __future__ import annotations

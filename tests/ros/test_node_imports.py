@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What the node has loaded once it serves: nothing that only refits, plots or commands need."""
 
 import json

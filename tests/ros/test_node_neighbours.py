@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The node among others: of its own kind, and strangers on the same domain."""
 
 from __future__ import annotations

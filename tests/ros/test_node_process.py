@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """How the process starts and ends, as `hmcvt-node` and as `hmcvt node`."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Bench samples are logged, the node refits itself from them, and goes back."""
 
 from __future__ import annotations

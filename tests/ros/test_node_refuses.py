@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Bad, stale and missing inputs: silence, and the reason in diagnostics."""
 
 from __future__ import annotations

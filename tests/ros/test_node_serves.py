@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The node answers its inputs with what the model says, and with nothing else."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The node under a simulated clock: ages follow it, whether it runs, stands still or goes back."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The table of parameters and the YAML that repeats it for the user."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Refits that can do no harm, and jobs that have limits: attacks on a node over DDS."""
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The SROS2 policy that ships, against what a running node and its client really use."""
 
 from __future__ import annotations
 
 import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from ros_bench import command
 
 import hmcvt_ros
 
-POLICY = ElementTree.parse(Path(hmcvt_ros.__file__).parent / "security" / "hmcvt.policy.xml")
+PLACE = Path(hmcvt_ros.__file__).parent
+POLICY = ElementTree.parse(PLACE / "security" / "hmcvt.policy.xml")
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "control_stack.py"
 # (element, attribute, value): the query of the graph that tells what a node uses in this way.
 QUERIES = {
     ("topics", "publish"): "get_publisher_names_and_types_by_node",
@@ -50,20 +53,42 @@ def used(observer, node, namespace):
         return {}
 
 
-@pytest.mark.parametrize("name", ["hmcvt", "bench_player"])
-def test_policy_allows_what_the_node_uses_and_nothing_else(sim_node, connect, name):
+def test_policy_allows_what_the_node_uses_and_nothing_else(sim_node, connect):
     observer = connect("/observer")
     namespace = sim_node.namespace  # it subscribes to /clock
     assert observer.wait_until(
-        lambda: used(observer, name, namespace) == allowed(name, namespace), 10.0
-    ), (used(observer, name, namespace), allowed(name, namespace))
+        lambda: used(observer, "hmcvt", namespace) == allowed("hmcvt", namespace), 10.0
+    ), (used(observer, "hmcvt", namespace), allowed("hmcvt", namespace))
+
+
+@pytest.fixture
+def control_stack(sim_node, environment):
+    """The example of a controller, which pretends to be the tractor too."""
+    with subprocess.Popen(
+            [sys.executable, str(EXAMPLE), "--pretend", "--namespace", sim_node.namespace],
+            env={**environment, "PYTHONPATH": str(PLACE.parent)},
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        yield
+        process.kill()
+
+
+@pytest.mark.parametrize("name", ["bench_player", "control_stack"])
+def test_policy_allows_a_client_what_it_uses(sim_node, connect, control_stack, name):
+    observer, rules = connect("/observer"), allowed(name, sim_node.namespace)
+
+    def permitted():
+        found = used(observer, name, sim_node.namespace)
+        return found and all(set(found[kind]) <= set(rules[kind]) for kind in QUERIES) and all(
+            found[kind] for kind in QUERIES if rules[kind])
+
+    assert observer.wait_until(permitted, 15.0), (used(observer, name, sim_node.namespace), rules)
 
 
 def test_policy_has_the_form_that_sros2_reads():
     root = POLICY.getroot()
     assert (root.tag, root.attrib) == ("policy", {"version": "0.2.0"})
     assert [enclave.get("path") for enclave in root.iterfind("enclaves/enclave")] == [
-        "/hmcvt", "/bench_player"]
+        "/hmcvt", "/bench_player", "/control_stack", "/listener"]
     for profile in root.iter("profile"):
         assert profile.attrib == {"ns": "/", "node": profile.get("node")}
         assert {child.tag for group in profile for child in group} == {"topic", "service"}

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A slow disk, bursts of bench samples, and a state folder that is not as the node left it."""
 
 from __future__ import annotations

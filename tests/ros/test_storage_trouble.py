@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A full disk, a folder that cannot be written, a folder that two nodes want, leftovers."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The endurance trial, shortened; over real ROS, and left out with HMCVT_CORE_ONLY=1 only."""
 
 from __future__ import annotations

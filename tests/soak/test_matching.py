@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """An answer is given to the arrival that it belongs to, or to none."""
 
 from __future__ import annotations

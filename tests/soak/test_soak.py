@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The endurance trial in seconds: bounds that noise of a machine does not reach."""
 
 from __future__ import annotations

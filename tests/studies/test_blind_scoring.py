@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The score of a blind trial names what the rate over all effects hides."""
 
 from studies.blind.conditions import REFERENCE

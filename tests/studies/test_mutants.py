@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The mutants: each is one wrong edit of what an answer comes from, and of nothing else."""
 
 import ast

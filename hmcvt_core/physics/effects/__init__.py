@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects that the base model leaves out, each acting at its place in the power balance.
 
 To add one, write a class in a module of this folder (or anywhere that is imported): see

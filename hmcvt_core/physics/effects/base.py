@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What an unmodelled effect is: a small object that acts at its place in the power balance.
 
 An effect overrides the hooks of the places where it acts; the rest stay as they are. Its dataclass

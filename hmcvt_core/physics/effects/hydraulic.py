@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects inside the pump-motor pair: swash actuator, leakage, friction, ports, and its oil."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Errors of the bench itself: zero and gain of the torque meters."""
 
 from __future__ import annotations
