@@ -50,23 +50,26 @@ class Prior:
         unit: parameters of one such width, shape (3,).
         centre: the model in service.
         covariance: of the model in service, shape (3, 3).
+        stated: whether the model states it; the wear itself stands for one that is unknown.
     """
 
     unit: Array
     centre: Array
     covariance: Array
+    stated: bool
 
     @classmethod
     def of(cls, model: EfficiencyModel) -> Prior:
-        """Take the covariance of a model; the wear itself stands for one that is unknown."""
+        """Take what a model says of itself."""
         values, unit = model.parameters.to_array(), PRIOR_SPREAD.copy()
         unit[0] *= np.log(10.0) * max(values[0], 10.0 ** PRIOR_MEAN[0])
-        covariance = np.eye(len(unit))
+        covariance, stated = np.eye(len(unit)), False
         if model.standard_errors and model.correlation is not None:
+            stated = True
             spread = np.array([model.standard_errors[name] for name in PARAMETER_NAMES]) / unit
             spread = np.maximum(spread, _LEAST_ERROR)
             covariance = np.outer(spread, spread) * model.correlation
-        return cls(unit, values / unit, covariance)
+        return cls(unit, values / unit, covariance, stated)
 
     @cached_property
     def root(self) -> Array:
@@ -224,6 +227,10 @@ class Campaign:
         free = max(self.votes.sum() - len(steps), 0.0) + 1.0
         with np.errstate(divide="ignore"):
             part = np.maximum(0.0, 1.0 - (student.isf(_SIGNIFICANT, free) / least) ** 2)
+        if part.any() and not self.prior.stated:
+            # Nothing but these samples speaks for such a model, and they speak against it: the
+            # most probable parameters then, with the wear as prior.
+            part = np.maximum(part, information / (1.0 + information))
         return Evidence(scatter, directions, information, steps, part)
 
     def follow(self, evidence: Evidence) -> EfficiencyModel:

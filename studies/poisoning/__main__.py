@@ -17,6 +17,7 @@ from .campaign import Case, campaign
 CASES = (
     Case("model in service of 96 samples"),
     Case("model in service of 5 samples", known=0),
+    Case("model in service that states no errors", stated=False),
     Case("noise 0.2 %", noise=0.002),
     Case("noise 1 %", noise=0.01),
     Case("4 to 6 bad samples", bad=(4, 6)),

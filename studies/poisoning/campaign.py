@@ -24,6 +24,7 @@ class Case:
         noise: of the readings, relative.
         known: samples behind the model in service; 0 for `params/hm4.yaml`, which has five.
         bad: fewest and most bad samples.
+        stated: whether the model in service states its errors.
         max_drift: of the refit.
     """
 
@@ -31,6 +32,7 @@ class Case:
     noise: float = 0.004
     known: int = 96
     bad: tuple[int, int] = (1, 3)
+    stated: bool = True
     max_drift: float = MAX_DRIFT
 
 
@@ -42,6 +44,8 @@ def campaign(task: tuple[Case, int]) -> dict[str, float | bool]:
     if case.known:
         served = hmcvt.identify(bench(served, rng, case.known, case.noise), schedule=QUICK,
                                 stage=served.stage).model
+    if not case.stated:
+        served = replace(served, standard_errors={}, correlation=None)
     factors = rng.uniform(1.0, WEAR)
     worn = replace(served, parameters=hmcvt.HydraulicParameters(
         *(served.parameters.to_array() * factors).tolist()))
