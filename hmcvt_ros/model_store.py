@@ -116,6 +116,14 @@ class ModelStore:
         _proven(self.base, self._base_model.fingerprint)
         return now.path
 
+    @property
+    def reference(self) -> Path:
+        """File of the model from which drift counts: the base, or the first refit of an example.
+
+        A base that states no errors was not identified from this unit.
+        """
+        return self.base if self._base_model.standard_errors else self._path(self._stack[:1])
+
     def _path(self, stack: _Stack) -> Path:
         return self._models / stack[-1][0] if stack else self.base
 

@@ -192,9 +192,10 @@ class Settings:
         "waits for ~/adopt.",
         choices=(ADOPT, STAGE))
     reidentify_max_drift: float = _parameter(
-        0.2, "",
-        "Largest mean difference between a refit and the model of model_file, in efficiency within "
-        "the domain, that ~/reidentify accepts.", (0.0, 1.0))
+        0.1, "",
+        "Largest mean difference between a refit and the model of model_file (the first refit, if "
+        "that states no errors), in efficiency within the domain, that ~/reidentify accepts.",
+        (0.0, 1.0))
     job_time_limit: float = _parameter(
         300.0, "s", "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0))
     job_memory_limit: int = _parameter(

@@ -135,7 +135,7 @@ class Services:
             with self._under_way("reidentify"):
                 output = await self._on_disk(self._store.new_path)
                 result, refit, grid = await self._in_worker(
-                    jobs.reidentify, base=self._store.base, output=output,
+                    jobs.reidentify, base=self._store.reference, output=output,
                     candidates=self._folder / "candidates",
                     min_samples=settings.reidentify_min_samples, map_axes=settings.map_axes,
                     max_drift=settings.reidentify_max_drift)
