@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The log of bench samples: a CSV that loses nothing and can be read at any moment.
 
-A sample is on disk when `append` returns. What a power cut leaves half written, or a disk gives
+A sample is on disk when `write` returns. What a power cut leaves half written, or a disk gives
 back otherwise than it was written, is taken out and kept beside the log: every row has a checksum.
 """
 
@@ -40,7 +40,7 @@ class BenchLog:
     def __init__(self, path: Path, limit: int) -> None:
         """Open a log that holds at most `limit` samples.
 
-        A file that cannot be read or repaired is no error yet: `append` tries again.
+        A file that cannot be read or repaired is no error yet: `write` tries again.
         """
         self.path = path
         self.recovered = ""
@@ -60,17 +60,6 @@ class BenchLog:
         """Why there is no room for a sample."""
         return (f"the bench log holds {self._count} samples and takes no more; "
                 "~/clear_samples sets it aside")
-
-    def append(self, samples: BenchSamples) -> None:
-        """Write samples and wait until they are on disk.
-
-        Raises:
-            InputError: the log is full, or a column is missing.
-            OSError: they could not be written; the log is as before.
-        """
-        rows = rows_of(samples)
-        if self.write(rows) < len(rows):
-            raise InputError(self.full)
 
     def write(self, rows: Sequence[bytes]) -> int:
         """Write as many rows as there is room for, wait until they are on disk, say how many.

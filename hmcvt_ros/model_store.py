@@ -74,14 +74,14 @@ class ModelStore:
         self._prune()
         return next_name(self._models).with_suffix(".yaml")
 
-    def adopt(self, path: Path, instead_of: Path | None = None,
-              model: EfficiencyModel | None = None) -> EfficiencyModel:
+    def adopt(self, path: Path, fingerprint: str = "", instead_of: Path | None = None
+              ) -> EfficiencyModel:
         """Put a model written under `new_path` into service.
 
         Args:
             path: of the model.
+            fingerprint: that it must have; any when left out.
             instead_of: the parameter file that must be in service; any when left out.
-            model: what `servable` makes of the file, where that has been done already.
 
         Raises:
             HmcvtError: another is in service.
@@ -91,7 +91,7 @@ class ModelStore:
         if instead_of not in (None, self.in_service.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call ~/reidentify again")
-        model = model or servable(path)
+        model = _proven(path, fingerprint)
         return self._commit([*self._stack, (path.name, model.fingerprint)], model)
 
     def revert(self) -> EfficiencyModel:
@@ -195,7 +195,7 @@ def _proven(path: Path, fingerprint: str) -> EfficiencyModel:
     """Load the model that has a fingerprint; any where that is not known."""
     model = servable(path)
     if fingerprint not in ("", model.fingerprint):
-        raise InputError(f"{path}: is not what was put into service: fingerprint "
+        raise InputError(f"{path}: is not what was written: fingerprint "
                          f"{model.fingerprint}, not {fingerprint}")
     return model
 

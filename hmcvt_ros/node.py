@@ -78,7 +78,7 @@ class EfficiencyNode(Node):
         self._inputs, self._activity = Inputs(), Activity()
         self._log = Recorder(
             BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
-            self._activity.bench)
+            self._activity.bench, lambda text: self._guard.warn("bench_sample", text))
         if not self._state.writable:
             self._activity.bench.expect(NOT_WRITTEN, self._state.complaint)
         self._last_output = -math.inf
@@ -144,8 +144,8 @@ class EfficiencyNode(Node):
         if not self._settings.model_file and self._store.in_service.path == self._store.base:
             logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
                            "served, an example identified from five tests of one transmission")
-        logger.info(f"serving {self._store.in_service.path}, {len(self._log)} bench samples in "
-                    f"{self._log.path}")
+        logger.info(f"serving {self._store.in_service.path}, {len(self._log.log)} bench "
+                    f"samples in {self._log.log.path}")
 
     def contain(self, error: Exception) -> None:
         """Count and tell an exception that left a callback of rclpy's own."""
@@ -223,15 +223,15 @@ class EfficiencyNode(Node):
     # --- bench samples ------------------------------------------------------------------------
 
     def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
-        number = info["publication_sequence_number"]
+        self._log.numbers.take(info["publication_sequence_number"])
         try:
             sample = messages.bench_sample_from_message(
                 messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS,
                 self._activity.bench)
         except InputError as error:
-            self._log.refuse(INVALID, str(error), number)
+            self._log.refuse(INVALID, str(error))
         else:
-            self._log.submit(sample, number)
+            self._log.submit(sample)
 
     # --- model --------------------------------------------------------------------------------
 
@@ -255,8 +255,6 @@ class EfficiencyNode(Node):
 
     def _tick(self) -> None:
         self._service_handlers.poll()
-        if complaint := self._log.poll():
-            self._guard.warn("bench_sample", complaint)
         # NaN is said again and again, so that whoever listens only now hears it too.
         now = self._ages.now()
         unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,64 +29,43 @@ class Recorder:
     """Takes bench samples and writes them to a log, in the order in which they came.
 
     Nothing here waits for a disk but `close`, and what is given to `call`.
+
+    Attributes:
+        log: on disk.
+        numbers: of the messages with the samples.
     """
 
-    def __init__(self, log: BenchLog, tally: Tally) -> None:
-        """Write to a log, and count in `tally`, when asked by `poll`, what is on disk."""
-        self._log, self._tally = log, tally
-        self._numbers = Numbers()
+    def __init__(self, log: BenchLog, tally: Tally, warn: Callable[[str], None]) -> None:
+        """Write to a log, count in `tally` what is on disk, and say what is not."""
+        self.log, self.numbers = log, Numbers()
+        self._tally, self._warn = tally, warn
         self._missed_before = 0  # this log was begun
         self._waiting: deque[bytes] = deque()
-        self._done: deque[Callable[[], None]] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
-
-    def __len__(self) -> int:
-        """Samples on disk."""
-        return len(self._log)
-
-    @property
-    def path(self) -> Path:
-        """The log."""
-        return self._log.path
-
-    @property
-    def lost(self) -> int:
-        """Messages that were sent and did not come, since the start."""
-        return self._numbers.missing
 
     @property
     def complaint(self) -> str:
         """What this log lacks, as a sentence; empty when nothing."""
         missed = self._missed - self._missed_before
         overrun = f"{missed} bench samples were sent and not taken: too many at once"
-        return "; ".join(filter(None, (self._log.recovered, overrun if missed > 0 else "")))
+        return "; ".join(filter(None, (self.log.recovered, overrun if missed > 0 else "")))
 
     @property
     def _missed(self) -> int:
-        return self.lost + self._tally.refused[BUSY]
+        return self.numbers.missing + self._tally.refused[BUSY]
 
-    def submit(self, samples: BenchSamples, number: int) -> None:
-        """Take samples out of the message of a number; `poll` tells what became of them."""
-        self._numbers.take(number)
+    def submit(self, samples: BenchSamples) -> None:
+        """Take samples, which are not on disk yet."""
         if len(self._waiting) + len(samples) > MOST_WAITING:
-            self._tell(self._tally.refuse, BUSY, f"bench log: {MOST_WAITING} samples wait already "
-                       "for the disk")
-            return
-        self._waiting.extend(rows_of(samples))
-        self._thread.submit(self._write)
+            self.refuse(BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk")
+        else:
+            self._waiting.extend(rows_of(samples))
+            self.call(self._write)
 
-    def refuse(self, reason: str, complaint: str, number: int) -> None:
-        """Count the message of a number as refused."""
-        self._numbers.take(number)
-        self._tell(self._tally.refuse, reason, complaint)
-
-    def poll(self) -> str:
-        """Count what has been done since the last call; return the last complaint of it."""
-        complaint = ""
-        while self._done:
-            self._done.popleft()()
-            complaint = self._tally.complaint or complaint
-        return complaint
+    def refuse(self, reason: str, complaint: str) -> None:
+        """Count a sample as refused."""
+        # Behind what came before, so that the last complaint is that of the last sample.
+        self.call(self._refuse, reason, complaint)
 
     def call(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Do in the thread, after all that came before, what waits for a disk."""
@@ -95,39 +73,33 @@ class Recorder:
 
     def set_aside(self) -> tuple[int, Path | None]:
         """Begin a new log, as `BenchLog.set_aside`; for `call`."""
-        done = self._log.set_aside()
+        done = self.log.set_aside()
         self._missed_before = self._missed
         return done
-
-    def checked(self) -> int:
-        """Check the log as `BenchLog.check` does, and count its samples; for `call`."""
-        self._log.check()
-        return len(self._log)
 
     def close(self) -> None:
         """Write what waits, and end."""
         self._thread.shutdown()
 
-    # --- the thread -----------------------------------------------------------------------------
+    # --- the thread; it alone counts, lest two do at once -----------------------------------------
 
-    def _tell(self, count: Callable[..., None], *arguments: Any) -> None:
-        # Behind what came before, so that the last complaint is that of the last sample.
-        self._thread.submit(self._done.append, partial(count, *arguments))
+    def _refuse(self, reason: str, complaint: str, count: int = 1) -> None:
+        self._tally.refuse(reason, complaint, count)
+        self._warn(complaint)
 
     def _write(self) -> None:
         rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
         if not rows:
             return  # they were written with those before
-        refuse = partial(self._tally.refuse, count=len(rows))
         try:
-            written = self._log.write(rows)
+            written = self.log.write(rows)
         except Exception as error:  # of any kind: what was taken must be accounted for
-            self._done.append(partial(refuse, NOT_WRITTEN, f"bench log: {error}"))
+            self._refuse(NOT_WRITTEN, f"bench log: {error}", len(rows))
             return
         if written:
-            self._done.append(partial(self._tally.accept, written))
+            self._tally.accept(written)
         if written < len(rows):
-            self._done.append(partial(refuse, FULL, self._log.full, count=len(rows) - written))
+            self._refuse(FULL, self.log.full, len(rows) - written)
 
 
 class Numbers:

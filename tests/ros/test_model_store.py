@@ -105,7 +105,7 @@ def test_state_of_version_0_1_is_taken_up(paper_file, base, tmp_path):
     shutil.copy(tmp_path / "models" / "0001.yaml", tmp_path / "models" / "0002.yaml")
     third = ModelStore(paper_file, tmp_path)
     assert third.in_service.model.fingerprint == fingerprints[0]
-    assert "0002.yaml: is not what was put into service" in third.complaint
+    assert "0002.yaml: is not what was written" in third.complaint
 
 
 def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(paper_file, tmp_path):
