@@ -10,15 +10,15 @@ from __future__ import annotations
 import functools
 import math
 import time
-from array import array
 from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 
-from .parameters import TEXT_LIMIT
+from .messages import RAW_LIMIT
 
 ENTRIES_LIMIT = 100
 """Most entries of a request."""
@@ -103,19 +103,14 @@ class Guard:
         return checked
 
 
-def excess(value: Any) -> str:
-    """Say what is too large in a message or a field of one; empty when nothing is."""
-    parts: Any = ()
-    if isinstance(value, str):
-        if len(value) > TEXT_LIMIT:
-            return f"a text of {len(value)} characters; allowed are {TEXT_LIMIT}"
-    elif isinstance(value, (list, array)):
-        if len(value) > ENTRIES_LIMIT:
-            return f"{len(value)} entries; allowed are {ENTRIES_LIMIT}"
-        parts = value if isinstance(value, list) else ()
-    elif hasattr(value, "get_fields_and_field_types"):
-        parts = (getattr(value, name) for name in value.get_fields_and_field_types())
-    return next(filter(None, map(excess, parts)), "")
+def excess(request: Any) -> str:
+    """Say what is too large in a request; empty when nothing is."""
+    entries = max((len(getattr(request, name)) for name in ("parameters", "names", "prefixes")
+                   if hasattr(request, name)), default=0)
+    if entries > ENTRIES_LIMIT:
+        return f"{entries} entries; allowed are {ENTRIES_LIMIT}"
+    size = len(serialize_message(request))
+    return f"{size} bytes; allowed are {RAW_LIMIT}" if size > RAW_LIMIT else ""
 
 
 def _refusal(request: Any, response: Any, reason: str) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, InputError
 from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
@@ -30,11 +30,6 @@ RAW_LIMIT = 16_384
 
 _SOURCE = "bench_sample"
 _OF_SHAFTS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed")
-
-
-def float64(value: float) -> Float64:
-    """Return a number as a message."""
-    return Float64(data=float(value))
 
 
 def joint_state(raw: bytes) -> JointState:
@@ -57,7 +52,7 @@ def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
     Raises:
         InputError: a joint or field is missing or doubled, or a value is out of range.
     """
-    shafts = read_shafts(message.name, message.position, message.velocity, message.effort)
+    shafts = read_shafts(message)
     if not shafts.engine_speed > 0.0:
         raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
     return checked_point(
@@ -78,7 +73,7 @@ def bench_sample_from_message(
         InputError: a joint or field is missing or doubled, or a value is out of range.
     """
     try:
-        shafts = read_shafts(message.name, message.position, message.velocity, message.effort)
+        shafts = read_shafts(message)
     except UnreadableError as error:
         raise InputError(f"{_SOURCE}: {error}") from None
     if not (shafts.engine_speed > 0.0 and shafts.engine_power > 0.0):

@@ -171,8 +171,7 @@ def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
         return (_checked(message.data, _STROKE),)
     if topic == topics.oil_temperature:
         return (_checked(message.temperature, OIL_TEMPERATURE),)
-    found = read_shafts(list(message.name), message.position, message.velocity, message.effort,
-                        stroke_elsewhere=topics.displacement_ratio is not None)
+    found = read_shafts(message, stroke_elsewhere=topics.displacement_ratio is not None)
     if not all(map(math.isfinite, found[:4])) or math.isinf(found.displacement_ratio) or (
             math.isnan(found.displacement_ratio) and "displacement" in message.name):
         raise UnreadableError("not finite")

@@ -85,11 +85,6 @@ def test_malformed_joint_state_is_refused(field, value, word):
         messages.bench_sample_from_message(message, now=1.0)
 
 
-def test_numpy_numbers_and_ints_become_floats():
-    assert messages.float64(np.float32(2.5)).data == 2.5
-    assert messages.float64(1).data == 1.0
-
-
 def test_map_is_laid_out_as_documented(paper_file):
     model = hmcvt.load_model(paper_file)
     grid = model.efficiency_map([-1.0, 0.0, 1.0], [80.0, 200.0], [50.0, 100.0, 200.0, 400.0])
