@@ -99,12 +99,11 @@ class BenchLog:
         count = self._count
         if not self.path.exists():
             return 0, None
-        kept = free_name(self.path, "cleared")
+        kept = self._free_name("cleared")
         self.path.rename(kept)
         sync_folder(self.path.parent)
         self._count = self._size = 0
         self.recovered = ""
-        self._keep_newest("cleared")
         return count, kept
 
     def check(self) -> None:
@@ -127,17 +126,17 @@ class BenchLog:
         self._count, self._size = len(good), -1  # no size that it could have
         lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
         if lost or lines[:1] not in ([_HEADER], [_WITHOUT_CHECKSUMS]):
-            kept = free_name(self.path, "damaged")
+            kept = self._free_name("damaged")
             write_atomically(kept, raw)
             self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
                               f"is kept as {kept.name}")
-            self._keep_newest("damaged")
         if text != raw:
             write_atomically(self.path, text)
         self._size = len(text)
 
-    def _keep_newest(self, why: str) -> None:
-        keep_newest(self.path.parent, KEPT, f"{self.path.stem}.{why}-")
+    def _free_name(self, why: str) -> Path:
+        keep_newest(self.path.parent, KEPT - 1, f"{self.path.stem}.{why}-")
+        return free_name(self.path, why)
 
 
 def rows_of(samples: BenchSamples) -> list[bytes]:

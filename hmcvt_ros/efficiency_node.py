@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             try:
                 executor.spin_once()  # the node's timer wakes it up every 0.1 s
             except Exception as error:  # of a callback of rclpy's own
-                node.contain(error)
+                node.guard.contain("rclpy", error)
                 if not _goes_on(executor, node):
                     node.get_logger().fatal("stopping: ROS does not call the node any more")
                     return 1
@@ -91,7 +91,7 @@ def _goes_on(executor: Executor, node: EfficiencyNode) -> bool:
         try:
             executor.spin_once(timeout_sec=0.1)
         except Exception as error:
-            node.contain(error)
+            node.guard.contain("rclpy", error)
     return node.ticks != ticks
 
 

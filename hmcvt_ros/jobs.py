@@ -14,7 +14,7 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.identification.refit import refit
 
 from .model_store import servable
-from .state_folder import keep_newest, next_name
+from .state_folder import next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
@@ -65,9 +65,8 @@ def reidentify(
         "held_back": None if found.held_back is None else asdict(found.held_back),
     }
     if found.refused:
-        path = next_name(candidates).with_suffix(".yaml")
+        path = next_name(candidates, CANDIDATES_KEPT).with_suffix(".yaml")
         hmcvt.save_model(fitted, path)
-        keep_newest(candidates, CANDIDATES_KEPT)
         return {**answer, "candidate": str(path),
                 "refused": f"{found.refused}; it is kept as {path}"}
     hmcvt.save_model(fitted, output)
@@ -87,10 +86,9 @@ def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, 
     found = hmcvt.diagnose(hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed)
     answer = found.to_dict()
     try:
-        path = next_name(reports).with_suffix(".html")
+        path = next_name(reports, REPORTS_KEPT).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
         write_html(found, path)
-        keep_newest(reports, REPORTS_KEPT)
     except (OSError, hmcvt.InputError) as error:  # such as a full disk, or no matplotlib
         # The answer is worth more than the page.
         return {**answer, "report": None, "report_error": str(error)}
