@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from .bench_log import BENCH_REASONS, NOT_WRITTEN, Recorder
 from .inputs import NANOSECONDS, Inputs, OperatingPoint, State, Tally
 from .model_store import InService
 from .parameters import Settings
-from .recorder import BENCH_REASONS, NOT_WRITTEN, Recorder
 
 _LEVELS = {
     State.FRESH: DiagnosticStatus.OK,

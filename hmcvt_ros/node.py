@@ -28,14 +28,13 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path
 
 from . import messages, parameters, qos
-from .bench_log import BenchLog
+from .bench_log import INVALID, NOT_WRITTEN, BenchLog, Recorder
 from .clocks import NodeClock, SteadyClock
 from .diagnostics import Activity, inputs_status, model_status
 from .guard import Guard
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, Tally
 from .model_store import ModelStore
 from .outputs import Outputs
-from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
 from .state_folder import StateFolder
 

@@ -21,10 +21,10 @@ from hmcvt_core import EfficiencyMap, EfficiencyModel, HmcvtError, InputError
 from hmcvt_core.files import plain
 
 from . import jobs
+from .bench_log import Recorder
 from .diagnostics import Activity, Job, Staged, gap_values
 from .model_store import ModelStore, utc_now
 from .parameters import ADOPT, Settings
-from .recorder import Recorder
 from .worker import Worker
 
 Data = dict[str, Any]

@@ -11,10 +11,9 @@ import pytest
 from full_disk import file_limit
 
 import hmcvt_core as hmcvt
-from hmcvt_ros import recorder
-from hmcvt_ros.bench_log import BenchLog, rows_of
+from hmcvt_ros import bench_log
+from hmcvt_ros.bench_log import BenchLog, Numbers, rows_of
 from hmcvt_ros.inputs import Tally
-from hmcvt_ros.recorder import Numbers
 
 
 def sample(number: int) -> hmcvt.BenchSamples:
@@ -199,13 +198,13 @@ def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, miss
 def taken(path):
     """Make a recorder: it, its tally, and what it has warned of."""
     def make(limit):
-        tally, warned = Tally(recorder.BENCH_REASONS), []
-        return recorder.Recorder(BenchLog(path, limit), tally, warned.append), tally, warned
+        tally, warned = Tally(bench_log.BENCH_REASONS), []
+        return bench_log.Recorder(BenchLog(path, limit), tally, warned.append), tally, warned
     return make
 
 
 def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypatch):
-    monkeypatch.setattr(recorder, "MOST_WAITING", 5)
+    monkeypatch.setattr(bench_log, "MOST_WAITING", 5)
     taker, tally, warned = taken(100)
     go_on = threading.Event()
     taker.call(go_on.wait)  # a disk that takes its time
@@ -215,7 +214,7 @@ def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypa
     go_on.set()
     taker.call(lambda: None).result()
     assert len(warned) == 3 and "5 samples wait already" in warned[0]
-    assert (tally.accepted, tally.refused[recorder.BUSY], len(taker.log)) == (5, 3, 5)
+    assert (tally.accepted, tally.refused[bench_log.BUSY], len(taker.log)) == (5, 3, 5)
     assert taker.complaint == "3 bench samples were sent and not taken: too many at once"
     taker.call(taker.set_aside).result()
     assert taker.complaint == ""
@@ -233,5 +232,5 @@ def test_batch_is_taken_as_far_as_there_is_room(path, taken):
     go_on.set()
     taker.close()
     assert "3 samples and takes no more" in warned[0]
-    assert (tally.accepted, tally.refused[recorder.FULL]) == (3, 2)
+    assert (tally.accepted, tally.refused[bench_log.FULL]) == (3, 2)
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(3.0))
