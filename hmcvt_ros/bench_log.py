@@ -161,12 +161,13 @@ class Recorder:
     Attributes:
         log: on disk.
         numbers: of the messages with the samples.
+        tally: what became of the samples.
     """
 
-    def __init__(self, log: BenchLog, tally: Tally, warn: Callable[[str], None]) -> None:
-        """Write to a log, count in `tally` what is on disk, and say what is not."""
-        self.log, self.numbers = log, Numbers()
-        self._tally, self._warn = tally, warn
+    def __init__(self, log: BenchLog, warn: Callable[[str], None]) -> None:
+        """Write to a log, and say what could not be written."""
+        self.log, self.numbers, self.tally = log, Numbers(), Tally(BENCH_REASONS)
+        self._warn = warn
         self._missed_before = 0  # this log was begun
         self._waiting: deque[bytes] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
@@ -180,7 +181,7 @@ class Recorder:
 
     @property
     def _missed(self) -> int:
-        return self.numbers.missing + self._tally.refused[BUSY]
+        return self.numbers.missing + self.tally.refused[BUSY]
 
     def submit(self, samples: BenchSamples) -> None:
         """Take samples, which are not on disk yet."""
@@ -212,7 +213,7 @@ class Recorder:
     # --- the thread; it alone counts, lest two do at once -----------------------------------------
 
     def _refuse(self, reason: str, complaint: str, count: int = 1) -> None:
-        self._tally.refuse(reason, complaint, count)
+        self.tally.refuse(reason, complaint, count)
         self._warn(complaint)
 
     def _write(self) -> None:
@@ -225,7 +226,7 @@ class Recorder:
             self._refuse(NOT_WRITTEN, f"bench log: {error}", len(rows))
             return
         if written:
-            self._tally.accept(written)
+            self.tally.accept(written)
         if written < len(rows):
             self._refuse(FULL, self.log.full, len(rows) - written)
 

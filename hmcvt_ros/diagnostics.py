@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from .bench_log import BENCH_REASONS, NOT_WRITTEN, Recorder
-from .inputs import NANOSECONDS, Inputs, OperatingPoint, State, Tally
+from .bench_log import NOT_WRITTEN, Recorder
+from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
 from .parameters import Settings
 
@@ -83,7 +83,6 @@ class Activity:
     """What the node has done so far and does now.
 
     Attributes:
-        bench: the bench samples.
         ends: how the last refit and the last diagnosis ended, by service.
         gap: `gap_values` of the last diagnosis that succeeded; empty before.
         job: under way, if any.
@@ -91,7 +90,6 @@ class Activity:
         staged: the refit staged last, until the model in service or the log is another.
     """
 
-    bench: Tally = field(default_factory=lambda: Tally(BENCH_REASONS))
     ends: dict[str, str] = field(
         default_factory=lambda: {"reidentify": "none", "diagnose": "none"})
     gap: Mapping[str, str] = field(default_factory=dict)
@@ -148,10 +146,10 @@ def model_status(
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
     state = "; ".join(filter(None, (complaint, log.complaint)))
     warnings = _refit_warnings(now)
-    complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint,
+    complaints = [refusal if point is not None else "", extrapolation, log.tally.complaint,
                   state, activity.trouble, warnings]
     message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
-    level = (DiagnosticStatus.ERROR if activity.bench.reason == NOT_WRITTEN  # data is being lost
+    level = (DiagnosticStatus.ERROR if log.tally.reason == NOT_WRITTEN  # data is being lost
              else DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK)
     model = now.model
     values = {
@@ -167,7 +165,7 @@ def model_status(
         "extrapolation": "; ".join(outside) or "no",
         "state folder": state or "intact",
         "bench samples logged": len(log.log),
-        **activity.bench.values("bench samples"),
+        **log.tally.values("bench samples"),
         "bench samples lost": log.numbers.missing,
         "last refit": activity.ends["reidentify"],
         "staged refit": activity.staged or "-",

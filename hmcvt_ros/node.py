@@ -81,9 +81,9 @@ class EfficiencyNode(Node):
         self._inputs, self._activity = Inputs(), Activity()
         self._log = Recorder(
             BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
-            self._activity.bench, lambda text: self.guard.warn("bench_sample", text))
+            lambda text: self.guard.warn("bench_sample", text))
         if not self._state.writable:
-            self._activity.bench.expect(NOT_WRITTEN, self._state.complaint)
+            self._log.tally.expect(NOT_WRITTEN, self._state.complaint)
         self._last_output = -math.inf
         self._output_due = self._map_due = False
         self._served = self._store.in_service
@@ -221,7 +221,7 @@ class EfficiencyNode(Node):
         try:
             sample = messages.bench_sample_from_message(
                 messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS,
-                self._activity.bench)
+                self._log.tally)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
         else:

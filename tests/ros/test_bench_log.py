@@ -13,7 +13,6 @@ from full_disk import file_limit
 import hmcvt_core as hmcvt
 from hmcvt_ros import bench_log
 from hmcvt_ros.bench_log import BenchLog, Numbers, rows_of
-from hmcvt_ros.inputs import Tally
 
 
 def sample(number: int) -> hmcvt.BenchSamples:
@@ -198,8 +197,9 @@ def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, miss
 def taken(path):
     """Make a recorder: it, its tally, and what it has warned of."""
     def make(limit):
-        tally, warned = Tally(bench_log.BENCH_REASONS), []
-        return bench_log.Recorder(BenchLog(path, limit), tally, warned.append), tally, warned
+        warned = []
+        taker = bench_log.Recorder(BenchLog(path, limit), warned.append)
+        return taker, taker.tally, warned
     return make
 
 
