@@ -36,6 +36,8 @@ BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
 """Why a bench sample may be refused."""
 
 MOST_WAITING = 10_000
+STREAMS = 64
+"""Publishers of bench samples that are told apart."""
 _UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
 
 _WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
@@ -245,8 +247,8 @@ class Numbers:
 
     def __init__(self) -> None:
         self.missing = 0
-        self._last: deque[int] = deque(maxlen=64)  # of each stream
-        self._jumps: deque[tuple[int, int]] = deque(maxlen=64)  # last number before, first after
+        self._last: deque[int] = deque(maxlen=STREAMS)  # of each stream
+        self._jumps: dict[int, int] = {}  # from the last number before to the first one after
 
     def take(self, number: int) -> None:
         """Take the number of a message."""
@@ -254,11 +256,10 @@ class Numbers:
             return
         if number - 1 in self._last:
             self._last.remove(number - 1)
-        elif doubted := [jump for jump in self._jumps if jump[0] == number - 1]:
-            before, after = doubted[0]
-            self._jumps.remove(doubted[0])
-            self.missing -= after - before - 1
-            self._jump(before, after)
+        elif number - 1 in self._jumps:
+            after = self._jumps.pop(number - 1)
+            self.missing -= after - number
+            self._jump(number - 1, after)
         else:
             self._jump(number, number)
         self._last.append(number)
@@ -268,7 +269,9 @@ class Numbers:
         if streams := [last for last in self._last if last < below]:
             before = max(streams)
             self._last.remove(before)
-            self._jumps.append((before, after))
+            self._jumps[before] = after
+            if len(self._jumps) > STREAMS:
+                del self._jumps[next(iter(self._jumps))]
             self.missing += after - before - 1
 
 

@@ -269,7 +269,6 @@ class EfficiencyNode(Node):
                 "points not answered, inputs apart": self._inputs.apart,
                 **self._points.values("operating points"),
                 "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
-                "clocks refused": self.guard.clocks_refused,
                 "requests contained": self.guard.contained}),
             model_status(name, self._served, self._store.complaint, self._activity, self._log,
                          self._point(now), self._outputs.refusal),

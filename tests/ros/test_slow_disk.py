@@ -206,7 +206,7 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
     node.set(samples_file="mine.csv")
     reply = node.player.call("reidentify")
     assert not reply.success and "0001.yaml: is not what was written" in reply.data["error"]
-    assert node.player.call("revert").data["file"] == str(paper_file)
+    assert node.player.call("revert").data["file"] == paper_file.name
     node.forget_status()
     assert node.comes(lambda: node.value("state folder") == "intact")
 
