@@ -1,8 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The log of bench samples: a CSV that loses nothing and can be read at any moment.
 
-A sample is on disk when `append` returns. What a power cut leaves half written, or a disk gives
+A sample is on disk when `write` returns. What a power cut leaves half written, or a disk gives
 back otherwise than it was written, is taken out and kept beside the log: every row has a checksum.
+
+All that waits for a disk has a thread of its own: bench samples, and changes of model. Samples that
+come while the disk is busy are written together, with one wait for all of them.
 """
 
 from __future__ import annotations
@@ -10,19 +13,32 @@ from __future__ import annotations
 import contextlib
 import os
 import zlib
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.files.atomic import free_name, make_folder, sync_folder, write_atomically
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
+from .inputs import Tally
 from .state_folder import keep_newest
 
 COLUMNS = ("stamp", "displacement_ratio", "engine_speed", "load_torque", "efficiency",
            "output_speed")
 KEPT = 10
 """Logs set aside that are kept, and damaged ones; the newest."""
+
+INVALID, FULL, BUSY, NOT_WRITTEN = "invalid", "log full", "too many at once", "not written"
+BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
+"""Why a bench sample may be refused."""
+
+MOST_WAITING = 10_000
+STREAMS = 64
+"""Publishers of bench samples that are told apart."""
+_UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
 
 _WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
 _HEADER = _WITHOUT_CHECKSUMS + b",crc"
@@ -40,7 +56,7 @@ class BenchLog:
     def __init__(self, path: Path, limit: int) -> None:
         """Open a log that holds at most `limit` samples.
 
-        A file that cannot be read or repaired is no error yet: `append` tries again.
+        A file that cannot be read or repaired is no error yet: `write` tries again.
         """
         self.path = path
         self.recovered = ""
@@ -60,17 +76,6 @@ class BenchLog:
         """Why there is no room for a sample."""
         return (f"the bench log holds {self._count} samples and takes no more; "
                 "~/clear_samples sets it aside")
-
-    def append(self, samples: BenchSamples) -> None:
-        """Write samples and wait until they are on disk.
-
-        Raises:
-            InputError: the log is full, or a column is missing.
-            OSError: they could not be written; the log is as before.
-        """
-        rows = rows_of(samples)
-        if self.write(rows) < len(rows):
-            raise InputError(self.full)
 
     def write(self, rows: Sequence[bytes]) -> int:
         """Write as many rows as there is room for, wait until they are on disk, say how many.
@@ -110,12 +115,11 @@ class BenchLog:
         count = self._count
         if not self.path.exists():
             return 0, None
-        kept = free_name(self.path, "cleared")
+        kept = self._free_name("cleared")
         self.path.rename(kept)
         sync_folder(self.path.parent)
         self._count = self._size = 0
         self.recovered = ""
-        self._keep_newest("cleared")
         return count, kept
 
     def check(self) -> None:
@@ -138,17 +142,137 @@ class BenchLog:
         self._count, self._size = len(good), -1  # no size that it could have
         lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
         if lost or lines[:1] not in ([_HEADER], [_WITHOUT_CHECKSUMS]):
-            kept = free_name(self.path, "damaged")
+            kept = self._free_name("damaged")
             write_atomically(kept, raw)
             self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
                               f"is kept as {kept.name}")
-            self._keep_newest("damaged")
         if text != raw:
             write_atomically(self.path, text)
         self._size = len(text)
 
-    def _keep_newest(self, why: str) -> None:
-        keep_newest(self.path.parent, KEPT, f"{self.path.stem}.{why}-")
+    def _free_name(self, why: str) -> Path:
+        keep_newest(self.path.parent, KEPT - 1, f"{self.path.stem}.{why}-")
+        return free_name(self.path, why)
+
+
+class Recorder:
+    """Takes bench samples and writes them to a log, in the order in which they came.
+
+    Nothing here waits for a disk but `close`, and what is given to `call`.
+
+    Attributes:
+        log: on disk.
+        numbers: of the messages with the samples.
+        tally: what became of the samples.
+    """
+
+    def __init__(self, log: BenchLog, warn: Callable[[str], None]) -> None:
+        """Write to a log, and say what could not be written."""
+        self.log, self.numbers, self.tally = log, Numbers(), Tally(BENCH_REASONS)
+        self._warn = warn
+        self._missed_before = 0  # this log was begun
+        self._waiting: deque[bytes] = deque()
+        self._thread = ThreadPoolExecutor(1, "storage")
+
+    @property
+    def complaint(self) -> str:
+        """What this log lacks, as a sentence; empty when nothing."""
+        missed = self._missed - self._missed_before
+        overrun = f"{missed} bench samples were sent and not taken: too many at once"
+        return "; ".join(filter(None, (self.log.recovered, overrun if missed > 0 else "")))
+
+    @property
+    def _missed(self) -> int:
+        return self.numbers.missing + self.tally.refused[BUSY]
+
+    def submit(self, samples: BenchSamples) -> None:
+        """Take samples, which are not on disk yet."""
+        if len(self._waiting) + len(samples) > MOST_WAITING:
+            self.refuse(BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk")
+        else:
+            self._waiting.extend(rows_of(samples))
+            self.call(self._write)
+
+    def refuse(self, reason: str, complaint: str) -> None:
+        """Count a sample as refused."""
+        # Behind what came before, so that the last complaint is that of the last sample.
+        self.call(self._refuse, reason, complaint)
+
+    def call(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Do in the thread, after all that came before, what waits for a disk."""
+        return self._thread.submit(work, *arguments)
+
+    def set_aside(self) -> tuple[int, Path | None]:
+        """Begin a new log, as `BenchLog.set_aside`; for `call`."""
+        done = self.log.set_aside()
+        self._missed_before = self._missed
+        return done
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        self._thread.shutdown()
+
+    # --- the thread; it alone counts, lest two do at once -----------------------------------------
+
+    def _refuse(self, reason: str, complaint: str, count: int = 1) -> None:
+        self.tally.refuse(reason, complaint, count)
+        self._warn(complaint)
+
+    def _write(self) -> None:
+        rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        if not rows:
+            return  # they were written with those before
+        try:
+            written = self.log.write(rows)
+        except Exception as error:  # of any kind: what was taken must be accounted for
+            self._refuse(NOT_WRITTEN, f"bench log: {error}", len(rows))
+            return
+        if written:
+            self.tally.accept(written)
+        if written < len(rows):
+            self._refuse(FULL, self.log.full, len(rows) - written)
+
+
+class Numbers:
+    """Counts the messages that are missing, by the numbers of those that came.
+
+    Every publisher numbers its messages from 1, and a message does not tell its publisher. So a
+    number goes with the stream of which it is the next; where there is none, the nearest stream
+    below lacks some, unless that goes on later: then it was the next one below, if any. A stream
+    that is met in the middle lacks nothing: it had begun before we listened.
+
+    Attributes:
+        missing: count of messages.
+    """
+
+    def __init__(self) -> None:
+        self.missing = 0
+        self._last: deque[int] = deque(maxlen=STREAMS)  # of each stream
+        self._jumps: dict[int, int] = {}  # from the last number before to the first one after
+
+    def take(self, number: int) -> None:
+        """Take the number of a message."""
+        if not 0 < number < _UNNUMBERED:
+            return
+        if number - 1 in self._last:
+            self._last.remove(number - 1)
+        elif number - 1 in self._jumps:
+            after = self._jumps.pop(number - 1)
+            self.missing -= after - number
+            self._jump(number - 1, after)
+        else:
+            self._jump(number, number)
+        self._last.append(number)
+
+    def _jump(self, below: int, after: int) -> None:
+        """Lay a jump to a number to the nearest stream below another."""
+        if streams := [last for last in self._last if last < below]:
+            before = max(streams)
+            self._last.remove(before)
+            self._jumps[before] = after
+            if len(self._jumps) > STREAMS:
+                del self._jumps[next(iter(self._jumps))]
+            self.missing += after - before - 1
 
 
 def rows_of(samples: BenchSamples) -> list[bytes]:

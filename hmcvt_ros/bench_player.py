@@ -79,17 +79,17 @@ class BenchPlayer(Node):
         self._inputs = [self.create_publisher(Float64, limits.name, qos.INPUT)
                         for limits in INPUT_RANGES]
         self._samples = self.create_publisher(JointState, "bench_sample", qos.BENCH_SAMPLE)
-        for name, values in zip(Answer._fields, (self.efficiencies, self.optima), strict=True):
-            self.create_subscription(
-                Float64, name, lambda m, values=values: values.append(m.data), qos.OUTPUT)
-        self.create_subscription(
-            DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS)
-        # These last: what arrives on them tells that the node knows the subscriptions before.
-        self.create_subscription(
-            String, "hmcvt/model", lambda m: setattr(self, "model_text", m.data), qos.LATCHED)
-        self.create_subscription(
-            Float64MultiArray, "hmcvt/efficiency_map", lambda m: setattr(self, "map", m),
-            qos.LATCHED)
+        for kind, topic, take, profile in (
+                (Float64, "efficiency", lambda m: self.efficiencies.append(m.data), qos.OUTPUT),
+                (Float64, "optimal_displacement_ratio",
+                 lambda m: self.optima.append(m.data), qos.OUTPUT),
+                (DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS),
+                # Last: what arrives on them tells that the node knows the subscriptions before.
+                (String, "hmcvt/model",
+                 lambda m: setattr(self, "model_text", m.data), qos.LATCHED),
+                (Float64MultiArray, "hmcvt/efficiency_map",
+                 lambda m: setattr(self, "map", m), qos.LATCHED)):
+            self.create_subscription(kind, topic, take, profile)
         self._triggers = {name: self.create_client(Trigger, f"hmcvt/{name}") for name in (
             "reidentify", "diagnose", "adopt", "revert", "clear_samples", "cancel")}
 
@@ -100,29 +100,21 @@ class BenchPlayer(Node):
 
     # --- waiting ------------------------------------------------------------------------------
 
+    def wait_until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Take messages until a condition holds; False when it does not in time [s]."""
+        end = time.monotonic() + timeout
+        while not condition() and (left := end - time.monotonic()) > 0.0:
+            self._spinner.spin_once(timeout_sec=min(left, ROUND))
+        return condition()
+
     def spin_for(self, seconds: float) -> None:
         """Take messages for a while."""
         self.wait_until(lambda: False, seconds)
 
-    def wait_until(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Take messages until a condition holds; False when it does not in time."""
-        end = time.monotonic() + timeout
-        while not condition():
-            left = end - time.monotonic()
-            if left <= 0.0:
-                return False
-            self._spinner.spin_once(timeout_sec=min(left, ROUND))
-        return True
-
     def wait_for_node(
         self, timeout: float = 20.0, running: Callable[[], bool] = lambda: True
     ) -> bool:
-        """Wait until every topic and service is connected and the latched messages are here.
-
-        Args:
-            timeout: [s].
-            running: tells whether the node's process still runs; no need to wait when it does not.
-        """
+        """Wait until all is connected and the latched messages are here, as long as it may come."""
         def connected() -> bool:
             return (all(end.get_subscription_count() for end in (*self._inputs, self._samples))
                     and all(client.service_is_ready() for client in self._triggers.values())
@@ -137,15 +129,12 @@ class BenchPlayer(Node):
     def send_inputs(self, point: OperatingPoint) -> None:
         """Publish the three inputs once."""
         for publisher, value in zip(self._inputs, point, strict=True):
-            publisher.publish(messages.float64(value))
+            publisher.publish(Float64(data=float(value)))
 
     def hold(self, point: OperatingPoint, rounds: int = 3, patience: float = 5.0) -> Answer:
-        """Hold an operating point as a bench would, and return the last answer of the node.
+        """Send the three inputs some rounds, as a bench would, and return the last answer.
 
-        Args:
-            point: the operating point.
-            rounds: how often the three inputs are sent.
-            patience: how much longer to hold when there is no answer [s].
+        `patience` is how much longer to go on where there is no answer [s].
         """
         # In a round before the first the node meets mixtures of this point and the one before.
         self.send_inputs(point)

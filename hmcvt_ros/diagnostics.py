@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from .inputs import NANOSECONDS, Inputs, OperatingPoint, State, Tally
+from .bench_log import NOT_WRITTEN, Recorder
+from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
 from .parameters import Settings
-from .recorder import BENCH_REASONS, NOT_WRITTEN, Recorder
 
 _LEVELS = {
     State.FRESH: DiagnosticStatus.OK,
@@ -23,7 +25,7 @@ _LEVELS = {
 }
 
 
-def gap_values(found: Mapping[str, Any], model: str, time: str) -> dict[str, str]:
+def gap_values(found: Mapping[str, Any], model: str, when: str) -> dict[str, str]:
     """Return what is shown of an answer of `~/diagnose` about the model with a fingerprint."""
     causes, fraction = found["causes"], found["shrinkage"]["fraction"]
     return {
@@ -32,33 +34,68 @@ def gap_values(found: Mapping[str, Any], model: str, time: str) -> dict[str, str
                              if causes else "-",
         "gap rmse [-]": f"{found['gap']['rmse']:.4g}",
         "gap shrinkage [-]": "-" if fraction is None else f"{fraction:.3f}",
-        "gap diagnosed": f"{time}, {found['gap']['samples']} samples",
+        "gap diagnosed": f"{when}, {found['gap']['samples']} samples",
         "gap of model": model,
         "report": found["report"] or "-",
     }
 
 
 @dataclass
-class Activity:
-    """What the node has done so far.
+class Job:
+    """What is under way for a caller of a service; one at a time.
 
     Attributes:
-        bench: the bench samples.
-        last_refit: how the last refit ended.
-        last_diagnosis: how the last diagnosis ended.
-        gap: `gap_values` of the last one that succeeded; empty before.
-        running: the background job, empty when there is none.
-        trouble: why the last job did not come to its end; empty when it did, or was cancelled.
-        staged: the refit that waits for `~/adopt`; empty when there is none.
+        name: of the service.
+        started: when, by the monotonic clock [s].
+        working: whether the worker does it; else it waits for a disk.
+        stopped: whether the worker was found stopped.
+        ended: why before its end; empty when it was not.
     """
 
-    bench: Tally = field(default_factory=lambda: Tally(BENCH_REASONS))
-    last_refit: str = "none"
-    last_diagnosis: str = "none"
+    name: str
+    started: float = field(default_factory=time.monotonic)
+    working: bool = False
+    stopped: bool = False
+    ended: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """How long it has been under way."""
+        return time.monotonic() - self.started
+
+    def __str__(self) -> str:
+        return f"{self.name} has been running for {self.seconds:.1f} s"
+
+
+class Staged(NamedTuple):
+    """A refit that waits for `~/adopt`: its file, and what it is to take the place of."""
+
+    path: Path
+    fingerprint: str
+    instead_of: Path
+
+    def __str__(self) -> str:
+        return f"{self.path} ({self.fingerprint})"
+
+
+@dataclass
+class Activity:
+    """What the node has done so far and does now.
+
+    Attributes:
+        ends: how the last refit and the last diagnosis ended, by service.
+        gap: `gap_values` of the last diagnosis that succeeded; empty before.
+        job: under way, if any.
+        trouble: why the last job did not come to its end; empty when it did, or was cancelled.
+        staged: the refit staged last, until the model in service or the log is another.
+    """
+
+    ends: dict[str, str] = field(
+        default_factory=lambda: {"reidentify": "none", "diagnose": "none"})
     gap: Mapping[str, str] = field(default_factory=dict)
-    running: str = ""
+    job: Job | None = None
     trouble: str = ""
-    staged: str = ""
+    staged: Staged | None = None
 
 
 def inputs_status(
@@ -109,10 +146,10 @@ def model_status(
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
     state = "; ".join(filter(None, (complaint, log.complaint)))
     warnings = _refit_warnings(now)
-    complaints = [refusal if point is not None else "", extrapolation, activity.bench.complaint,
+    complaints = [refusal if point is not None else "", extrapolation, log.tally.complaint,
                   state, activity.trouble, warnings]
     message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
-    level = (DiagnosticStatus.ERROR if activity.bench.reason == NOT_WRITTEN  # data is being lost
+    level = (DiagnosticStatus.ERROR if log.tally.reason == NOT_WRITTEN  # data is being lost
              else DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK)
     model = now.model
     values = {
@@ -127,14 +164,14 @@ def model_status(
         "in service since": now.since,
         "extrapolation": "; ".join(outside) or "no",
         "state folder": state or "intact",
-        "bench samples logged": len(log),
-        **activity.bench.values("bench samples"),
-        "bench samples lost": log.lost,
-        "last refit": activity.last_refit,
+        "bench samples logged": len(log.log),
+        **log.tally.values("bench samples"),
+        "bench samples lost": log.numbers.missing,
+        "last refit": activity.ends["reidentify"],
         "staged refit": activity.staged or "-",
-        "last diagnosis": activity.last_diagnosis,
+        "last diagnosis": activity.ends["diagnose"],
         **activity.gap,
-        "running": activity.running or "-",
+        "running": activity.job if activity.job and activity.job.working else "-",
     }
     return _status(name, "model", level, message, values)
 

@@ -8,17 +8,12 @@ the main module of its parent; so nothing that takes time to load is loaded befo
 from __future__ import annotations
 
 import gc
+import math
 import os
 import signal
 import sys
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rclpy.executors import Executor
-
-    from .node import EfficiencyNode
 
 PATIENCE = 10.0  # seconds, a hundred times the period of the node's timer
 
@@ -66,15 +61,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    ticks, failed = node.ticks, math.inf  # since when a failure has not been followed by a tick
     try:
         while not asked:
             try:
-                executor.spin_once()  # the node's timer wakes it up every 0.1 s
+                # The node's timer wakes it up every 0.1 s, unless what failed left rclpy stuck.
+                executor.spin_once(timeout_sec=None if failed == math.inf else 0.1)
             except Exception as error:  # of a callback of rclpy's own
-                node.contain(error)
-                if not _goes_on(executor, node):
-                    node.get_logger().fatal("stopping: ROS does not call the node any more")
-                    return 1
+                node.guard.contain("rclpy", error)
+                # Nothing is to be waited for where ROS itself has ended.
+                failed = min(failed, time.monotonic() if node.context.ok() else -math.inf)
+            if node.ticks != ticks:
+                ticks, failed = node.ticks, math.inf
+            elif time.monotonic() > failed + PATIENCE:
+                node.get_logger().fatal("stopping: ROS does not call the node any more")
+                return 1
         node.get_logger().info("stopping: asked to by a signal")
     finally:
         node.close()
@@ -82,17 +83,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
-
-
-def _goes_on(executor: Executor, node: EfficiencyNode) -> bool:
-    """Tell whether the node's timer still runs: what failed may have left rclpy stuck."""
-    ticks, end = node.ticks, time.monotonic() + PATIENCE
-    while node.ticks == ticks and node.context.ok() and time.monotonic() < end:
-        try:
-            executor.spin_once(timeout_sec=0.1)
-        except Exception as error:
-            node.contain(error)
-    return node.ticks != ticks
 
 
 def _stop_signals() -> list[int]:

@@ -10,15 +10,17 @@ from __future__ import annotations
 import functools
 import math
 import time
-from array import array
 from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 
-from .parameters import TEXT_LIMIT
+from hmcvt_core import HmcvtError, InputError
+
+from .messages import RAW_LIMIT
 
 ENTRIES_LIMIT = 100
 """Most entries of a request."""
@@ -32,18 +34,18 @@ class Guard:
     Attributes:
         contained: count of requests and messages that would have ended the node, or were refused
             for their size.
-        clocks_refused: count of messages on /clock that hold no time.
     """
 
     def __init__(self, node: Node) -> None:
         """Take hold of everything that rclpy has created in a node by itself."""
-        self.contained = self.clocks_refused = 0
+        self.contained = 0
         self._warned: dict[str, float] = {}
         self._log = node.get_logger()
         for service in node.services:
             service.callback = self._bounded(service.service_name, service.callback)
         for subscription in node.subscriptions:  # /clock, with use_sim_time; else none
-            subscription.callback = self._checked(subscription.callback)
+            subscription.callback = self.callback(
+                subscription.callback, f"{subscription.topic_name} is ignored")
 
     def warn(self, about: str, text: str) -> None:
         """Log a warning, unless there has been one about the same just now."""
@@ -53,28 +55,35 @@ class Guard:
             self._warned[about] = now
             self._log.warning(text)
 
-    def contain(self, where: str, error: Exception | str) -> None:
-        """Count and tell what must not end the node."""
+    def contain(self, where: str, error: Exception) -> str:
+        """Count and tell what must not end the node; return it in words."""
         self.contained += 1
-        kind = f"{type(error).__name__}: " if isinstance(error, Exception) else ""
-        self.warn(f"{where} {type(error).__name__}", f"{where}: {kind}{error}")
+        kind = "" if isinstance(error, HmcvtError) else f"{type(error).__name__}: "
+        self.warn(f"{where} {kind}", f"{where}: {kind}{error}")
+        return f"{kind}{error}"
 
-    def callback(self, function: Callable[..., None]) -> Callable[..., None]:
-        """Keep an exception of a callback to a line in the log."""
+    def callback(self, function: Callable[..., Any], where: str = "",
+                 refusal: Callable[..., Any] = lambda *_: None) -> Callable[..., Any]:
+        """Keep an exception of a callback to a line in the log.
+
+        Args:
+            function: the callback.
+            where: its name for people; that of the function when left out.
+            refusal: what answers instead of it, given the reason and the arguments.
+        """
         @functools.wraps(function)  # rclpy looks at how many arguments it takes
-        def guarded(*arguments: Any) -> None:
+        def guarded(*arguments: Any) -> Any:
             try:
-                function(*arguments)
+                return function(*arguments)
             except Exception as error:
-                self.contain(function.__name__, error)
+                return refusal(self.contain(where or function.__name__, error), *arguments)
         return guarded
 
     def _bounded(self, name: str, answer: Callable[..., Any]) -> Callable[..., Any]:
+        contained = self.callback(answer, name, _refusal)
+
         def bounded(request: Any, response: Any) -> Any:
-            reason = excess(request)
-            if reason:
-                self.contain(name, reason)
-                return _refusal(request, response, reason)
+            _require_small(request)
             if not isinstance(request, SetParameters.Request):
                 return contained(request, response)
             # One at a time: a bad entry does not take the others with it.
@@ -83,42 +92,20 @@ class Guard:
                 response.results.extend(contained(one, SetParameters.Response()).results)
             return response
 
-        def contained(request: Any, response: Any) -> Any:
-            try:
-                return answer(request, response)
-            except Exception as error:
-                self.contain(name, error)
-                return _refusal(request, response, f"{type(error).__name__}: {error}")
-
-        return bounded
-
-    def _checked(self, take: Callable[..., None]) -> Callable[..., None]:
-        def checked(message: Any) -> None:
-            try:
-                take(message)
-            except Exception as error:
-                self.clocks_refused += 1
-                self.warn("/clock", f"/clock: {message.clock.sec} s, {message.clock.nanosec} ns "
-                                    f"is no time and is ignored ({error})")
-        return checked
+        return self.callback(bounded, name, _refusal)
 
 
-def excess(value: Any) -> str:
-    """Say what is too large in a message or a field of one; empty when nothing is."""
-    parts: Any = ()
-    if isinstance(value, str):
-        if len(value) > TEXT_LIMIT:
-            return f"a text of {len(value)} characters; allowed are {TEXT_LIMIT}"
-    elif isinstance(value, (list, array)):
-        if len(value) > ENTRIES_LIMIT:
-            return f"{len(value)} entries; allowed are {ENTRIES_LIMIT}"
-        parts = value if isinstance(value, list) else ()
-    elif hasattr(value, "get_fields_and_field_types"):
-        parts = (getattr(value, name) for name in value.get_fields_and_field_types())
-    return next(filter(None, map(excess, parts)), "")
+def _require_small(request: Any) -> None:
+    entries = max((len(getattr(request, name)) for name in ("parameters", "names", "prefixes")
+                   if hasattr(request, name)), default=0)
+    if entries > ENTRIES_LIMIT:
+        raise InputError(f"{entries} entries; allowed are {ENTRIES_LIMIT}")
+    size = len(serialize_message(request))
+    if size > RAW_LIMIT:
+        raise InputError(f"{size} bytes; allowed are {RAW_LIMIT}")
 
 
-def _refusal(request: Any, response: Any, reason: str) -> Any:
+def _refusal(reason: str, request: Any, response: Any) -> Any:
     """Fill in a response; those that can tell no reason stay empty, as rclpy has it."""
     refused = SetParametersResult(successful=False, reason=reason)
     if hasattr(response, "results"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
@@ -166,16 +165,6 @@ def tolerated(limits: Range, value: float, tally: Tally) -> float:
 def is_coasting(limits: Range, value: float) -> bool:
     """Tell whether a load torque is near zero or drives the engine, as on every way downhill."""
     return limits is LOAD_TORQUE and -limits.high <= value < limits.low
-
-
-def checked_point(values: Sequence[float], tally: Tally) -> OperatingPoint:
-    """Return values in the order of `INPUT_RANGES` as an operating point.
-
-    Raises:
-        InputError: one is beyond its range and the tolerance; a load torque near zero too.
-    """
-    return OperatingPoint(*(float(limits.check(tolerated(limits, value, tally)))
-                            for limits, value in zip(INPUT_RANGES, values, strict=True)))
 
 
 class Inputs:

@@ -6,9 +6,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from numpy.typing import ArrayLike
+from typing import Any
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files import plain
@@ -16,27 +14,16 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.identification.refit import refit
 
 from .model_store import servable
-from .state_folder import keep_newest, next_name
+from .state_folder import next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
 
 
-class Done(NamedTuple):
-    """What a job found, as plain data for the caller of the service.
-
-    With a refit that may serve, if there is one, and its map: there is no time to compute it later.
-    """
-
-    answer: dict[str, Any]
-    refit: hmcvt.EfficiencyModel | None = None
-    grid: hmcvt.EfficiencyMap | None = None
-
-
 def reidentify(
     samples: Path, model: Path, base: Path, seed: int, max_drift: float, output: Path,
-    candidates: Path, min_samples: int, map_axes: tuple[ArrayLike, ArrayLike, ArrayLike],
-) -> Done:
+    candidates: Path, min_samples: int,
+) -> dict[str, Any]:
     """Refit a model to samples.
 
     Args:
@@ -46,13 +33,13 @@ def reidentify(
         max_drift: largest difference to `base` within the domain [-].
         output: file for the refit; in the folder `candidates` instead, when it must not serve.
         min_samples: fewer are refused.
-        map_axes: of the efficiency map of the refit.
 
     Returns:
         Sample count, error (mean |predicted - measured| / measured) before and after, parameters
         with standard errors, which samples are set aside, what is kept from the model in service,
         what the samples leave open, by how much answers change, and the comparison on samples held
-        back; `refused` and `candidate` when something speaks against the refit.
+        back; `model` (the fingerprint) and `file` of the refit, or `refused` and `candidate` when
+        something speaks against it.
     """
     bench = hmcvt.read_bench(samples)
     if len(bench) < min_samples:
@@ -78,17 +65,16 @@ def reidentify(
         "held_back": None if found.held_back is None else asdict(found.held_back),
     }
     if found.refused:
-        path = next_name(candidates).with_suffix(".yaml")
+        path = next_name(candidates, CANDIDATES_KEPT).with_suffix(".yaml")
         hmcvt.save_model(fitted, path)
-        keep_newest(candidates, CANDIDATES_KEPT)
-        return Done({**answer, "candidate": str(path),
-                     "refused": f"{found.refused}; it is kept as {path}"})
+        return {**answer, "candidate": str(path),
+                "refused": f"{found.refused}; it is kept as {path}"}
     hmcvt.save_model(fitted, output)
-    served = servable(output)  # what a restart would read, to the last digit
-    return Done(answer, served, served.efficiency_map(*map_axes))
+    # As a restart would read it, to the last digit.
+    return {**answer, "model": servable(output).fingerprint, "file": str(output)}
 
 
-def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> Done:
+def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, Any]:
     """Say why a model and samples disagree.
 
     Returns:
@@ -100,11 +86,10 @@ def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> Done:
     found = hmcvt.diagnose(hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed)
     answer = found.to_dict()
     try:
-        path = next_name(reports).with_suffix(".html")
+        path = next_name(reports, REPORTS_KEPT).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
         write_html(found, path)
-        keep_newest(reports, REPORTS_KEPT)
     except (OSError, hmcvt.InputError) as error:  # such as a full disk, or no matplotlib
         # The answer is worth more than the page.
-        return Done({**answer, "report": None, "report_error": str(error)})
-    return Done({**answer, "report": str(path)})
+        return {**answer, "report": None, "report_error": str(error)}
+    return {**answer, "report": str(path)}

@@ -16,13 +16,13 @@ import numpy as np
 import yaml
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
-from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, InputError
+from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, HmcvtError, InputError
 from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
 
-from .inputs import OperatingPoint, Tally, checked_point, tolerated
-from .shafts import JOINTS, UnreadableError, read_shafts
+from .inputs import INPUT_RANGES, OperatingPoint, Tally, tolerated
+from .shafts import JOINTS, Shafts, read_shafts
 
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 RAW_LIMIT = 16_384
@@ -30,11 +30,6 @@ RAW_LIMIT = 16_384
 
 _SOURCE = "bench_sample"
 _OF_SHAFTS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed")
-
-
-def float64(value: float) -> Float64:
-    """Return a number as a message."""
-    return Float64(data=float(value))
 
 
 def joint_state(raw: bytes) -> JointState:
@@ -55,18 +50,14 @@ def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
     """Read an operating point; the engine's torque is not needed. `tally` as in `tolerated`.
 
     Raises:
-        InputError: a joint or field is missing or doubled, or a value is out of range.
+        HmcvtError: a joint or field is missing or doubled, or a value is out of range.
     """
-    shafts = read_shafts(message.name, message.position, message.velocity, message.effort)
-    if not shafts.engine_speed > 0.0:
-        raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
-    return checked_point(
-        (shafts.displacement_ratio, shafts.engine_speed, shafts.load_torque), tally)
+    shafts = _running(message, tally)
+    return OperatingPoint(*(float(limits.check(getattr(shafts, limits.name)))
+                            for limits in INPUT_RANGES))
 
 
-def bench_sample_from_message(
-    message: JointState, now: float, tally: Tally | None = None
-) -> BenchSamples:
+def bench_sample_from_message(message: JointState, now: float, tally: Tally) -> BenchSamples:
     """Read one bench sample.
 
     Args:
@@ -78,18 +69,23 @@ def bench_sample_from_message(
         InputError: a joint or field is missing or doubled, or a value is out of range.
     """
     try:
-        shafts = read_shafts(message.name, message.position, message.velocity, message.effort)
-    except UnreadableError as error:
+        shafts = _running(message, tally)
+        if not shafts.engine_power > 0.0:
+            raise InputError(f"engine power {shafts.engine_power:g} W must be positive")
+    except HmcvtError as error:
         raise InputError(f"{_SOURCE}: {error}") from None
-    if not (shafts.engine_speed > 0.0 and shafts.engine_power > 0.0):
-        raise InputError(f"{_SOURCE}: engine speed {shafts.engine_speed:g} rad/s and engine power "
-                         f"{shafts.engine_power:g} W must be positive")
-    shafts = shafts._replace(displacement_ratio=tolerated(
-        DISPLACEMENT_RATIO, shafts.displacement_ratio, tally or Tally(())))
     stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
     columns: dict[str, Any] = {name: np.array(getattr(shafts, name)) for name in _OF_SHAFTS}
     return BenchSamples(
         **columns, stamp=np.array(stamp if stamp > 0.0 else now), source=_SOURCE)
+
+
+def _running(message: JointState, tally: Tally) -> Shafts:
+    shafts = read_shafts(message)
+    if not shafts.engine_speed > 0.0:  # a load torque is a power for each unit of it
+        raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
+    return shafts._replace(displacement_ratio=tolerated(
+        DISPLACEMENT_RATIO, shafts.displacement_ratio, tally))
 
 
 def bench_sample_to_message(

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from hmcvt_core import EfficiencyModel, HmcvtError, InputError, load_model
 from hmcvt_core.files.atomic import write_atomically
 
-from .state_folder import keep_newest, next_name
+from .state_folder import next_name
 
 WAYS_BACK = 20
 """Refits that can be reverted one after the other."""
@@ -66,22 +66,22 @@ class ModelStore:
         self.in_service = InService(model, self._path(self._stack), utc_now())
 
     def new_path(self) -> Path:
-        """Return a free name for a refitted model, and remove refits that are too many.
+        """Return a free name for a refitted model; old refits that nothing leads back to make room.
 
         Raises:
             OSError: the folder cannot be made.
         """
-        self._prune()
-        return next_name(self._models).with_suffix(".yaml")
+        names = [name for name, _ in self._stack]
+        return next_name(self._models, KEPT, spared=names).with_suffix(".yaml")
 
-    def adopt(self, path: Path, instead_of: Path | None = None,
-              model: EfficiencyModel | None = None) -> EfficiencyModel:
+    def adopt(self, path: Path, fingerprint: str = "", instead_of: Path | None = None
+              ) -> EfficiencyModel:
         """Put a model written under `new_path` into service.
 
         Args:
             path: of the model.
+            fingerprint: that it must have; any when left out.
             instead_of: the parameter file that must be in service; any when left out.
-            model: what `servable` makes of the file, where that has been done already.
 
         Raises:
             HmcvtError: another is in service.
@@ -91,7 +91,7 @@ class ModelStore:
         if instead_of not in (None, self.in_service.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call ~/reidentify again")
-        model = model or servable(path)
+        model = _proven(path, fingerprint)
         return self._commit([*self._stack, (path.name, model.fingerprint)], model)
 
     def revert(self) -> EfficiencyModel:
@@ -129,19 +129,17 @@ class ModelStore:
 
     def _newest_good(self, stack: _Stack) -> tuple[_Stack, EfficiencyModel, str]:
         """Return a stack up to its last model that is as it was, that model, and what is wrong."""
-        wrong = []
-        for end in range(len(stack), 0, -1):
-            path = self._path(stack[:end])
-            name, fingerprint = stack[end - 1]
+        model, wrong = self._base_model, []
+        while stack:
+            *before, (name, fingerprint) = stack
             try:
-                model = _proven(path, fingerprint)
+                model = _proven(self._models / name, fingerprint)
             except HmcvtError as error:
                 wrong.append(str(error))
+                stack = before
             else:
-                stack = [*stack[:end - 1], (name, model.fingerprint)]
+                stack = [*before, (name, model.fingerprint)]
                 break
-        else:
-            stack, model = [], self._base_model
         if wrong:
             wrong.append(f"{self._path(stack)} serves instead")
         return stack, model, "; ".join(wrong)
@@ -157,11 +155,7 @@ class ModelStore:
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
         self._stack, self.complaint = stack, complaint
         self.in_service = InService(model, self._path(stack), utc_now())
-        self._prune()
         return model
-
-    def _prune(self) -> None:
-        keep_newest(self._models, KEPT, spared=[name for name, _ in self._stack])
 
     def _resumed(self) -> _Stack:
         """Return the models of an earlier run; none, with a complaint, if that is of no use."""
@@ -203,7 +197,7 @@ def _proven(path: Path, fingerprint: str) -> EfficiencyModel:
     """Load the model that has a fingerprint; any where that is not known."""
     model = servable(path)
     if fingerprint not in ("", model.fingerprint):
-        raise InputError(f"{path}: is not what was put into service: fingerprint "
+        raise InputError(f"{path}: is not what was written: fingerprint "
                          f"{model.fingerprint}, not {fingerprint}")
     return model
 

@@ -28,14 +28,13 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path
 
 from . import messages, parameters, qos
-from .bench_log import BenchLog
+from .bench_log import INVALID, NOT_WRITTEN, BenchLog, Recorder
 from .clocks import NodeClock, SteadyClock
 from .diagnostics import Activity, inputs_status, model_status
 from .guard import Guard
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, Tally
 from .model_store import ModelStore
 from .outputs import Outputs
-from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
 from .state_folder import StateFolder
 
@@ -51,6 +50,10 @@ class EfficiencyNode(Node):
     `optimal_engine_speed` [rad/s], `advice`, `~/model`, `~/efficiency_map`, `/diagnostics`;
     services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`, `~/clear_samples`, `~/cancel`.
 
+    Attributes:
+        guard: contains what goes wrong.
+        ticks: how often the timer has run.
+
     Raises:
         InputError: a parameter is wrong, the model file cannot be used, or another node has the
             state folder.
@@ -58,11 +61,11 @@ class EfficiencyNode(Node):
 
     def __init__(self) -> None:
         super().__init__("hmcvt")
-        self._guard = Guard(self)
+        self.guard = Guard(self)
         self._settings = parameters.declare(self)
         self.add_on_set_parameters_callback(
             lambda changes: parameters.check_changes(self, changes))
-        self.add_post_set_parameters_callback(self._guard.callback(self._take_settings))
+        self.add_post_set_parameters_callback(self.guard.callback(self._take_settings))
         # Ages follow the clock that is chosen at the start: no stranger may exchange it.
         simulated = bool(self.get_parameter("use_sim_time").value)
         self.set_descriptor("use_sim_time", ParameterDescriptor(
@@ -78,14 +81,14 @@ class EfficiencyNode(Node):
         self._inputs, self._activity = Inputs(), Activity()
         self._log = Recorder(
             BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
-            self._activity.bench)
+            lambda text: self.guard.warn("bench_sample", text))
         if not self._state.writable:
-            self._activity.bench.expect(NOT_WRITTEN, self._state.complaint)
+            self._log.tally.expect(NOT_WRITTEN, self._state.complaint)
         self._last_output = -math.inf
         self._output_due = self._map_due = False
         self._served = self._store.in_service
         self._points = Tally(("invalid", "stale"))
-        self._ticks = 0
+        self.ticks = 0
         # Held on to: the callback lives as long as what is returned.
         self._jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
@@ -94,7 +97,7 @@ class EfficiencyNode(Node):
         self._service_handlers = Services(self, self._store, self._log, self._activity,
                                           lambda: self._settings, self._announce)
         # The timer must run even when a simulated clock stands still.
-        self.create_timer(TICK, self._guard.callback(self._tick),
+        self.create_timer(TICK, self.guard.callback(self._tick),
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._announce(self._settings)
         self._report_start()
@@ -129,7 +132,7 @@ class EfficiencyNode(Node):
         for topic, callback, profile, events in (
                 ("operating_point", self._on_operating_point, qos.INPUT, quiet_too),
                 ("bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None)):
-            self.create_subscription(JointState, topic, self._guard.callback(callback), raw=True,
+            self.create_subscription(JointState, topic, self.guard.callback(callback), raw=True,
                                      **qos.overridable(profile), event_callbacks=events)
 
     def _report_start(self) -> None:
@@ -144,17 +147,8 @@ class EfficiencyNode(Node):
         if not self._settings.model_file and self._store.in_service.path == self._store.base:
             logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
                            "served, an example identified from five tests of one transmission")
-        logger.info(f"serving {self._store.in_service.path}, {len(self._log)} bench samples in "
-                    f"{self._log.path}")
-
-    def contain(self, error: Exception) -> None:
-        """Count and tell an exception that left a callback of rclpy's own."""
-        self._guard.contain("rclpy", error)
-
-    @property
-    def ticks(self) -> int:
-        """How often the timer has run."""
-        return self._ticks
+        logger.info(f"serving {self._store.in_service.path}, {len(self._log.log)} bench "
+                    f"samples in {self._log.log.path}")
 
     # --- parameters ---------------------------------------------------------------------------
 
@@ -174,11 +168,11 @@ class EfficiencyNode(Node):
                 now = self._ages.now()
                 if not item.take(message.data,
                                  self._ages.received(info["received_timestamp"], now)):
-                    self._guard.warn(name, item.tally.complaint)
+                    self.guard.warn(name, item.tally.complaint)
                 self._output_due = True
                 self._publish_outputs(now)
             except Exception as error:
-                self._guard.contain(name, error)
+                self.guard.contain(name, error)
 
         return take
 
@@ -195,7 +189,7 @@ class EfficiencyNode(Node):
         if point is not None:
             self._outputs.answer(self._served.model, point, self._settings)
             if self._outputs.refusal:
-                self._guard.warn("no answer", self._outputs.refusal)
+                self.guard.warn("no answer", self._outputs.refusal)
         else:
             self._inputs.count_silence(now, self._settings.age_limits)
             if self._settings.invalid_output != parameters.NAN:
@@ -217,21 +211,21 @@ class EfficiencyNode(Node):
             self._points.accept()
         except HmcvtError as error:
             self._points.refuse(reason, f"operating_point: {error}")
-            self._guard.warn("operating_point", self._points.complaint)
+            self.guard.warn("operating_point", self._points.complaint)
         self._outputs.advise(self._served.model, message, point, self._settings)
 
     # --- bench samples ------------------------------------------------------------------------
 
     def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
-        number = info["publication_sequence_number"]
+        self._log.numbers.take(info["publication_sequence_number"])
         try:
             sample = messages.bench_sample_from_message(
                 messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS,
-                self._activity.bench)
+                self._log.tally)
         except InputError as error:
-            self._log.refuse(INVALID, str(error), number)
+            self._log.refuse(INVALID, str(error))
         else:
-            self._log.submit(sample, number)
+            self._log.submit(sample)
 
     # --- model --------------------------------------------------------------------------------
 
@@ -255,8 +249,6 @@ class EfficiencyNode(Node):
 
     def _tick(self) -> None:
         self._service_handlers.poll()
-        if complaint := self._log.poll():
-            self._guard.warn("bench_sample", complaint)
         # NaN is said again and again, so that whoever listens only now hears it too.
         now = self._ages.now()
         unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
@@ -264,8 +256,8 @@ class EfficiencyNode(Node):
             self._publish_outputs(now)
         if self._map_due:
             self._publish_map()
-        self._ticks += 1
-        if self._ticks % DIAGNOSTICS_EVERY == 0:
+        self.ticks += 1
+        if self.ticks % DIAGNOSTICS_EVERY == 0:
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
@@ -277,8 +269,7 @@ class EfficiencyNode(Node):
                 "points not answered, inputs apart": self._inputs.apart,
                 **self._points.values("operating points"),
                 "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
-                "clocks refused": self._guard.clocks_refused,
-                "requests contained": self._guard.contained}),
+                "requests contained": self.guard.contained}),
             model_status(name, self._served, self._store.complaint, self._activity, self._log,
                          self._point(now), self._outputs.refusal),
         ])

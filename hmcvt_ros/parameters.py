@@ -307,12 +307,9 @@ def usage() -> str:
     """Return what `--help` prints: how to give parameters, and which there are."""
     lines = ["usage: hmcvt-node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]",
              "", "The ROS 2 node hmcvt: efficiency of a hydromechanical CVT. Parameters:", ""]
-    for declaration in PARAMETERS:
-        unit = f" [{declaration.unit}]" if declaration.unit else ""
-        allowed = f"; {declaration.allowed}" if declaration.allowed else ""
-        start = "; read at start only" if declaration.read_only else ""
-        lines.append(
-            f"  {declaration.name}{unit}, default {declaration.default!r}{allowed}{start}")
-        lines += textwrap.wrap(declaration.description, 88, initial_indent=" " * 6,
-                               subsequent_indent=" " * 6)
+    for item in PARAMETERS:
+        facts = (f"default {item.default!r}", item.allowed, "read at start only" * item.read_only)
+        unit = f" [{item.unit}]" if item.unit else ""
+        lines += [f"  {item.name}{unit}, {'; '.join(filter(None, facts))}",
+                  textwrap.indent(textwrap.fill(item.description, 88), " " * 6)]
     return "\n".join(lines)

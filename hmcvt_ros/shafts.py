@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from hmcvt_core import HmcvtError
@@ -55,32 +54,31 @@ class Shafts(NamedTuple):
         return self.output_power / self.engine_power
 
 
-def read_shafts(
-    names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
-    effort: Sequence[float], *, stroke_elsewhere: bool = False,
-) -> Shafts:
-    """Read the fields of a sensor_msgs/JointState.
+def read_shafts(message: Any, *, stroke_elsewhere: bool = False) -> Shafts:
+    """Read a sensor_msgs/JointState.
 
     Args:
-        names: joints `engine`, `output`, `displacement` in any order; others are ignored.
-        position: of `displacement` the displacement ratio [-].
-        velocity, effort: of the shafts [rad/s, N m].
+        message: joints `engine`, `output`, `displacement` in any order, others are ignored;
+            `velocity` and `effort` of the shafts [rad/s, N m], `position` of `displacement` the
+            displacement ratio [-].
         stroke_elsewhere: whether the joint `displacement` may be missing.
 
     Raises:
         UnreadableError: a joint is missing or doubled, or a field has not a value for each.
     """
+    names = list(message.name)
     for joint in JOINTS:
         count = names.count(joint)
         if count != 1 and not (count == 0 and joint == "displacement" and stroke_elsewhere):
             raise UnreadableError("wrong names", f"joint {joint!r} stands {count} times in name; "
                                                  f"needs {', '.join(JOINTS)}")
     has_stroke = "displacement" in names
-    for field, values in (("velocity", velocity), ("effort", effort), ("position", position)):
-        if len(values) != len(names) and (field != "position" or has_stroke):
-            raise UnreadableError("unequal arrays", f"{field} has {len(values)} values for "
-                                                    f"{len(names)} joints")
+    for field in ("velocity", "effort", *(("position",) if has_stroke else ())):
+        count = len(getattr(message, field))
+        if count != len(names):
+            raise UnreadableError(
+                "unequal arrays", f"{field} has {count} values for {len(names)} joints")
     engine, output = names.index("engine"), names.index("output")
-    stroke = float(position[names.index("displacement")]) if has_stroke else math.nan
-    return Shafts(float(velocity[engine]), float(effort[engine]),
-                  float(velocity[output]), float(effort[output]), stroke)
+    stroke = float(message.position[names.index("displacement")]) if has_stroke else math.nan
+    return Shafts(float(message.velocity[engine]), float(message.effort[engine]),
+                  float(message.velocity[output]), float(message.effort[output]), stroke)

@@ -67,13 +67,16 @@ class StateFolder:
             self._handle = None
 
 
-def next_name(folder: Path) -> Path:
+def next_name(folder: Path, kept: int, spared: Collection[str] = ()) -> Path:
     """Return a path in `folder`, such as 0001, without a suffix; its number is above all there.
+
+    Of what is numbered there, all but the newest make room, so that `kept` are left with this one.
 
     Raises:
         OSError: the folder cannot be made or read.
     """
     make_folder(folder)
+    keep_newest(folder, kept - 1, spared=spared)
     return folder / f"{max(numbered(folder).values(), default=0) + 1:04d}"
 
 

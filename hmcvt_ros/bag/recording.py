@@ -32,34 +32,8 @@ _OVERSHOOT = 0.05
 _STROKE = Range("displacement_ratio", DISPLACEMENT_RATIO.low - _OVERSHOOT,
                 DISPLACEMENT_RATIO.high + _OVERSHOOT, "-")
 _NANOSECONDS = 1e-9
+CLOCKS = ("header stamp", "time of receipt")
 _EVERY = 2000  # messages between two reports of progress
-
-
-class Series(NamedTuple):
-    """Readings in the order they were received.
-
-    Attributes:
-        stamp: time in the header [s], 0 where there is none; shape (n,).
-        receipt: when the recorder received them [s]; shape (n,).
-        values: shape (n, channels).
-    """
-
-    stamp: Array
-    receipt: Array
-    values: Array
-
-    @property
-    def stamped(self) -> bool:
-        """Whether every reading carries its own time.
-
-        Half of the readings on one clock and half on another make no time series.
-        """
-        return bool(len(self.stamp) and np.all(self.stamp > 0.0))
-
-    @property
-    def time(self) -> Array:
-        """Header stamps when every reading has one, else times of receipt."""
-        return self.stamp if self.stamped else self.receipt
 
 
 class Readings(NamedTuple):
@@ -119,31 +93,31 @@ def record(
         numbers[topic].extend((_stamp(message), receipt, *values))
         if progress is not None and number % _EVERY == 0:
             progress(f"{number} of {total} messages")
-    series = {}
-    for name, found in numbers.items():
-        channels = len(Shafts._fields) if name == topics.bench else 1
-        table = np.array(found, dtype=float).reshape(-1, 2 + channels)
-        series[name] = Series(table[:, 0], table[:, 1], table[:, 2:])
-    bench = series[topics.bench]
+    # Of each message its stamp [s], 0 where there is none, its time of receipt [s], its values.
+    tables = {name: np.array(found, dtype=float).reshape(
+        -1, 2 + (len(Shafts._fields) if name == topics.bench else 1))
+        for name, found in numbers.items()}
+    bench = tables[topics.bench]
     if topics.displacement_ratio is not None:
         # Where the shafts' message has none; messages without one in time are left out.
-        stroke = bench.values[:, -1]
-        elsewhere = align(series[topics.displacement_ratio], bench, age_limit)
+        stroke = bench[:, -1]
+        elsewhere = align(tables[topics.displacement_ratio], bench, age_limit)
         stroke[:] = np.where(np.isnan(stroke), elsewhere, stroke)
         known = ~np.isnan(stroke)
-        bench = Series(bench.stamp[known], bench.receipt[known], bench.values[known])
+        bench = bench[known]
         if not known.all():
             refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = int((~known).sum())
-    if not len(bench.time):
+    if not len(bench):
         reasons = listed(dict(refused[topics.bench].most_common()))
         raise InputError(
             f"{bag.path}: none of the {read[topics.bench]} messages on {topics.bench} can be used: "
             f"{reasons} (needs velocity and effort of joints engine and output, and position of "
             f"joint displacement or a topic {DISPLACEMENT_TOPIC})")
     temperature = None if topics.oil_temperature is None else align(
-        series[topics.oil_temperature], bench, age_limit)
-    clock = "header stamp" if bench.stamped else "time of receipt"
-    return Readings(bench.time, Shafts(*bench.values.T), temperature), clock, read, refused
+        tables[topics.oil_temperature], bench, age_limit)
+    clock = _clock(bench)
+    readings = Readings(bench[:, clock], Shafts(*bench[:, 2:].T), temperature)
+    return readings, CLOCKS[clock], read, refused
 
 
 def listed(reasons: Mapping[str, int]) -> str:
@@ -171,10 +145,8 @@ def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
         return (_checked(message.data, _STROKE),)
     if topic == topics.oil_temperature:
         return (_checked(message.temperature, OIL_TEMPERATURE),)
-    found = read_shafts(list(message.name), message.position, message.velocity, message.effort,
-                        stroke_elsewhere=topics.displacement_ratio is not None)
-    if not all(map(math.isfinite, found[:4])) or math.isinf(found.displacement_ratio) or (
-            math.isnan(found.displacement_ratio) and "displacement" in message.name):
+    found = read_shafts(message, stroke_elsewhere=topics.displacement_ratio is not None)
+    if not all(map(math.isfinite, found if "displacement" in message.name else found[:4])):
         raise UnreadableError("not finite")
     # Either sign: in a transient the output may drive, and noise straddles zero.
     if (not ENGINE_SPEED.low <= found.engine_speed <= ENGINE_SPEED.high
@@ -194,25 +166,32 @@ def _checked(value: Any, limits: Range) -> float:
     return float(value)
 
 
-def align(slow: Series, fast: Series, age_limit: float) -> Array:
-    """Return the first channel of a slow series at the times of a fast one.
+def _clock(*tables: Array) -> int:
+    """Return the column of the times: of the stamps when every message has one.
+
+    Half of the readings on one clock and half on another make no time series.
+    """
+    return 0 if all(len(table) and np.all(table[:, 0] > 0.0) for table in tables) else 1
+
+
+def align(slow: Array, fast: Array, age_limit: float) -> Array:
+    """Return the values of a slow series at the times of a fast one.
 
     Both on header stamps when both have them and those of the slow one rise, else both on times of
     receipt: two clocks are never mixed.
 
     Args:
-        slow, fast: the series.
+        slow, fast: a row for each message: stamp [s] (0 for none), time of receipt [s], values.
         age_limit: a reading further away than this in time is not used [s].
 
     Returns:
         Shape (len(fast),); between two readings linear, beside only one that reading, else NaN.
     """
-    stamps = slow.stamped and fast.stamped and bool(np.all(np.diff(slow.stamp) >= 0.0))
-    times, at = (slow.stamp, fast.stamp) if stamps else (slow.receipt, fast.receipt)
-    if not len(times):
-        return np.full(len(at), np.nan)
-    order = np.argsort(times, kind="stable")
-    times, values = times[order], slow.values[order, 0]
+    if not len(slow):
+        return np.full(len(fast), np.nan)
+    clock = _clock(slow, fast) if np.all(np.diff(slow[:, 0]) >= 0.0) else 1
+    at = fast[:, clock]
+    times, values = slow[np.argsort(slow[:, clock], kind="stable")][:, [clock, 2]].T
     after = np.searchsorted(times, at)
     before = np.maximum(after - 1, 0)
     after = np.minimum(after, len(times) - 1)

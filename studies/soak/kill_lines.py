@@ -22,7 +22,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.files import atomic
 from hmcvt_core.model import parameter_file
 from hmcvt_ros import bench_log, model_store, state_folder
-from hmcvt_ros.bench_log import BenchLog
+from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
@@ -91,7 +91,7 @@ def _log(folder: Path) -> BenchLog:
 
 def _three_samples(folder: Path) -> None:
     for number in range(3):
-        _log(folder).append(sample(number))
+        _log(folder).write(rows_of(sample(number)))
 
 
 def _three_and_torn(folder: Path) -> None:
@@ -141,10 +141,10 @@ def _in_service(folder: Path, *allowed: int) -> bool:
 
 
 STEPS = {
-    "first sample": Step(lambda _: None, lambda folder: _log(folder).append(sample(0)),
+    "first sample": Step(lambda _: None, lambda folder: _log(folder).write(rows_of(sample(0))),
                          lambda folder: not (folder / "log.csv").exists()
                          or _logged(folder, 0, 1)),
-    "another sample": Step(_three_samples, lambda folder: _log(folder).append(sample(3)),
+    "another sample": Step(_three_samples, lambda folder: _log(folder).write(rows_of(sample(3))),
                            lambda folder: _logged(folder, 3, 4)),
     "repair of a torn log": Step(_three_and_torn, _log, _repaired),
     "log set aside": Step(_three_samples, lambda folder: _log(folder).set_aside(), _set_aside),

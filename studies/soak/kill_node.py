@@ -23,6 +23,7 @@ from rclpy.context import Context
 import hmcvt_core as hmcvt
 from hmcvt_ros.bench_log import rows_of
 from hmcvt_ros.bench_player import BenchPlayer
+from hmcvt_ros.inputs import Tally
 from hmcvt_ros.messages import bench_sample_from_message, bench_sample_to_message
 from hmcvt_ros.model_store import WAYS_BACK, ModelStore
 
@@ -223,7 +224,7 @@ def _message(number: int, ratio: float = 0.1, speed: float = 0.0, torque: float 
 
 def _row(number: int) -> bytes:
     """Return the line of the log that a sample must become."""
-    found = bench_sample_from_message(_message(number), 0.0)
+    found = bench_sample_from_message(_message(number), 0.0, Tally(()))
     row, = rows_of(found)
     return row.removesuffix(b"\n")
 

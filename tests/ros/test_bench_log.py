@@ -11,10 +11,8 @@ import pytest
 from full_disk import file_limit
 
 import hmcvt_core as hmcvt
-from hmcvt_ros import recorder
-from hmcvt_ros.bench_log import BenchLog
-from hmcvt_ros.inputs import Tally
-from hmcvt_ros.recorder import Numbers
+from hmcvt_ros import bench_log
+from hmcvt_ros.bench_log import BenchLog, Numbers, rows_of
 
 
 def sample(number: int) -> hmcvt.BenchSamples:
@@ -32,7 +30,7 @@ def path(tmp_path):
 def filled(path, count):
     log = BenchLog(path, limit=100)
     for number in range(count):
-        log.append(sample(number))
+        log.write(rows_of(sample(number)))
     return log
 
 
@@ -53,7 +51,7 @@ def test_every_cut_of_the_file_leaves_the_whole_samples(path):
         kept = max(sum(end <= cut for end in ends) - 1, 0)
         assert len(log) == kept, cut
         assert (log.recovered == "") == (cut in ends), cut
-        log.append(sample(9))
+        log.write(rows_of(sample(9)))
         read = hmcvt.read_bench(path)
         assert len(read) == kept + 1
         np.testing.assert_array_equal(read.stamp, [*range(kept), 9.0])
@@ -77,15 +75,15 @@ def test_damage_in_the_middle_is_taken_out_and_kept_aside(path):
 
 def test_full_log_refuses_and_set_aside_makes_room(path):
     log = BenchLog(path, limit=2)
-    log.append(sample(0))
-    log.append(sample(1))
-    with pytest.raises(hmcvt.InputError, match="2 samples and takes no more"):
-        log.append(sample(2))
+    log.write(rows_of(sample(0)))
+    log.write(rows_of(sample(1)))
+    assert log.write(rows_of(sample(2))) == 0
+    assert "2 samples and takes no more" in log.full
     count, kept = log.set_aside()
     assert count == 2 and len(hmcvt.read_bench(kept)) == 2
     assert log.set_aside() == (0, None)
-    log.append(sample(2))
-    log.append(sample(3))
+    log.write(rows_of(sample(2)))
+    log.write(rows_of(sample(3)))
     assert log.set_aside()[1] != kept
     assert len(hmcvt.read_bench(kept)) == 2
 
@@ -94,10 +92,10 @@ def test_log_changed_by_someone_else_is_taken_up(path):
     log = filled(path, 3)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:2]))
-    log.append(sample(7))
+    log.write(rows_of(sample(7)))
     assert len(log) == 2
     path.unlink()
-    log.append(sample(8))
+    log.write(rows_of(sample(8)))
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, [8.0])
     assert len(log) == 1
 
@@ -107,9 +105,9 @@ def test_failed_write_leaves_the_log_as_it_was(path):
     before = path.read_bytes()
     # The first bytes of the row fit: what a disk does that fills up.
     with file_limit(len(before) + 10), pytest.raises(OSError):
-        log.append(sample(3))
+        log.write(rows_of(sample(3)))
     assert path.read_bytes() == before
-    log.append(sample(3))
+    log.write(rows_of(sample(3)))
     assert len(hmcvt.read_bench(path)) == len(log) == 4
 
 
@@ -123,10 +121,10 @@ def test_torn_log_that_cannot_be_repaired_yet_is_repaired_later(path):
         assert len(log) == 3 and "cannot be read or repaired" in log.recovered
         for _ in range(3):
             with pytest.raises(OSError):
-                log.append(sample(3))
+                log.write(rows_of(sample(3)))
     assert [each.name for each in path.parent.iterdir()] == [path.name]
     assert path.read_bytes() == torn
-    log.append(sample(3))
+    log.write(rows_of(sample(3)))
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(4.0))
     assert path.with_name("log.damaged-1.csv").read_bytes() == torn
 
@@ -135,9 +133,9 @@ def test_folder_that_comes_back_is_logged_into(tmp_path):
     (tmp_path / "disk").write_text("")
     log = BenchLog(tmp_path / "disk" / "state" / "log.csv", limit=100)
     with pytest.raises(OSError):
-        log.append(sample(0))
+        log.write(rows_of(sample(0)))
     (tmp_path / "disk").unlink()
-    log.append(sample(0))
+    log.write(rows_of(sample(0)))
     assert len(hmcvt.read_bench(log.path)) == len(log) == 1
 
 
@@ -145,7 +143,7 @@ def test_folder_that_comes_back_is_logged_into(tmp_path):
 def test_sample_without_a_column_is_refused(path, column):
     log = filled(path, 1)
     with pytest.raises(hmcvt.InputError, match=f"{column} is missing"):
-        log.append(dataclasses.replace(sample(1), **{column: None}))
+        log.write(rows_of(dataclasses.replace(sample(1), **{column: None})))
     assert len(hmcvt.read_bench(path)) == len(log) == 1
 
 
@@ -174,7 +172,7 @@ def test_log_without_checksums_is_taken_over(path):
     log = BenchLog(path, limit=100)
     assert len(log) == 3 and log.recovered == ""
     assert path.read_bytes() == new
-    log.append(sample(3))
+    log.write(rows_of(sample(3)))
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(4.0))
 
 
@@ -195,37 +193,44 @@ def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, miss
     assert counted.missing == missing
 
 
-def test_samples_beyond_what_may_wait_are_refused_and_told(path, monkeypatch):
-    monkeypatch.setattr(recorder, "MOST_WAITING", 5)
-    tally = Tally(recorder.BENCH_REASONS)
-    taker = recorder.Recorder(BenchLog(path, limit=100), tally)
+@pytest.fixture
+def taken(path):
+    """Make a recorder: it, its tally, and what it has warned of."""
+    def make(limit):
+        warned = []
+        taker = bench_log.Recorder(BenchLog(path, limit), warned.append)
+        return taker, taker.tally, warned
+    return make
+
+
+def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypatch):
+    monkeypatch.setattr(bench_log, "MOST_WAITING", 5)
+    taker, tally, warned = taken(100)
     go_on = threading.Event()
     taker.call(go_on.wait)  # a disk that takes its time
     for number in range(8):
-        taker.submit(sample(number), number + 1)
-    assert taker.poll() == "" and tally.accepted == 0
+        taker.submit(sample(number))
+    assert warned == [] and tally.accepted == 0
     go_on.set()
     taker.call(lambda: None).result()
-    assert "5 samples wait already" in taker.poll()
-    assert (tally.accepted, tally.refused[recorder.BUSY], len(taker)) == (5, 3, 5)
+    assert len(warned) == 3 and "5 samples wait already" in warned[0]
+    assert (tally.accepted, tally.refused[bench_log.BUSY], len(taker.log)) == (5, 3, 5)
     assert taker.complaint == "3 bench samples were sent and not taken: too many at once"
     taker.call(taker.set_aside).result()
     assert taker.complaint == ""
-    taker.submit(sample(9), 9)
+    taker.submit(sample(9))
     taker.close()  # writes what waits
-    taker.poll()
     assert (tally.accepted, len(hmcvt.read_bench(path))) == (6, 1)
 
 
-def test_batch_is_taken_as_far_as_there_is_room(path):
-    tally = Tally(recorder.BENCH_REASONS)
-    taker = recorder.Recorder(BenchLog(path, limit=3), tally)
+def test_batch_is_taken_as_far_as_there_is_room(path, taken):
+    taker, tally, warned = taken(3)
     go_on = threading.Event()
     taker.call(go_on.wait)
     for number in range(5):
-        taker.submit(sample(number), number + 1)
+        taker.submit(sample(number))
     go_on.set()
     taker.close()
-    assert "3 samples and takes no more" in taker.poll()
-    assert (tally.accepted, tally.refused[recorder.FULL]) == (3, 2)
+    assert "3 samples and takes no more" in warned[0]
+    assert (tally.accepted, tally.refused[bench_log.FULL]) == (3, 2)
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(3.0))

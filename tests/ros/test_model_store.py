@@ -105,7 +105,7 @@ def test_state_of_version_0_1_is_taken_up(paper_file, base, tmp_path):
     shutil.copy(tmp_path / "models" / "0001.yaml", tmp_path / "models" / "0002.yaml")
     third = ModelStore(paper_file, tmp_path)
     assert third.in_service.model.fingerprint == fingerprints[0]
-    assert "0002.yaml: is not what was put into service" in third.complaint
+    assert "0002.yaml: is not what was written" in third.complaint
 
 
 def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(paper_file, tmp_path):
@@ -164,13 +164,12 @@ def test_error_of_a_meter_is_not_served(base, tmp_path):
 def test_numbers_rise_and_are_not_used_again(tmp_path):
     folder = tmp_path / "reports"
     for number in range(1, 13):
-        path = next_name(folder)
+        path = next_name(folder, 3)
         assert path == folder / f"{number:04d}"
         path.with_suffix(".html").write_text("")
         path.with_suffix(".json").write_text("")
-        keep_newest(folder, 3)
     (folder / "notes.txt").write_text("mine")
     keep_newest(folder, 2)
     assert sorted(path.name for path in folder.iterdir()) == [
         "0011.html", "0011.json", "0012.html", "0012.json", "notes.txt"]
-    assert next_name(folder).name == "0013"
+    assert next_name(folder, 3).name == "0013"

@@ -186,7 +186,7 @@ def test_page_that_cannot_be_written_costs_the_page_only(paper_file, tmp_path, m
     reports.write_text("a file where the folder should be")
     found = SimpleNamespace(to_dict=lambda: {"verdict": "within noise"})
     monkeypatch.setattr(hmcvt, "diagnose", lambda *_, **__: found)
-    answer = jobs.diagnose(hmcvt.data_path("data/table2.csv"), paper_file, 0, reports).answer
+    answer = jobs.diagnose(hmcvt.data_path("data/table2.csv"), paper_file, 0, reports)
     assert answer["verdict"] == "within noise" and answer["report"] is None
     assert "reports" in answer["report_error"]
 

@@ -155,7 +155,7 @@ def test_staged_refit_waits_for_adopt(node, base):
     path = node.state / staged["file"]
     text = path.read_bytes()
     path.write_bytes(hmcvt.data_path("params/hm4.yaml").read_bytes())
-    assert "is not the refit that was staged" in node.player.call("adopt").data["error"]
+    assert "is not what was written: fingerprint" in node.player.call("adopt").data["error"]
     path.write_bytes(text)
     reply = node.player.call("adopt")
     assert reply.data == {"model": staged["model"], "file": staged["file"]}

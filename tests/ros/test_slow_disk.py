@@ -195,7 +195,7 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
     told = node.value("state folder")
     assert told in node.status()["message"]
     assert "0003.yaml: not YAML of a parameter file at line 2: 'a' is an alias" in told
-    assert "0002.yaml: is not what was put into service: fingerprint" in told
+    assert "0002.yaml: is not what was written: fingerprint" in told
     assert told.endswith(f"{first} serves instead")
 
     # And while it runs.
@@ -205,8 +205,8 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
         hmcvt.data_path("data/table2.csv")))
     node.set(samples_file="mine.csv")
     reply = node.player.call("reidentify")
-    assert not reply.success and "0001.yaml: is not what was put into" in reply.data["error"]
-    assert node.player.call("revert").data["file"] == str(paper_file)
+    assert not reply.success and "0001.yaml: is not what was written" in reply.data["error"]
+    assert node.player.call("revert").data["file"] == paper_file.name
     node.forget_status()
     assert node.comes(lambda: node.value("state folder") == "intact")
 

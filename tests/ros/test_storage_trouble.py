@@ -18,7 +18,7 @@ from ros_bench import GOOD, command, message, send_table
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_ros.bench_log import BenchLog
+from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
@@ -52,9 +52,9 @@ def test_full_disk_while_logging(start_node, paper_file, table2, tmp_path):
     state, count = tmp_path / "state", 20_000
     column = np.full(count, 0.5)
     state.mkdir()
-    BenchLog(state / "bench_samples.csv", 10 * count).append(hmcvt.BenchSamples(
+    BenchLog(state / "bench_samples.csv", 10 * count).write(rows_of(hmcvt.BenchSamples(
         displacement_ratio=column, engine_speed=200.0 * column, load_torque=400.0 * column,
-        efficiency=column, output_speed=200.0 * column, stamp=np.arange(float(count))))
+        efficiency=column, output_speed=200.0 * column, stamp=np.arange(float(count)))))
     node = start_node(paper_file, state=state)
     whole = node.bench_file.read_bytes()
     with file_limit(len(whole) + 10, node.process.pid):
