@@ -2,8 +2,8 @@
 """Large campaigns: samples at neighbouring operating points become one point, their mean.
 
 What is averaged is the difference from the refitted model, and a smooth field of what is left is
-taken along to the mean point: neither bends the mean. The mean of m samples is sqrt(m) times as
-exact as one, and their scatter about it tells the noise.
+taken along to the mean point, so that neither bends the mean. The mean of m samples is sqrt(m)
+times as exact as one, and the scatter of neighbours tells the noise.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from .hypothesis import Fit
 from .observations import REPEATED, Gathered, Observations, Reading, filled_in
-from .regions import smooth_functions
+from .regions import scaled_to_extent, smooth_functions
 
 Array = NDArray[np.float64]
 
 LARGE = 1000
 """Most samples that are weighed one by one, and most cells."""
 
-_FIELD_DEGREE = 3
+_DEGREE = 3
+_LOCAL = 20  # samples in a group over which what is left is a plane, at least
 
 
 def condensed(base: Fit) -> Observations:
@@ -32,75 +33,87 @@ def condensed(base: Fit) -> Observations:
         base: the refit without any effect to the samples.
     """
     observed, n = base.observed, len(base.observed)
-    cell = neighbourhoods(observed)
-    points = _points(base, cell)
+    cell = neighbourhoods(observed, LARGE)
+    points = _mean_points(base, cell)
     both = {name: np.concatenate([row, points[name]]) for name, row in observed.points.items()}
     predicted = base.hypothesis.predict(base.theta, both)
-    smooth, _ = smooth_functions(np.stack(list(both.values())), _FIELD_DEGREE)
+    smooth, _ = smooth_functions(np.stack(list(both.values())), _DEGREE)
     readings, shifts = [], []
     for reading, foretold in zip(observed.readings, predicted, strict=False):
         deviation, apart = reading.deviation, reading.measured - foretold[:n]
         field = smooth @ np.linalg.lstsq(smooth[:n] / deviation[:, None], apart / deviation)[0]
         rest, total = apart - field[:n], np.bincount(cell, deviation**-2.0)
-        mean = np.bincount(cell, rest * deviation**-2.0) / total
-        shifts.append(field[n:] + mean)
-        readings.append(_mean_reading(reading, foretold[n:] + shifts[-1], 1.0 / np.sqrt(total),
-                                      (rest - mean[cell]) / deviation))
+        shifts.append(field[n:] + np.bincount(cell, rest * deviation**-2.0) / total)
+        factor, trust = _noise(reading, rest, smooth[:n, :len(both) + 1],
+                               neighbourhoods(observed, min(LARGE, n // _LOCAL)))
+        readings.append(Reading(reading.channel, foretold[n:] + shifts[-1],
+                                factor / np.sqrt(total), trust))
     first = observed.readings[0].measured - predicted[0, :n]
-    return replace(observed, points=points, readings=tuple(readings), number=np.arange(len(mean)),
+    return replace(observed, points=points, readings=tuple(readings),
+                   number=np.arange(len(shifts[0])),
                    gathered=Gathered(observed, cell, first - shifts[0][cell]))
 
 
-def _mean_reading(reading: Reading, measured: Array, deviation: Array, scatter: Array) -> Reading:
-    """One reading of the cells; `scatter` of the samples in them is in deviations, shape (n,)."""
-    trust, free = reading.trust, float(len(scatter) - len(measured))
-    pooled = np.sqrt(np.sum(scatter**2) / max(free, 1.0))
-    # The scatter may have stated the noise before: it counts once.
-    if free > trust and not filled_in(float(pooled * reading.deviation.mean()), reading.measured):
-        deviation, trust = pooled * deviation, free
-    return Reading(reading.channel, measured, deviation, trust)
-
-
-def _points(base: Fit, cell: NDArray[np.intp]) -> dict[str, Array]:
-    """Mean operating points, or the sample that is nearest where the model has no answer there."""
-    observed = base.observed
+def _mean_points(base: Fit, cell: NDArray[np.intp]) -> dict[str, Array]:
+    """The mean of each cell, or one of its samples if the model has no answer there."""
+    observed, first = base.observed, np.unique(cell, return_index=True)[1]
     weight = observed.readings[0].deviation ** -2.0
     points = {name: (np.bincount(cell, row * weight) / np.bincount(cell, weight)).clip(
         row.min(), row.max()) for name, row in observed.points.items()}
-    answers = base.hypothesis.predict(base.theta, points)
-    for i in np.flatnonzero(np.isnan(answers).any(axis=0)).tolist():
-        members = np.flatnonzero(cell == i)
-        away = sum(((row[members] - points[name][i]) / max(float(np.ptp(row)), 1e-12)) ** 2
-                   for name, row in observed.points.items())
-        for name, row in observed.points.items():
-            points[name][i] = row[members[np.argmin(away)]]
-    return points
+    refused = np.isnan(base.hypothesis.predict(base.theta, points)).any(axis=0)
+    return {name: np.where(refused, observed.points[name][first], row)
+            for name, row in points.items()}
 
 
-def neighbourhoods(observed: Observations, most: int = LARGE) -> NDArray[np.intp]:
-    """Number the cells of the samples, shape (n,): the widest is halved until there are enough.
+def _noise(
+    reading: Reading, rest: Array, plane: Array, group: NDArray[np.intp]
+) -> tuple[float, float]:
+    """Deviation in stated ones, and what that is worth: the scatter about a plane in each group.
+
+    Args:
+        reading: what states one.
+        rest: of the samples, shape (n,).
+        plane: functions of the place up to degree one, shape (n, axes + 1).
+        group: of each sample, shape (n,).
+    """
+    squares = free = 0.0
+    order, ends = np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))
+    for members in np.split(order, ends[:-1]):
+        own = plane[members] / reading.deviation[members, None]
+        target = rest[members] / reading.deviation[members]
+        at, _, rank, _ = np.linalg.lstsq(own, target)
+        squares += float(np.sum((target - own @ at) ** 2))
+        free += len(members) - int(rank)
+    factor = float(np.sqrt(squares / max(free, 1.0)))
+    # Scatter that stated the noise already counts once.
+    if free < reading.trust or filled_in(factor * reading.deviation.mean(), reading.measured):
+        return 1.0, reading.trust
+    return factor, free
+
+
+def neighbourhoods(observed: Observations, most: int) -> NDArray[np.intp]:
+    """Number the cells of the samples, shape (n,): the widest is halved until there are so many.
 
     Every axis counts by the range of the campaign; samples that repeat a point stay together.
     """
-    rows = np.stack([observed.points[axis.name] for axis in observed.axes], axis=1)
-    extent = np.maximum(np.ptp(rows, axis=0), 1e-12)
-    scaled = (rows - rows.min(axis=0)) / extent
-    least = np.maximum(REPEATED, np.array([axis.held for axis in observed.axes]) / extent)
+    rows = np.stack([observed.points[axis.name] for axis in observed.axes])
+    least = 2.0 * np.maximum(REPEATED, np.array([axis.held for axis in observed.axes])
+                             / np.maximum(np.ptp(rows, axis=1), 1e-12))
+    scaled = scaled_to_extent(rows).T
 
-    def widths(index: NDArray[np.intp]) -> Array:
-        wide = np.ptp(scaled[index], axis=0)
+    def widths(members: NDArray[np.intp]) -> Array:
+        wide = np.ptp(scaled[members], axis=0)
         return np.where(wide > least, wide, 0.0)
 
     cells = [np.arange(len(scaled))]
-    width = [float(widths(cells[0]).max())]
-    while len(cells) < most and max(width) > 0.0:
-        at = int(np.argmax(width))
-        index = cells[at]
-        along = scaled[index, widths(index).argmax()]
+    widest = [widths(cells[0]).max()]
+    while len(cells) < most and max(widest) > 0.0:
+        at = int(np.argmax(widest))
+        along = scaled[cells[at], widths(cells[at]).argmax()]
         above = along > (along.min() + along.max()) / 2.0
-        cells[at:at + 1] = index[~above], index[above]
-        width[at:at + 1] = [float(widths(part).max()) for part in cells[at:at + 2]]
+        cells[at:at + 1] = cells[at][~above], cells[at][above]
+        widest[at:at + 1] = [widths(part).max() for part in cells[at:at + 2]]
     cell = np.empty(len(scaled), dtype=np.intp)
-    for i, index in enumerate(cells):
-        cell[index] = i
+    for i, members in enumerate(cells):
+        cell[members] = i
     return cell

@@ -26,6 +26,7 @@ _NAMED = 3  # samples that a note names one by one
 _NEIGHBOURS = 6
 _FAR = 5.0
 _MOST = 0.03  # part of the samples
+_CHANCE = 0.01
 _MAD_TO_DEVIATION = 1.4826
 
 
@@ -102,15 +103,24 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
     n = whitened.shape[1]
     if n < FEW:
         return np.array([], dtype=np.intp)
-    nearest = _nearest(scaled_to_extent(observed.place).T)
+    place = scaled_to_extent(observed.place)
+    nearest = _nearest(place.T)
     flagged = np.zeros(n, dtype=bool)
     for row in whitened:
         apart = row - np.median(row[nearest], axis=1)
         usual = _MAD_TO_DEVIATION * np.median(np.abs(apart - np.median(apart)))
         far = np.abs(apart) > _FAR * max(float(usual), 1e-12)
-        if far.sum() <= max(1.0, _MOST * n):
+        if far.sum() <= max(1.0, _MOST * n) and not _together(place[:, far], place):
             flagged |= far
     return np.flatnonzero(flagged)
+
+
+def _together(some: Array, place: Array) -> bool:
+    """Whether some of very many places lie in a part of the range: a gap narrower than a cell."""
+    from scipy.stats import ks_2samp
+
+    return place.shape[1] > LARGE and some.size > 0 and any(
+        ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))
 
 
 def _nearest(place: Array) -> NDArray[np.intp]:
