@@ -14,13 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .hypothesis import Fit
-from .observations import REPEATED, Gathered, Observations, Reading, filled_in
+from .observations import LARGE, REPEATED, Gathered, Observations, Reading, filled_in
 from .regions import scaled_to_extent, smooth_functions
 
 Array = NDArray[np.float64]
-
-LARGE = 1000
-"""Most samples that are weighed one by one, and most cells."""
 
 _DEGREE = 3
 _LOCAL = 20  # samples in a group over which what is left is a plane, at least
@@ -42,10 +39,12 @@ def condensed(base: Fit) -> Observations:
     for reading, foretold in zip(observed.readings, predicted, strict=False):
         deviation, apart = reading.deviation, reading.measured - foretold[:n]
         field = smooth @ np.linalg.lstsq(smooth[:n] / deviation[:, None], apart / deviation)[0]
-        rest, total = apart - field[:n], np.bincount(cell, deviation**-2.0)
+        rest, total = apart - field[:n], np.bincount(cell, deviation**-2.0).astype(float)
         shifts.append(field[n:] + np.bincount(cell, rest * deviation**-2.0) / total)
         factor, trust = _noise(reading, rest, smooth[:n, :len(both) + 1],
                                neighbourhoods(observed, min(LARGE, n // _LOCAL)))
+        if factor == 0.0:  # copies are no more exact than one of them
+            factor, total = 1.0, total / np.bincount(cell)
         readings.append(Reading(reading.channel, foretold[n:] + shifts[-1],
                                 factor / np.sqrt(total), trust))
     first = observed.readings[0].measured - predicted[0, :n]
@@ -70,6 +69,8 @@ def _noise(
 ) -> tuple[float, float]:
     """Deviation in stated ones, and what that is worth: the scatter about a plane in each group.
 
+    Zero where readings are copies.
+
     Args:
         reading: what states one.
         rest: of the samples, shape (n,).
@@ -85,10 +86,10 @@ def _noise(
         squares += float(np.sum((target - own @ at) ** 2))
         free += len(members) - int(rank)
     factor = float(np.sqrt(squares / max(free, 1.0)))
+    if filled_in(factor * float(reading.deviation.mean()), reading.measured):
+        return 0.0, reading.trust
     # Scatter that stated the noise already counts once.
-    if free < reading.trust or filled_in(factor * reading.deviation.mean(), reading.measured):
-        return 1.0, reading.trust
-    return factor, free
+    return (factor, free) if free >= reading.trust else (1.0, reading.trust)
 
 
 def neighbourhoods(observed: Observations, most: int) -> NDArray[np.intp]:

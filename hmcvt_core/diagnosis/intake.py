@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .cells import LARGE, condensed
+from .cells import condensed
 from .hypothesis import REFUSED, Fit, Hypothesis, refit
-from .observations import FEW, Observations, replicate_groups
+from .observations import FEW, LARGE, Observations, replicate_groups
 from .regions import scaled_to_extent
 from .system import System
 

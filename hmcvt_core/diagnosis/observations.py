@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 FEW = 16
 """Below this many samples scatter has no shape to be judged by; only its size is left."""
 
+LARGE = 1000
+"""Most samples that are weighed one by one; more are gathered in as many cells at most."""
+
 REPEATED = 0.002
 """Samples so close in every axis repeat one point; a part of the range of the axis."""
 
@@ -227,13 +230,15 @@ def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
     # In tolerances: a bench never sets a point twice to the last digit.
     scaled = np.stack([points[axis.name] / max(REPEATED * float(np.ptp(points[axis.name])),
                                                axis.held) for axis in axes], axis=1)
-    tree = cKDTree(scaled)
-    count = tree.query_ball_point(scaled, 1.0, p=np.inf, return_length=True)
-    leader = np.where(count == 1, np.arange(len(scaled)), -1)
+    if len(scaled) > LARGE:  # pairs of neighbours are too many: what a lattice does not part
+        return np.unique(np.round(scaled), axis=0, return_inverse=True)[1].ravel()
+    near = cKDTree(scaled).query_ball_point(scaled, 1.0, p=np.inf)
+    count = np.array([len(indices) for indices in near])
+    leader = np.full(len(scaled), -1)
     # Ties by place, so that the order of the rows does not matter.
     for i in np.lexsort((*scaled.T[::-1], -count)):
         if leader[i] < 0:
-            members = np.array(tree.query_ball_point(scaled[i], 1.0, p=np.inf))
+            members = np.array(near[i])
             leader[members[leader[members] < 0]] = i
     # Numbered by place, as their leaders are.
     rank = np.argsort(np.lexsort(scaled.T[::-1]))
