@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .cells import condensed
 from .hypothesis import REFUSED, Fit, Hypothesis, refit
-from .observations import FEW, Observations, replicate_groups
+from .observations import FEW, LARGE, Observations, replicate_groups
 from .regions import scaled_to_extent
 from .system import System
 
@@ -25,12 +26,14 @@ _NAMED = 3  # samples that a note names one by one
 _NEIGHBOURS = 6
 _FAR = 5.0
 _MOST = 0.03  # part of the samples
+_CHANCE = 0.01
 _MAD_TO_DEVIATION = 1.4826
-_LARGE = 2000  # beyond, single samples decide nothing and neighbours get costly
 
 
 def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     """Refit the base model to what can be used, and return a note on every sample left out.
+
+    A large campaign is condensed.
 
     Raises:
         InputError: what remains cannot carry a diagnosis.
@@ -49,13 +52,21 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
                      f"{listed_samples(observed, impossible)}")
         base = _without(base, impossible)
     observed = base.observed
-    slips = outliers(observed, base.whitened)
-    if len(slips):
-        first = observed.readings[0]
+    slips, first = outliers(observed, base.whitened), observed.readings[0]
+    if len(slips) > _NAMED and len(observed) > LARGE:
+        notes.append(f"{len(slips)} samples stand alone against their neighbours and were left "
+                     f"out: {listed_samples(observed, slips)}")
+        base = _without(base, slips)
+    elif len(slips):
         notes += [f"{observed.describe(i)}, {first.channel.name} {first.measured[i]:.4g}, stands "
                   "alone against its neighbours and was left out: measure it again" for i in slips]
         base = _without(base, slips)
     _check(system, base.observed)
+    if len(base.observed) > LARGE:
+        means = condensed(base)
+        notes.append(f"{len(base.observed)} samples are weighed as the means of {len(means)} cells "
+                     "of neighbouring operating points")
+        base = refit(base.hypothesis, means, base.base)
     return base, notes
 
 
@@ -90,16 +101,32 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
         whitened: residuals of the refitted base model, shape (channels, n).
     """
     n = whitened.shape[1]
-    if not FEW <= n <= _LARGE:
+    if n < FEW:
         return np.array([], dtype=np.intp)
-    place = scaled_to_extent(observed.place).T
-    distance = np.sum((place[:, None] - place[None, :]) ** 2, axis=2)
-    nearest = np.argsort(distance, axis=1)[:, 1:_NEIGHBOURS + 1]
+    place = scaled_to_extent(observed.place)
+    nearest = _nearest(place.T)
     flagged = np.zeros(n, dtype=bool)
     for row in whitened:
         apart = row - np.median(row[nearest], axis=1)
         usual = _MAD_TO_DEVIATION * np.median(np.abs(apart - np.median(apart)))
         far = np.abs(apart) > _FAR * max(float(usual), 1e-12)
-        if far.sum() <= max(1.0, _MOST * n):
+        if far.sum() <= max(1.0, _MOST * n) and not _together(place[:, far], place):
             flagged |= far
     return np.flatnonzero(flagged)
+
+
+def _together(some: Array, place: Array) -> bool:
+    """Whether some of very many places lie in a part of the range: a gap narrower than a cell."""
+    from scipy.stats import ks_2samp
+
+    return place.shape[1] > LARGE and some.size > 0 and any(
+        ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))
+
+
+def _nearest(place: Array) -> NDArray[np.intp]:
+    if len(place) > LARGE:  # all distances would not fit
+        from scipy.spatial import cKDTree
+
+        return np.asarray(cKDTree(place).query(place, _NEIGHBOURS + 1)[1][:, 1:])
+    distance = np.sum((place[:, None] - place[None, :]) ** 2, axis=2)
+    return np.argsort(distance, axis=1)[:, 1:_NEIGHBOURS + 1]

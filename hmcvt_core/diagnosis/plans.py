@@ -263,13 +263,13 @@ def _pool(base: Fit) -> Observations:
     observed, system = base.observed, base.hypothesis.system
     points = system.candidates(observed.points, base.base)
     predicted = system.predict(base.base, (), points)
-    readings = []
+    readings, each = [], np.sqrt(observed.count)  # a test is one sample
     for i, (channel, values) in enumerate(zip(system.channels, predicted, strict=True)):
         deviation = channel.uncertainty * values if channel.relative else np.full(
-            len(values), np.median(observed.scale[i]) * np.sqrt(base.noise[i]))
+            len(values), np.median(observed.scale[i] * each) * np.sqrt(base.noise[i]))
         readings.append(Reading(channel, values, deviation, 1.0))
     return replace(observed, points=points, readings=tuple(readings),
-                   number=np.arange(predicted.shape[1]))
+                   number=np.arange(predicted.shape[1]), gathered=None)
 
 
 def _rival(item: Candidate, pool: Observations) -> _Rival:

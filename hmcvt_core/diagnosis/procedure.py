@@ -78,6 +78,12 @@ class _Study:
         variance = self.ranking.noise if self.significant else self.ranking.nothing.noise[0]
         return np.asarray(self.base.observed.scale[0] * np.sqrt(variance))
 
+    @property
+    def scatter(self) -> float:
+        """Root of the mean square of the noise of single samples."""
+        count = self.base.observed.count
+        return float(np.sqrt(np.average(self.noise**2 * count, weights=count)))
+
 
 def diagnose_system(
     system: System,
@@ -118,29 +124,32 @@ def diagnose_system(
         ranking = rank(base, boxes, [*singles, *pair_candidates(base, singles)])
     tell("step 4 of 4, how far the gap shrinks")
     study = _Study(base, boxes, found, ranking, seed, deals(observed, seed))
-    before, after, noise = study.before, study.before, study.noise
+    before, after, noise, count = study.before, study.before, study.noise, observed.count
     held_out: list[str] = []
-    judged = observed
+    judged = observed.whole
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
     elif study.significant:
         after = study.errors([ranking.nothing,
                               *(item.plain for item in ranking.candidates[:_RIVALS])])
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
-                       seed, study.significant)
+                       seed, study.significant, count if held is None else 1.0)
+    residuals = observed.at_samples(study.before)
+    if held is None:
+        before, after = observed.at_samples(before), observed.at_samples(after)
     verdict, why = _verdict(study, shrunk)
     causes = _causes(study, verdict) if study.significant else ()
-    gap = Gap(len(observed), _rms(study.before), _rms(study.noise), observed.usual_noise,
+    gap = Gap(len(residuals), _rms(residuals), study.scatter, observed.whole.usual_noise,
               observed.noise_source, found.p_value, study.significant)
     extent = {axis.name: (float(row.min()), float(row.max()))
-              for axis, row in zip(observed.steered, observed.place, strict=True)}
+              for axis, row in zip(observed.steered, observed.whole.place, strict=True)}
     return Diagnosis(
         gap, _where(study), verdict, causes, shrunk,
         next_tests(base, ranking) if study.significant else (),
         ranking.unlisted if study.significant else 0.0,
         (*notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
-        _model_of(base), observed.samples, study.before, judged.samples, before, after,
+        _model_of(base), observed.samples, residuals, judged.samples, before, after,
         observed.steered, extent, observed.readings[0].channel)
 
 
@@ -194,7 +203,7 @@ def _errors_on(
     notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
              f"{listed_samples(held, stalled)}"] if len(stalled) else []
     held = held.select(np.flatnonzero(usable))
-    noise = (np.full(len(held), _rms(study.noise)) if held.assumed
+    noise = (np.full(len(held), study.scatter) if held.assumed
              else held.readings[0].deviation)
     return before[usable], after[usable], noise, held, notes
 
@@ -210,7 +219,7 @@ def _cause(study: _Study, name: str) -> Cause:
     index = item.names.index(name)
     effect, errors = item.fit.effects[index], np.sqrt(np.diagonal(item.plain.covariance))
     shrunk = shrinkage(study.before, study.errors([item.plain]), study.noise, "cross-validation",
-                       study.seed)
+                       study.seed, weight=study.base.observed.count)
     partner = next((other for other in item.names if other != name), None)
     first = item.fit.hypothesis.shared + sum(
         len(other.sizes()) for other in item.fit.effects[:index])
@@ -274,12 +283,17 @@ def _where(study: _Study) -> tuple[Region, ...]:
         if (shared <= _OVERLAP).all() and len(chosen) < _MOST_REGIONS:
             chosen.append(i)
     observed = study.base.observed
-    residual = study.base.whitened[0] * observed.scale[0]
-    limits = np.stack([boxes.low, boxes.high], axis=-1).tolist()
+    residual, count = study.base.whitened[0] * observed.scale[0], observed.count
+    # Cells end before the samples in them do.
+    place, whole = observed.place, observed.whole.place
+    low = np.where(boxes.low == place.min(axis=1), whole.min(axis=1), boxes.low)
+    high = np.where(boxes.high == place.max(axis=1), whole.max(axis=1), boxes.high)
+    limits = np.stack([low, high], axis=-1).tolist()
     return tuple(Region(
         {axis.name: (low, high) for axis, (low, high) in zip(observed.steered, limits[i],
                                                              strict=True)},
-        float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
+        float(np.average(residual[boxes.members[i]], weights=count[boxes.members[i]])),
+        int(count[boxes.members[i]].sum()),
         float(found.region_p[i]), observed.readings[found.region_channel[i]].channel.name)
         for i in chosen)
 
@@ -294,9 +308,9 @@ def _at_zero(fit: Fit) -> list[str]:
 def _on_noise(study: _Study) -> list[str]:
     """Say that the noise found is not the one stated, or what a statement would change."""
     observed = study.base.observed
-    channel, stated, found = observed.readings[0].channel, observed.usual_noise, _rms(study.noise)
+    channel, stated, found = observed.readings[0].channel, observed.whole.usual_noise, study.scatter
     ratio = found / stated
-    if observed.assumed and len(observed) < FEW:
+    if observed.assumed and len(observed.whole) < FEW:
         noise = float(f"{stated:.2g}")
         believed = refit(study.base.hypothesis, observed.stating(noise))
         p_value = significance(believed, study.boxes, study.seed).p_value

@@ -70,24 +70,28 @@ def cross_validated_errors(
 
 
 def shrinkage(
-    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True
+    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True,
+    weight: Array | float = 1.0,
 ) -> ShrinkageSummary:
-    """Compare two sets of prediction errors at the same samples.
+    """Compare two sets of prediction errors at the same points.
 
     Args:
         before, after: errors of the first channel, shape (n,).
         noise: standard deviation of the first channel at each, shape (n,) or scalar.
+        weight: samples behind each, shape (n,) or scalar.
         on: where the errors come from.
-        seed: of the bootstrap over samples.
+        seed: of the bootstrap over points.
         real: whether there is a gap at all; without one `fraction` is None.
     """
     squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
         np.square(noise), before.shape)[:, None]
+    squares *= np.broadcast_to(weight / np.mean(weight), before.shape)[:, None]
     mean = squares.mean(axis=0)
     fraction, interval = None, None
     if real and mean[0] > 0.0:
-        draws = np.random.default_rng(seed).integers(0, len(squares), (_DRAWS, len(squares)))
-        drawn = np.concatenate([mean[None], squares[draws].mean(axis=1)])
+        rng, n = np.random.default_rng(seed), len(squares)
+        drawn = np.stack([mean, *(squares[rng.integers(0, n, n)].mean(axis=0)
+                                  for _ in range(_DRAWS))])
         drawn = drawn[drawn[:, 0] > 0.0]
         # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
         fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()

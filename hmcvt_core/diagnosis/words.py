@@ -167,4 +167,4 @@ def _removed(found: Outcome) -> str:
 def fraction_interval(limits: Sequence[float]) -> str:
     """Return the interval of a fraction in percent; less than nothing is `below 0`."""
     low, high = ("below 0" if end < 0.0 else fixed(100.0 * end, 0) for end in limits)
-    return "below 0 %" if low == high else f"{low} to {high} %"
+    return f"{low} %" if low == high else f"{low} to {high} %"
