@@ -75,8 +75,8 @@ class Services:
     def poll(self) -> None:
         """End a job that must not go on; from the node's timer."""
         job = self._activity.job
-        if job is not None and job.working and not job.ended:
-            self._end(job, self._trouble(job))
+        if job is not None and job.working and not job.ended and (why := self._trouble(job)):
+            self._end(job, why)
 
     def close(self) -> None:
         """Kill a running job."""
@@ -200,9 +200,8 @@ class Services:
             before and job.stopped) else ""
 
     def _end(self, job: Job, why: str) -> None:
-        if why:
-            job.ended = why
-            self._worker.kill()
+        job.ended = why
+        self._worker.kill()
 
     async def _in_worker(self, work: Callable[..., Data], **options: Any) -> Data:
         """Let the worker do the job under way, without blocking the executor."""
@@ -237,21 +236,18 @@ class Services:
 
     def _material(self) -> tuple[Path, Path]:
         """Return the samples and the model of a job, both as they were written."""
-        return self._samples(), self._store.proven()
-
-    def _samples(self) -> Path:
-        name = self._settings().samples_file
+        name, log = self._settings().samples_file, self._log.log
         if not name:
-            self._log.log.check()
-            if not len(self._log.log):
+            log.check()
+            if not len(log):
                 raise InputError("no bench samples logged yet (topic bench_sample)")
-            return self._log.log.path
+            return log.path, self._store.proven()
         folder = self._folder.resolve()
         path = (folder / name).resolve()
         # Parameters can be set from the network: they must not reach files elsewhere.
         if not path.is_relative_to(folder):
             raise InputError(f"samples_file = {name!r} lies outside the state folder")
-        return path
+        return path, self._store.proven()
 
     def _told(self, result: Data) -> str:
         """What the log and diagnostics say of an answer."""

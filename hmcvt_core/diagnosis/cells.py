@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Large campaigns: samples at neighbouring operating points become one point, their mean.
 
 What is averaged is the difference from the refitted model, and a smooth field of what is left is

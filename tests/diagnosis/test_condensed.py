@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: Apache-2.0
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Large campaigns: neighbouring samples are weighed as their means, and the answer stays."""
 
 import numpy as np
