@@ -7,6 +7,7 @@ placeholders (`BENCH.csv`, `[--json]`), or that does no more than name an option
 command has to exist and have its options.
 """
 
+import copy
 import functools
 import re
 import shlex
@@ -72,7 +73,7 @@ def workplace(tmp_path, monkeypatch):
     for name in ("mine.yaml", "served.yaml"):
         shutil.copy(ROOT / "params" / "hm4.yaml", tmp_path / name)
     train = yaml.safe_load((ROOT / "params" / "transmission.yaml").read_text(encoding="utf-8"))
-    train["stages"]["HM2"] = train["stages"]["HM4"]
+    train["stages"]["HM2"] = copy.deepcopy(train["stages"]["HM4"])  # an alias would be refused
     (tmp_path / "my_transmission.yaml").write_text(yaml.safe_dump(train), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path

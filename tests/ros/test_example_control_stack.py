@@ -71,9 +71,9 @@ def test_it_commands_the_best_pair_and_follows_a_refit(node, table2, run, tmp_pa
 
     assert node.player.wait_until(arrived, 10.0), (wanted, commands[-1])
     assert commands[-1].position[1] == pytest.approx(wanted.displacement_ratio, abs=5e-3)
-    # The pretended tractor follows: the node reports what was promised.
-    assert node.comes(lambda: node.player.efficiencies[-1] == pytest.approx(
-        wanted.efficiency, abs=1e-3)), (wanted, node.player.efficiencies[-1])
+    # The pretended tractor follows: the node reports what was promised, and goes on doing so.
+    assert node.comes(lambda: node.player.efficiencies[-9:] == pytest.approx(
+        [wanted.efficiency] * 9, abs=1e-3)), (wanted, node.player.efficiencies[-9:])
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=10)
     assert process.returncode == 0 and "Traceback" not in errors, errors

@@ -245,7 +245,7 @@ def test_job_that_needs_too_much_memory_is_ended():
 
 def test_memory_limit_is_told(node, base):
     hmcvt.write_bench(node.state / "many.csv", measured(base, 20_000))
-    node.set(samples_file="many.csv", job_memory_limit=512)
+    node.set(samples_file="many.csv", job_memory_limit=64)
     reply = running(node, "diagnose")
-    assert told(node, "diagnose: ended, for it needs more than job_memory_limit = 512 MiB")
+    assert told(node, "diagnose: ended, for it needs more than job_memory_limit = 64 MiB")
     assert ends(node, reply, "job_memory_limit")
