@@ -241,11 +241,3 @@ def test_job_that_needs_too_much_memory_is_ended():
         assert worker.submit(timeit.timeit, 2048, **work).result(timeout=20.0) > 0.0
     finally:
         worker.kill()
-
-
-def test_memory_limit_is_told(node, base):
-    hmcvt.write_bench(node.state / "many.csv", measured(base, 20_000))
-    node.set(samples_file="many.csv", job_memory_limit=64)
-    reply = running(node, "diagnose")
-    assert told(node, "diagnose: ended, for it needs more than job_memory_limit = 64 MiB")
-    assert ends(node, reply, "job_memory_limit")
