@@ -127,6 +127,14 @@ def test_parameter_of_an_unknown_type_is_refused(node):
     assert counted(node, "requests contained") == before + 2
 
 
+def test_parameter_without_a_name_is_refused(node):
+    for kind in range(10):
+        result, = ask(node, SetParameters, "set_parameters", parameters=[Parameter(
+            name="", value=ParameterValue(type=kind, string_value="x"))]).results
+        assert not result.successful and result.reason == "a parameter without a name"
+    assert "" not in ask(node, ListParameters, "list_parameters").result.names
+
+
 def test_large_request_is_refused_and_holds_nothing_up(node):
     before, size = counted(node, "requests contained"), len(node.log)
     text = Parameter(name="samples_file", value=ParameterValue(type=4, string_value=LONG))
