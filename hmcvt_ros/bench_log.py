@@ -114,6 +114,8 @@ class BenchLog:
         """
         count = self._count
         if not self.path.exists():
+            self._count = self._size = 0
+            self.recovered = ""
             return 0, None
         kept = self._free_name("cleared")
         self.path.rename(kept)
@@ -125,13 +127,18 @@ class BenchLog:
     def check(self) -> None:
         """Take out of the file what is not as it was written; a log without checksums gets them.
 
+        What had been written and is not there any more can only be told.
+
         Raises:
             OSError: it cannot be read or repaired.
         """
+        before = self._count
         try:
             raw = self.path.read_bytes()
         except FileNotFoundError:
             self._count = self._size = 0
+            if before:
+                self.recovered = f"{self.path}: is gone, and {before} samples with it"
             return
         *lines, torn = raw.split(b"\n")
         old = lines[:1] == [_WITHOUT_CHECKSUMS]
@@ -146,6 +153,9 @@ class BenchLog:
             write_atomically(kept, raw)
             self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
                               f"is kept as {kept.name}")
+        if before > len(good) + lost:
+            gone = f"{before - len(good) - lost} samples that had been logged are gone"
+            self.recovered = f"{self.recovered}; {gone}" if lost else f"{self.path}: {gone}"
         if text != raw:
             write_atomically(self.path, text)
         self._size = len(text)
