@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -38,6 +39,7 @@ BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
 MOST_WAITING = 10_000
 STREAMS = 64
 """Publishers of bench samples that are told apart."""
+_HANGING = 5.0  # seconds without a sign of life from the disk
 _UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
 
 _WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
@@ -183,17 +185,27 @@ class Recorder:
         self._missed_before = 0  # this log was begun
         self._waiting: deque[bytes] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
+        self._asked, self._sign = time.monotonic(), self.call(bool)  # for a sign of life
 
     @property
     def complaint(self) -> str:
         """What this log lacks, as a sentence; empty when nothing."""
         missed = self._missed - self._missed_before
         overrun = f"{missed} bench samples were sent and not taken: too many at once"
-        return "; ".join(filter(None, (self.log.recovered, overrun if missed > 0 else "")))
+        hangs = time.monotonic() - self._asked
+        hanging = f"the disk has not answered for {hangs:.0f} s"
+        return "; ".join(filter(None, (
+            self.log.recovered, overrun if missed > 0 else "",
+            hanging if hangs > _HANGING else "")))
 
     @property
     def _missed(self) -> int:
         return self.numbers.missing + self.tally.refused[BUSY]
+
+    def poll(self) -> None:
+        """Ask for a sign of life from the disk, where the last one has come; now and then."""
+        if self._sign.done():
+            self._asked, self._sign = time.monotonic(), self.call(bool)
 
     def submit(self, samples: BenchSamples) -> None:
         """Take samples, which are not on disk yet."""

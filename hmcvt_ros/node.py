@@ -261,6 +261,7 @@ class EfficiencyNode(Node):
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
+        self._log.poll()
         name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings, {

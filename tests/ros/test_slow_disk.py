@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 import signal
 import time
@@ -59,6 +60,20 @@ def lookups(node, table2, count=300, rate=150.0, every=15):
             times.append(time.monotonic() - start)
         player.spin_for(max(0.0, 1.0 / rate - (time.monotonic() - start)))
     return times
+
+
+def test_disk_that_hangs_is_told(node):
+    os.mkfifo(node.bench_file)  # to read it waits for a writer
+    reply = node.player.request("reidentify")
+    assert node.comes(lambda: "the disk has not answered for" in node.value("state folder"), 10.0)
+    assert node.status()["level"] == DiagnosticStatus.WARN
+    assert node.player.hold(GOOD).efficiency is not None
+    writer = os.open(node.bench_file, os.O_WRONLY)
+    node.bench_file.unlink()
+    os.close(writer)
+    assert node.comes(reply.done) and "no bench samples" in reply.result().message
+    assert node.player.call("clear_samples").success
+    assert node.comes(lambda: node.value("state folder") == "intact")
 
 
 def test_slow_disk_holds_up_no_lookup(node, slow, table2):
