@@ -149,8 +149,7 @@ class Input:
         if self.value is None:
             return State.INVALID, self.tally.complaint
         if is_coasting(self.limits, self.value):
-            return State.COASTING, (f"{name} = {self.value:g} N m: coasting; an efficiency begins "
-                                    f"at {self.limits.low:g} N m")
+            return State.COASTING, coasting(self.value)
         return State.FRESH, ""
 
 
@@ -167,6 +166,12 @@ def is_coasting(limits: Range, value: float) -> bool:
     return limits is LOAD_TORQUE and -limits.high <= value < limits.low
 
 
+def coasting(load_torque: float) -> str:
+    """Say why there is no efficiency without a load."""
+    return (f"{LOAD_TORQUE.name} = {load_torque:g} N m: coasting; an efficiency begins at "
+            f"{LOAD_TORQUE.low:g} N m")
+
+
 class Inputs:
     """The set of the three inputs.
 
@@ -176,6 +181,8 @@ class Inputs:
         coasting: count of arrivals without an answer because the load torque was near zero or less.
         apart: count of arrivals without an answer because the inputs were of different times.
         apart_reason: of the last one, to be taken away when it has been told.
+        asked: state of the last message on `operating_point` and what is to be said of it, to be
+            taken away too; None when none came.
     """
 
     def __init__(self) -> None:
@@ -183,6 +190,7 @@ class Inputs:
         self._all = tuple(self.by_name.values())
         self.clock_jumps = self.coasting = self.apart = 0
         self.apart_reason = ""
+        self.asked: tuple[State, str] | None = None
 
     def point(self, now: int, limits: AgeLimits) -> OperatingPoint | None:
         """Return the operating point, None unless all inputs are fresh, valid and of one time."""

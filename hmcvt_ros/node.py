@@ -26,13 +26,23 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path
+from hmcvt_core.transmission.ranges import LOAD_TORQUE
 
 from . import messages, parameters, qos
 from .bench_log import INVALID, NOT_WRITTEN, BenchLog, Recorder
 from .clocks import NodeClock, SteadyClock
 from .diagnostics import Activity, inputs_status, model_status
 from .guard import Guard
-from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, Tally
+from .inputs import (
+    INPUT_RANGES,
+    NANOSECONDS,
+    Inputs,
+    OperatingPoint,
+    State,
+    Tally,
+    coasting,
+    is_coasting,
+)
 from .model_store import ModelStore
 from .outputs import Outputs
 from .services import Services
@@ -201,16 +211,23 @@ class EfficiencyNode(Node):
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         now = self._ages.now()
         age = (now - self._ages.received(info["received_timestamp"], now)) * NANOSECONDS
-        message, point, reason = JointState(), None, "invalid"
+        message, point, state = JointState(), None, State.INVALID
         try:
             message = messages.joint_state(raw)
             point = messages.point_from_message(message, self._points)
             if age > self._settings.input_timeout:
-                point, reason = None, "stale"
+                point, state = None, State.STALE
                 raise InputError(f"it has waited for {age:.1f} s; input_timeout")
             self._points.accept()
+            self._inputs.asked = State.FRESH, ""
+            if is_coasting(LOAD_TORQUE, point.load_torque):
+                self._inputs.coasting += 1
+                self._inputs.asked = State.COASTING, (
+                    f"operating_point: {coasting(point.load_torque)}")
+                point = None
         except HmcvtError as error:
-            self._points.refuse(reason, f"operating_point: {error}")
+            self._points.refuse(state.value, f"operating_point: {error}")
+            self._inputs.asked = state, self._points.complaint
             self.guard.warn("operating_point", self._points.complaint)
         self._outputs.advise(self._served.model, message, point, self._settings)
 
@@ -276,4 +293,4 @@ class EfficiencyNode(Node):
         ])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
-        self._inputs.apart_reason = ""
+        self._inputs.apart_reason, self._inputs.asked = "", None

@@ -359,3 +359,34 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
     for end in ends:
         node.player.destroy_subscription(end)
     node.player.destroy_publisher(publisher)
+
+
+def test_client_that_sends_operating_points_alone_lacks_nothing(start_node, paper_file):
+    node = start_node(paper_file)
+    publisher = node.player.create_publisher(
+        JointState, f"{node.namespace}/operating_point", qos.INPUT)
+
+    def told(level, words, torque, stroke=0.5):
+        message = JointState(name=["engine", "output", "displacement"],
+                             position=[0.0, 0.0, stroke], velocity=[100.0, 80.0, 0.0],
+                             effort=[math.nan, torque, 0.0])
+
+        def found():
+            publisher.publish(message)
+            status = node.status("inputs")
+            return status["level"] == level and words in status["message"]
+
+        node.forget_status()
+        assert node.comes(found), node.status("inputs")
+
+    told(DiagnosticStatus.OK, "operating points", 250.0)
+    for torque in (0.0, -50.0):
+        told(DiagnosticStatus.OK, f"operating_point: load_torque = {torque * 0.8:g} N m: coasting",
+             torque)
+    assert int(node.value("points not answered, coasting", "inputs")) > 0
+    assert node.value("operating points refused, invalid", "inputs") == "0"
+    told(DiagnosticStatus.ERROR, "operating_point: displacement_ratio = 1.3 is outside", 250.0, 1.3)
+    node.forget_status()
+    assert node.comes(lambda: node.status("inputs")["level"] == DiagnosticStatus.WARN)
+    node.player.destroy_publisher(publisher)
+    assert node.stop() == 0
