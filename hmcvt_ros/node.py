@@ -105,7 +105,8 @@ class EfficiencyNode(Node):
             post_callback=lambda jump: self._inputs.clock_jumped())
         self._create_topics()
         self._service_handlers = Services(self, self._store, self._log, self._activity,
-                                          lambda: self._settings, self._announce)
+                                          lambda: self._settings, self._announce,
+                                          self.guard.warn)
         # The timer must run even when a simulated clock stands still.
         self.create_timer(TICK, self.guard.callback(self._tick),
                           clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -58,7 +58,9 @@ class Services:
         activity: Activity,
         settings: Callable[[], Settings],
         announce: Callable[[Settings, EfficiencyMap], None],
+        warn: Callable[[str, str], None],
     ) -> None:
+        self._warn = warn
         self._node, self._store, self._log, self._activity = node, store, log, activity
         self._settings, self._announce = settings, announce
         self._folder = log.log.path.parent
@@ -163,7 +165,8 @@ class Services:
                 answer = {"error": text, **getattr(error, "found", {})}
                 how = "not adopted" if isinstance(error, _NotAdoptedError) else "failed"
                 end = f"{how}: {text}"
-                logger.warning(f"{name}: {text}")
+                # Who is refused may ask again at once, and for ever: that must not fill a disk.
+                self._warn(f"{name} {text.startswith('busy')}", f"{name}: {text}")
             finally:
                 self._served -= 1
             if name in self._activity.ends:

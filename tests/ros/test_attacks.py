@@ -161,6 +161,14 @@ def test_large_request_is_refused_and_holds_nothing_up(node):
     assert len(node.log) - size < 5000
 
 
+def test_refused_services_do_not_fill_the_log(node):
+    node.player.spin_for(5.1)  # the last warning of the kind is that old
+    size = len(node.log)
+    for service in ("adopt", "cancel") * 100:
+        assert not node.player.call(service).success
+    assert 0 < len(node.log) - size < 1000
+
+
 def test_clock_of_the_ages_cannot_be_exchanged(node):
     result, = node.set(use_sim_time=True)
     assert not result.successful and "read-only" in result.reason
