@@ -178,14 +178,20 @@ class Recorder:
         tally: what became of the samples.
     """
 
-    def __init__(self, log: BenchLog, warn: Callable[[str], None]) -> None:
-        """Write to a log, and say what could not be written."""
+    def __init__(
+        self, log: BenchLog, warn: Callable[[str], None], watch: Callable[[], str] = str
+    ) -> None:
+        """Write to a log, and say what could not be written.
+
+        `watch` says now and then what is wrong with the disk.
+        """
         self.log, self.numbers, self.tally = log, Numbers(), Tally(BENCH_REASONS)
-        self._warn = warn
+        self._warn, self._watch = warn, watch
         self._missed_before = 0  # this log was begun
         self._waiting: deque[bytes] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
-        self._asked, self._sign = time.monotonic(), self.call(bool)  # for a sign of life
+        self._trouble = ""  # that it saw last
+        self._asked, self._sign = time.monotonic(), self.call(watch)  # for a sign of life
 
     @property
     def complaint(self) -> str:
@@ -195,7 +201,7 @@ class Recorder:
         hangs = time.monotonic() - self._asked
         hanging = f"the disk has not answered for {hangs:.0f} s"
         return "; ".join(filter(None, (
-            self.log.recovered, overrun if missed > 0 else "",
+            self._trouble, self.log.recovered, overrun if missed > 0 else "",
             hanging if hangs > _HANGING else "")))
 
     @property
@@ -205,7 +211,8 @@ class Recorder:
     def poll(self) -> None:
         """Ask for a sign of life from the disk, where the last one has come; now and then."""
         if self._sign.done():
-            self._asked, self._sign = time.monotonic(), self.call(bool)
+            self._trouble = self._sign.result()
+            self._asked, self._sign = time.monotonic(), self.call(self._watch)
 
     def submit(self, samples: BenchSamples) -> None:
         """Take samples, which are not on disk yet."""

@@ -91,7 +91,7 @@ class EfficiencyNode(Node):
         self._inputs, self._activity = Inputs(), Activity()
         self._log = Recorder(
             BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
-            lambda text: self.guard.warn("bench_sample", text))
+            lambda text: self.guard.warn("bench_sample", text), self._state.gone)
         if not self._state.writable:
             self._log.tally.expect(NOT_WRITTEN, self._state.complaint)
         self._last_output = -math.inf

@@ -76,6 +76,16 @@ def test_disk_that_hangs_is_told(node):
     assert node.comes(lambda: node.value("state folder") == "intact")
 
 
+def test_state_folder_that_is_removed_is_told(start_node, paper_file, table2):
+    node = start_node(paper_file)
+    shutil.rmtree(node.state)
+    assert node.comes(lambda: "was removed or replaced" in node.value("state folder"))
+    send_table(node, table2)  # into a new one, which is not the one that was taken
+    assert node.comes(lambda: node.status()["level"] == DiagnosticStatus.WARN)
+    assert "was removed or replaced" in node.status()["message"]
+    assert node.stop() == 0
+
+
 def test_slow_disk_holds_up_no_lookup(node, slow, table2):
     quick, slowly = 0.0, math.inf
     sent = 0
