@@ -114,14 +114,11 @@ class BenchLog:
         Raises:
             OSError: the file cannot be renamed; the log is as before.
         """
-        count = self._count
-        if not self.path.exists():
-            self._count = self._size = 0
-            self.recovered = ""
-            return 0, None
-        kept = self._free_name("cleared")
-        self.path.rename(kept)
-        sync_folder(self.path.parent)
+        count, kept = 0, None
+        if self.path.exists():
+            count, kept = self._count, self._free_name("cleared")
+            self.path.rename(kept)
+            sync_folder(self.path.parent)
         self._count = self._size = 0
         self.recovered = ""
         return count, kept
@@ -178,41 +175,35 @@ class Recorder:
         tally: what became of the samples.
     """
 
-    def __init__(
-        self, log: BenchLog, warn: Callable[[str], None], watch: Callable[[], str] = str
-    ) -> None:
-        """Write to a log, and say what could not be written.
-
-        `watch` says now and then what is wrong with the disk.
-        """
+    def __init__(self, log: BenchLog, warn: Callable[[str], None], look: Callable[[], str]) -> None:
+        """Write to a log; say what could not be written, and what a look at the disk finds."""
         self.log, self.numbers, self.tally = log, Numbers(), Tally(BENCH_REASONS)
-        self._warn, self._watch = warn, watch
+        self._warn, self._look = warn, look
         self._missed_before = 0  # this log was begun
         self._waiting: deque[bytes] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
-        self._trouble = ""  # that it saw last
-        self._asked, self._sign = time.monotonic(), self.call(watch)  # for a sign of life
+        self._trouble = ""  # of the disk
+        self._asked, self._sign = time.monotonic(), self.call(look)  # for a sign of life
 
     @property
     def complaint(self) -> str:
         """What this log lacks, as a sentence; empty when nothing."""
         missed = self._missed - self._missed_before
         overrun = f"{missed} bench samples were sent and not taken: too many at once"
-        hangs = time.monotonic() - self._asked
-        hanging = f"the disk has not answered for {hangs:.0f} s"
         return "; ".join(filter(None, (
-            self._trouble, self.log.recovered, overrun if missed > 0 else "",
-            hanging if hangs > _HANGING else "")))
+            self._trouble, self.log.recovered, overrun if missed > 0 else "")))
 
     @property
     def _missed(self) -> int:
         return self.numbers.missing + self.tally.refused[BUSY]
 
     def poll(self) -> None:
-        """Ask for a sign of life from the disk, where the last one has come; now and then."""
+        """Look at the disk again, where the last look has ended; now and then."""
         if self._sign.done():
             self._trouble = self._sign.result()
-            self._asked, self._sign = time.monotonic(), self.call(self._watch)
+            self._asked, self._sign = time.monotonic(), self.call(self._look)
+        elif (silent := time.monotonic() - self._asked) > _HANGING:
+            self._trouble = f"the disk has not answered for {silent:.0f} s"
 
     def submit(self, samples: BenchSamples) -> None:
         """Take samples, which are not on disk yet."""

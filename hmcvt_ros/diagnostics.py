@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from .bench_log import NOT_WRITTEN, Recorder
-from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, State
+from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
 from .parameters import Settings
 
@@ -101,10 +101,7 @@ class Activity:
 def inputs_status(
     name: str, inputs: Inputs, now: int, settings: Settings, counts: Mapping[str, int]
 ) -> DiagnosticStatus:
-    """Return the status of the inputs: the worst state of the three, each with age and counts.
-
-    And of the last operating point.
-    """
+    """Return the status of the inputs: the worst of the three and the last operating point."""
     values: dict[str, Any] = {}
     found = []
     for (key, item), limit in zip(
@@ -124,8 +121,7 @@ def inputs_status(
     if inputs.apart_reason:
         problems.append(inputs.apart_reason)
         level = max(level, DiagnosticStatus.WARN)
-    message = "; ".join(problems) or (
-        "three fresh inputs" if len(found) >= len(INPUT_RANGES) else "operating points")
+    message = "; ".join(problems) or ("three fresh inputs" if found[2:] else "operating points")
     return _status(name, "inputs", level, message, {**values, **counts})
 
 

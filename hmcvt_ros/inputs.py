@@ -118,7 +118,7 @@ class Input:
         self.stamp = received
         if not self.limits.low <= value <= self.limits.high:  # true for NaN
             value = tolerated(self.limits, value, self.tally)
-            if not (self.limits.contains(value) or is_coasting(self.limits, value)):
+            if not (self.limits.contains(value) or coasting(self.limits, value)):
                 # The last good value is gone with it: what the sensor says now is not known.
                 self.value = None
                 self.tally.refuse(REASONS[math.isfinite(value)], self.limits.complaint(value))
@@ -148,9 +148,8 @@ class Input:
             return State.STALE, f"{name}: nothing received for {age:.1f} s"
         if self.value is None:
             return State.INVALID, self.tally.complaint
-        if is_coasting(self.limits, self.value):
-            return State.COASTING, coasting(self.value)
-        return State.FRESH, ""
+        why = coasting(self.limits, self.value)
+        return State.COASTING if why else State.FRESH, why
 
 
 def tolerated(limits: Range, value: float, tally: Tally) -> float:
@@ -161,15 +160,12 @@ def tolerated(limits: Range, value: float, tally: Tally) -> float:
     return value
 
 
-def is_coasting(limits: Range, value: float) -> bool:
-    """Tell whether a load torque is near zero or drives the engine, as on every way downhill."""
-    return limits is LOAD_TORQUE and -limits.high <= value < limits.low
-
-
-def coasting(load_torque: float) -> str:
-    """Say why there is no efficiency without a load."""
-    return (f"{LOAD_TORQUE.name} = {load_torque:g} N m: coasting; an efficiency begins at "
-            f"{LOAD_TORQUE.low:g} N m")
+def coasting(limits: Range, value: float) -> str:
+    """Say that a load torque is near zero or drives the engine, as on every way downhill, if so."""
+    if limits is not LOAD_TORQUE or not -limits.high <= value < limits.low:
+        return ""
+    return (f"{limits.name} = {value:g} N m: coasting; an efficiency begins "
+            f"at {limits.low:g} N m")
 
 
 class Inputs:

@@ -33,16 +33,7 @@ from .bench_log import INVALID, NOT_WRITTEN, BenchLog, Recorder
 from .clocks import NodeClock, SteadyClock
 from .diagnostics import Activity, inputs_status, model_status
 from .guard import Guard
-from .inputs import (
-    INPUT_RANGES,
-    NANOSECONDS,
-    Inputs,
-    OperatingPoint,
-    State,
-    Tally,
-    coasting,
-    is_coasting,
-)
+from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, State, Tally, coasting
 from .model_store import ModelStore
 from .outputs import Outputs
 from .services import Services
@@ -212,7 +203,7 @@ class EfficiencyNode(Node):
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         now = self._ages.now()
         age = (now - self._ages.received(info["received_timestamp"], now)) * NANOSECONDS
-        message, point, state = JointState(), None, State.INVALID
+        message, point, state, why = JointState(), None, State.INVALID, ""
         try:
             message = messages.joint_state(raw)
             point = messages.point_from_message(message, self._points)
@@ -220,16 +211,15 @@ class EfficiencyNode(Node):
                 point, state = None, State.STALE
                 raise InputError(f"it has waited for {age:.1f} s; input_timeout")
             self._points.accept()
-            self._inputs.asked = State.FRESH, ""
-            if is_coasting(LOAD_TORQUE, point.load_torque):
+            if why := coasting(LOAD_TORQUE, point.load_torque):
                 self._inputs.coasting += 1
-                self._inputs.asked = State.COASTING, (
-                    f"operating_point: {coasting(point.load_torque)}")
-                point = None
+                point, why = None, f"operating_point: {why}"
+            state = State.COASTING if why else State.FRESH
         except HmcvtError as error:
-            self._points.refuse(state.value, f"operating_point: {error}")
-            self._inputs.asked = state, self._points.complaint
-            self.guard.warn("operating_point", self._points.complaint)
+            why = f"operating_point: {error}"
+            self._points.refuse(state.value, why)
+            self.guard.warn("operating_point", why)
+        self._inputs.asked = state, why
         self._outputs.advise(self._served.model, message, point, self._settings)
 
     # --- bench samples ------------------------------------------------------------------------

@@ -60,9 +60,8 @@ class Services:
         announce: Callable[[Settings, EfficiencyMap], None],
         warn: Callable[[str, str], None],
     ) -> None:
-        self._warn = warn
         self._node, self._store, self._log, self._activity = node, store, log, activity
-        self._settings, self._announce = settings, announce
+        self._settings, self._announce, self._warn = settings, announce, warn
         self._folder = log.log.path.parent
         self._worker = Worker()
         self._served = 0  # requests that have no reply yet

@@ -62,10 +62,8 @@ class StateFolder:
 
     def gone(self) -> str:
         """Say that the folder was removed or replaced: another node may take the new one."""
-        if self._handle is None:
-            return ""
         with contextlib.suppress(OSError):
-            if os.path.samestat(os.fstat(self._handle), self.path.stat()):
+            if self._handle is None or os.path.samestat(os.fstat(self._handle), self.path.stat()):
                 return ""
         return f"state_folder: {self.path} was removed or replaced; start the node again"
 
