@@ -16,7 +16,7 @@ import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ MOST_WAITING = 10_000
 STREAMS = 64
 """Publishers of bench samples that are told apart."""
 _HANGING = 5.0  # seconds without a sign of life from the disk
+_PATIENCE = 2.0  # seconds for what waits for the disk at the end
 _UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
 
 _WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
@@ -228,9 +229,11 @@ class Recorder:
         self._missed_before = self._missed
         return done
 
-    def close(self) -> None:
-        """Write what waits, and end."""
-        self._thread.shutdown()
+    def close(self) -> bool:
+        """Write what waits, and end; False when the disk takes too long."""
+        written = wait([self.call(bool)], _PATIENCE).done
+        self._thread.shutdown(wait=False)
+        return bool(written)
 
     # --- the thread; it alone counts, lest two do at once -----------------------------------------
 

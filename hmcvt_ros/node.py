@@ -104,11 +104,12 @@ class EfficiencyNode(Node):
         self._announce(self._settings)
         self._report_start()
 
-    def close(self) -> None:
-        """End what runs beside the node."""
+    def close(self) -> bool:
+        """End what runs beside the node; False when a thread still waits for the disk."""
         self._service_handlers.close()
-        self._log.close()
+        written = self._log.close()
         self._state.close()
+        return written
 
     # --- set-up -------------------------------------------------------------------------------
 

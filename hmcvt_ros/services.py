@@ -249,6 +249,8 @@ class Services:
         # Parameters can be set from the network: they must not reach files elsewhere.
         if not path.is_relative_to(folder):
             raise InputError(f"samples_file = {name!r} lies outside the state folder")
+        if path.exists() and not path.is_file():  # to read it might never end
+            raise InputError(f"samples_file = {name!r} is no regular file")
         return path, self._store.proven()
 
     def _told(self, result: Data) -> str:

@@ -265,3 +265,15 @@ def test_what_waits_for_the_disk_is_written_before_the_end(node, slow, table2):
     assert node.stop() == 0, node.log
     assert node.logged() == before + 200
     assert "Traceback" not in node.log
+
+
+def test_disk_that_hangs_does_not_hold_up_the_end(start_node, paper_file):
+    node = start_node(paper_file)
+    os.mkfifo(node.bench_file)  # to read it waits for a writer
+    node.player.request("reidentify")
+    node.player.spin_for(0.5)
+    start = time.monotonic()
+    assert node.stop() == 1
+    assert time.monotonic() - start < 5.0  # 2 s, and what an end takes
+    assert "the disk does not answer: what waited for it is lost" in node.log
+    assert "Traceback" not in node.log
