@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,8 @@ BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
 MOST_WAITING = 10_000
 STREAMS = 64
 """Publishers of bench samples that are told apart."""
+_HANGING = 5.0  # seconds without a sign of life from the disk
+_PATIENCE = 2.0  # seconds for what waits for the disk at the end
 _UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
 
 _WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
@@ -112,12 +115,11 @@ class BenchLog:
         Raises:
             OSError: the file cannot be renamed; the log is as before.
         """
-        count = self._count
-        if not self.path.exists():
-            return 0, None
-        kept = self._free_name("cleared")
-        self.path.rename(kept)
-        sync_folder(self.path.parent)
+        count, kept = 0, None
+        if self.path.exists():
+            count, kept = self._count, self._free_name("cleared")
+            self.path.rename(kept)
+            sync_folder(self.path.parent)
         self._count = self._size = 0
         self.recovered = ""
         return count, kept
@@ -125,13 +127,18 @@ class BenchLog:
     def check(self) -> None:
         """Take out of the file what is not as it was written; a log without checksums gets them.
 
+        What had been written and is not there any more can only be told.
+
         Raises:
             OSError: it cannot be read or repaired.
         """
+        before = self._count
         try:
             raw = self.path.read_bytes()
         except FileNotFoundError:
             self._count = self._size = 0
+            if before:
+                self.recovered = f"{self.path}: is gone, and {before} samples with it"
             return
         *lines, torn = raw.split(b"\n")
         old = lines[:1] == [_WITHOUT_CHECKSUMS]
@@ -146,6 +153,9 @@ class BenchLog:
             write_atomically(kept, raw)
             self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
                               f"is kept as {kept.name}")
+        if before > len(good) + lost:
+            gone = f"{before - len(good) - lost} samples that had been logged are gone"
+            self.recovered = f"{self.recovered}; {gone}" if lost else f"{self.path}: {gone}"
         if text != raw:
             write_atomically(self.path, text)
         self._size = len(text)
@@ -166,24 +176,35 @@ class Recorder:
         tally: what became of the samples.
     """
 
-    def __init__(self, log: BenchLog, warn: Callable[[str], None]) -> None:
-        """Write to a log, and say what could not be written."""
+    def __init__(self, log: BenchLog, warn: Callable[[str], None], look: Callable[[], str]) -> None:
+        """Write to a log; say what could not be written, and what a look at the disk finds."""
         self.log, self.numbers, self.tally = log, Numbers(), Tally(BENCH_REASONS)
-        self._warn = warn
+        self._warn, self._look = warn, look
         self._missed_before = 0  # this log was begun
         self._waiting: deque[bytes] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
+        self._trouble = ""  # of the disk
+        self._asked, self._sign = time.monotonic(), self.call(look)  # for a sign of life
 
     @property
     def complaint(self) -> str:
         """What this log lacks, as a sentence; empty when nothing."""
         missed = self._missed - self._missed_before
         overrun = f"{missed} bench samples were sent and not taken: too many at once"
-        return "; ".join(filter(None, (self.log.recovered, overrun if missed > 0 else "")))
+        return "; ".join(filter(None, (
+            self._trouble, self.log.recovered, overrun if missed > 0 else "")))
 
     @property
     def _missed(self) -> int:
         return self.numbers.missing + self.tally.refused[BUSY]
+
+    def poll(self) -> None:
+        """Look at the disk again, where the last look has ended; now and then."""
+        if self._sign.done():
+            self._trouble = self._sign.result()
+            self._asked, self._sign = time.monotonic(), self.call(self._look)
+        elif (silent := time.monotonic() - self._asked) > _HANGING:
+            self._trouble = f"the disk has not answered for {silent:.0f} s"
 
     def submit(self, samples: BenchSamples) -> None:
         """Take samples, which are not on disk yet."""
@@ -208,9 +229,11 @@ class Recorder:
         self._missed_before = self._missed
         return done
 
-    def close(self) -> None:
-        """Write what waits, and end."""
-        self._thread.shutdown()
+    def close(self) -> bool:
+        """Write what waits, and end; False when the disk takes too long."""
+        written = wait([self.call(bool)], _PATIENCE).done
+        self._thread.shutdown(wait=False)
+        return bool(written)
 
     # --- the thread; it alone counts, lest two do at once -----------------------------------------
 

@@ -101,7 +101,7 @@ class Activity:
 def inputs_status(
     name: str, inputs: Inputs, now: int, settings: Settings, counts: Mapping[str, int]
 ) -> DiagnosticStatus:
-    """Return the status of the inputs: the worst state of the three, each with age and counts."""
+    """Return the status of the inputs: the worst of the three and the last operating point."""
     values: dict[str, Any] = {}
     found = []
     for (key, item), limit in zip(
@@ -112,12 +112,16 @@ def inputs_status(
                    f"{key} age [s]": "-" if age is None else f"{age:.3f}",
                    f"{key} age limit [s]": f"{limit * NANOSECONDS:g}",
                    **item.tally.values(key)}
+    if inputs.asked:
+        if all(item.stamp is None for item in inputs.by_name.values()):
+            found = []  # whoever sends operating points alone lacks nothing
+        found.append(inputs.asked)
     level = _LEVELS[max((state for state, _ in found), key=list(State).index)]
     problems = [problem for _, problem in found if problem]
     if inputs.apart_reason:
         problems.append(inputs.apart_reason)
         level = max(level, DiagnosticStatus.WARN)
-    message = "; ".join(problems) or "three fresh inputs"
+    message = "; ".join(problems) or ("three fresh inputs" if found[2:] else "operating points")
     return _status(name, "inputs", level, message, {**values, **counts})
 
 

@@ -78,10 +78,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return 1
         node.get_logger().info("stopping: asked to by a signal")
     finally:
-        node.close()
+        written = node.close()
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+        if not written:  # Python would wait for that thread for ever
+            _failed("the disk does not answer: what waited for it is lost")
+            os._exit(1)
     return 0
 
 

@@ -118,7 +118,7 @@ class Input:
         self.stamp = received
         if not self.limits.low <= value <= self.limits.high:  # true for NaN
             value = tolerated(self.limits, value, self.tally)
-            if not (self.limits.contains(value) or is_coasting(self.limits, value)):
+            if not (self.limits.contains(value) or coasting(self.limits, value)):
                 # The last good value is gone with it: what the sensor says now is not known.
                 self.value = None
                 self.tally.refuse(REASONS[math.isfinite(value)], self.limits.complaint(value))
@@ -148,10 +148,8 @@ class Input:
             return State.STALE, f"{name}: nothing received for {age:.1f} s"
         if self.value is None:
             return State.INVALID, self.tally.complaint
-        if is_coasting(self.limits, self.value):
-            return State.COASTING, (f"{name} = {self.value:g} N m: coasting; an efficiency begins "
-                                    f"at {self.limits.low:g} N m")
-        return State.FRESH, ""
+        why = coasting(self.limits, self.value)
+        return State.COASTING if why else State.FRESH, why
 
 
 def tolerated(limits: Range, value: float, tally: Tally) -> float:
@@ -162,9 +160,12 @@ def tolerated(limits: Range, value: float, tally: Tally) -> float:
     return value
 
 
-def is_coasting(limits: Range, value: float) -> bool:
-    """Tell whether a load torque is near zero or drives the engine, as on every way downhill."""
-    return limits is LOAD_TORQUE and -limits.high <= value < limits.low
+def coasting(limits: Range, value: float) -> str:
+    """Say that a load torque is near zero or drives the engine, as on every way downhill, if so."""
+    if limits is not LOAD_TORQUE or not -limits.high <= value < limits.low:
+        return ""
+    return (f"{limits.name} = {value:g} N m: coasting; an efficiency begins "
+            f"at {limits.low:g} N m")
 
 
 class Inputs:
@@ -176,6 +177,8 @@ class Inputs:
         coasting: count of arrivals without an answer because the load torque was near zero or less.
         apart: count of arrivals without an answer because the inputs were of different times.
         apart_reason: of the last one, to be taken away when it has been told.
+        asked: state of the last message on `operating_point` and what is to be said of it, to be
+            taken away too; None when none came.
     """
 
     def __init__(self) -> None:
@@ -183,6 +186,7 @@ class Inputs:
         self._all = tuple(self.by_name.values())
         self.clock_jumps = self.coasting = self.apart = 0
         self.apart_reason = ""
+        self.asked: tuple[State, str] | None = None
 
     def point(self, now: int, limits: AgeLimits) -> OperatingPoint | None:
         """Return the operating point, None unless all inputs are fresh, valid and of one time."""

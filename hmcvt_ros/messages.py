@@ -21,7 +21,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, HmcvtError, InputError
 from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
 
-from .inputs import INPUT_RANGES, OperatingPoint, Tally, tolerated
+from .inputs import INPUT_RANGES, OperatingPoint, Tally, coasting, tolerated
 from .shafts import JOINTS, Shafts, read_shafts
 
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
@@ -50,11 +50,14 @@ def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
     """Read an operating point; the engine's torque is not needed. `tally` as in `tolerated`.
 
     Raises:
-        HmcvtError: a joint or field is missing or doubled, or a value is out of range.
+        HmcvtError: a joint or field is missing or doubled, or a value is wrong; coasting is not.
     """
     shafts = _running(message, tally)
-    return OperatingPoint(*(float(limits.check(getattr(shafts, limits.name)))
-                            for limits in INPUT_RANGES))
+    point = OperatingPoint(*(getattr(shafts, limits.name) for limits in INPUT_RANGES))
+    for limits, value in zip(INPUT_RANGES, point, strict=True):
+        if not coasting(limits, value):
+            limits.check(value)
+    return point
 
 
 def bench_sample_from_message(message: JointState, now: float, tally: Tally) -> BenchSamples:

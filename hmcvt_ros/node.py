@@ -26,13 +26,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path
+from hmcvt_core.transmission.ranges import LOAD_TORQUE
 
 from . import messages, parameters, qos
 from .bench_log import INVALID, NOT_WRITTEN, BenchLog, Recorder
 from .clocks import NodeClock, SteadyClock
 from .diagnostics import Activity, inputs_status, model_status
 from .guard import Guard
-from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, Tally
+from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, State, Tally, coasting
 from .model_store import ModelStore
 from .outputs import Outputs
 from .services import Services
@@ -81,7 +82,7 @@ class EfficiencyNode(Node):
         self._inputs, self._activity = Inputs(), Activity()
         self._log = Recorder(
             BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
-            lambda text: self.guard.warn("bench_sample", text))
+            lambda text: self.guard.warn("bench_sample", text), self._state.gone)
         if not self._state.writable:
             self._log.tally.expect(NOT_WRITTEN, self._state.complaint)
         self._last_output = -math.inf
@@ -95,18 +96,20 @@ class EfficiencyNode(Node):
             post_callback=lambda jump: self._inputs.clock_jumped())
         self._create_topics()
         self._service_handlers = Services(self, self._store, self._log, self._activity,
-                                          lambda: self._settings, self._announce)
+                                          lambda: self._settings, self._announce,
+                                          self.guard.warn)
         # The timer must run even when a simulated clock stands still.
         self.create_timer(TICK, self.guard.callback(self._tick),
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._announce(self._settings)
         self._report_start()
 
-    def close(self) -> None:
-        """End what runs beside the node."""
+    def close(self) -> bool:
+        """End what runs beside the node; False when a thread still waits for the disk."""
         self._service_handlers.close()
-        self._log.close()
+        written = self._log.close()
         self._state.close()
+        return written
 
     # --- set-up -------------------------------------------------------------------------------
 
@@ -201,17 +204,23 @@ class EfficiencyNode(Node):
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         now = self._ages.now()
         age = (now - self._ages.received(info["received_timestamp"], now)) * NANOSECONDS
-        message, point, reason = JointState(), None, "invalid"
+        message, point, state, why = JointState(), None, State.INVALID, ""
         try:
             message = messages.joint_state(raw)
             point = messages.point_from_message(message, self._points)
             if age > self._settings.input_timeout:
-                point, reason = None, "stale"
+                point, state = None, State.STALE
                 raise InputError(f"it has waited for {age:.1f} s; input_timeout")
             self._points.accept()
+            if why := coasting(LOAD_TORQUE, point.load_torque):
+                self._inputs.coasting += 1
+                point, why = None, f"operating_point: {why}"
+            state = State.COASTING if why else State.FRESH
         except HmcvtError as error:
-            self._points.refuse(reason, f"operating_point: {error}")
-            self.guard.warn("operating_point", self._points.complaint)
+            why = f"operating_point: {error}"
+            self._points.refuse(state.value, why)
+            self.guard.warn("operating_point", why)
+        self._inputs.asked = state, why
         self._outputs.advise(self._served.model, message, point, self._settings)
 
     # --- bench samples ------------------------------------------------------------------------
@@ -261,6 +270,7 @@ class EfficiencyNode(Node):
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
+        self._log.poll()
         name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings, {
@@ -275,4 +285,4 @@ class EfficiencyNode(Node):
         ])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
-        self._inputs.apart_reason = ""
+        self._inputs.apart_reason, self._inputs.asked = "", None

@@ -296,6 +296,8 @@ def current(node: Node, changes: Sequence[Parameter] = ()) -> Settings:
 
 def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
     """Tell whether changed values fit together with the rest; for the on-set callback."""
+    if not all(change.name for change in changes):  # rclpy would declare it
+        return SetParametersResult(successful=False, reason="a parameter without a name")
     try:
         current(node, changes)
     except (InputError, TypeError) as error:

@@ -58,9 +58,10 @@ class Services:
         activity: Activity,
         settings: Callable[[], Settings],
         announce: Callable[[Settings, EfficiencyMap], None],
+        warn: Callable[[str, str], None],
     ) -> None:
         self._node, self._store, self._log, self._activity = node, store, log, activity
-        self._settings, self._announce = settings, announce
+        self._settings, self._announce, self._warn = settings, announce, warn
         self._folder = log.log.path.parent
         self._worker = Worker()
         self._served = 0  # requests that have no reply yet
@@ -163,7 +164,8 @@ class Services:
                 answer = {"error": text, **getattr(error, "found", {})}
                 how = "not adopted" if isinstance(error, _NotAdoptedError) else "failed"
                 end = f"{how}: {text}"
-                logger.warning(f"{name}: {text}")
+                # Who is refused may ask again at once, and for ever: that must not fill a disk.
+                self._warn(f"{name} {text.startswith('busy')}", f"{name}: {text}")
             finally:
                 self._served -= 1
             if name in self._activity.ends:
@@ -247,6 +249,8 @@ class Services:
         # Parameters can be set from the network: they must not reach files elsewhere.
         if not path.is_relative_to(folder):
             raise InputError(f"samples_file = {name!r} lies outside the state folder")
+        if path.exists() and not path.is_file():  # to read it might never end
+            raise InputError(f"samples_file = {name!r} is no regular file")
         return path, self._store.proven()
 
     def _told(self, result: Data) -> str:

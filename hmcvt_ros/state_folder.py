@@ -60,6 +60,13 @@ class StateFolder:
             for folder in (path, *filter(Path.is_dir, path.iterdir())):
                 remove_leftovers(folder)
 
+    def gone(self) -> str:
+        """Say that the folder was removed or replaced: another node may take the new one."""
+        with contextlib.suppress(OSError):
+            if self._handle is None or os.path.samestat(os.fstat(self._handle), self.path.stat()):
+                return ""
+        return f"state_folder: {self.path} was removed or replaced; start the node again"
+
     def close(self) -> None:
         """Let others have the folder."""
         if self._handle is not None:

@@ -127,6 +127,14 @@ def test_parameter_of_an_unknown_type_is_refused(node):
     assert counted(node, "requests contained") == before + 2
 
 
+def test_parameter_without_a_name_is_refused(node):
+    for kind in range(10):
+        result, = ask(node, SetParameters, "set_parameters", parameters=[Parameter(
+            name="", value=ParameterValue(type=kind, string_value="x"))]).results
+        assert not result.successful and result.reason == "a parameter without a name"
+    assert "" not in ask(node, ListParameters, "list_parameters").result.names
+
+
 def test_large_request_is_refused_and_holds_nothing_up(node):
     before, size = counted(node, "requests contained"), len(node.log)
     text = Parameter(name="samples_file", value=ParameterValue(type=4, string_value=LONG))
@@ -151,6 +159,14 @@ def test_large_request_is_refused_and_holds_nothing_up(node):
     assert answers(node)
     assert counted(node, "requests contained") == before + 8
     assert len(node.log) - size < 5000
+
+
+def test_refused_services_do_not_fill_the_log(node):
+    node.player.spin_for(5.1)  # the last warning of the kind is that old
+    size = len(node.log)
+    for service in ("adopt", "cancel") * 100:
+        assert not node.player.call(service).success
+    assert 0 < len(node.log) - size < 1000
 
 
 def test_clock_of_the_ages_cannot_be_exchanged(node):
@@ -351,3 +367,34 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
     for end in ends:
         node.player.destroy_subscription(end)
     node.player.destroy_publisher(publisher)
+
+
+def test_client_that_sends_operating_points_alone_lacks_nothing(start_node, paper_file):
+    node = start_node(paper_file)
+    publisher = node.player.create_publisher(
+        JointState, f"{node.namespace}/operating_point", qos.INPUT)
+
+    def told(level, words, torque, stroke=0.5):
+        message = JointState(name=["engine", "output", "displacement"],
+                             position=[0.0, 0.0, stroke], velocity=[100.0, 80.0, 0.0],
+                             effort=[math.nan, torque, 0.0])
+
+        def found():
+            publisher.publish(message)
+            status = node.status("inputs")
+            return status["level"] == level and words in status["message"]
+
+        node.forget_status()
+        assert node.comes(found), node.status("inputs")
+
+    told(DiagnosticStatus.OK, "operating points", 250.0)
+    for torque in (0.0, -50.0):
+        told(DiagnosticStatus.OK, f"operating_point: load_torque = {torque * 0.8:g} N m: coasting",
+             torque)
+    assert int(node.value("points not answered, coasting", "inputs")) > 0
+    assert node.value("operating points refused, invalid", "inputs") == "0"
+    told(DiagnosticStatus.ERROR, "operating_point: displacement_ratio = 1.3 is outside", 250.0, 1.3)
+    node.forget_status()
+    assert node.comes(lambda: node.status("inputs")["level"] == DiagnosticStatus.WARN)
+    node.player.destroy_publisher(publisher)
+    assert node.stop() == 0

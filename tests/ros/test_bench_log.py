@@ -198,7 +198,7 @@ def taken(path):
     """Make a recorder: it, its tally, and what it has warned of."""
     def make(limit):
         warned = []
-        taker = bench_log.Recorder(BenchLog(path, limit), warned.append)
+        taker = bench_log.Recorder(BenchLog(path, limit), warned.append, str)
         return taker, taker.tally, warned
     return make
 

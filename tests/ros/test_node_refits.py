@@ -179,6 +179,13 @@ def test_samples_file_is_read_and_confined_to_the_state_folder(node, table2, tmp
         reply = node.player.call("reidentify")
         assert not reply.success
         assert "outside the state folder" in reply.data["error"]
+    os.mkfifo(node.state / "fifo.csv")
+    for path in ("fifo.csv", "."):
+        node.set(samples_file=path)
+        start = time.monotonic()
+        assert f"samples_file = '{path}' is no regular file" in (
+            node.player.call("reidentify").data["error"])
+        assert time.monotonic() - start < 2.0
 
 
 def test_page_that_cannot_be_written_costs_the_page_only(paper_file, tmp_path, monkeypatch):

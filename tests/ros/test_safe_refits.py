@@ -123,6 +123,23 @@ def test_copies_of_a_sample_do_not_count(node, base):
     assert not reply.success and "4 samples at 1 distinct working point " in reply.data["error"]
 
 
+def test_samples_that_vanish_from_the_log_are_told(node, base):
+    send_table(node, measured(base, 12))
+    lines = node.bench_file.read_bytes().splitlines(keepends=True)
+    node.bench_file.write_bytes(b"".join(lines[:9]))
+    assert node.player.call("reidentify").data["samples"] == 8
+    assert told(node, "4 samples that had been logged are gone")
+    node.bench_file.unlink()
+    assert "no bench samples" in node.player.call("reidentify").data["error"]
+    assert told(node, "is gone, and 8 samples with it")
+    assert node.player.call("clear_samples").data == {"cleared": 0, "kept_as": None}
+    assert node.comes(lambda: node.value("state folder") == "intact")
+    send_table(node, measured(base, 5))
+    node.bench_file.unlink()
+    assert node.player.call("clear_samples").success
+    assert node.comes(lambda: node.value("bench samples logged") == "0")
+
+
 def test_drift_over_refits_is_told_and_bounded(node, base):
     node.set(reidentify_max_drift=0.04)
     samples, models = measured(base, 40), [base]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 import signal
 import time
@@ -59,6 +60,30 @@ def lookups(node, table2, count=300, rate=150.0, every=15):
             times.append(time.monotonic() - start)
         player.spin_for(max(0.0, 1.0 / rate - (time.monotonic() - start)))
     return times
+
+
+def test_disk_that_hangs_is_told(node):
+    os.mkfifo(node.bench_file)  # to read it waits for a writer
+    reply = node.player.request("reidentify")
+    assert node.comes(lambda: "the disk has not answered for" in node.value("state folder"), 10.0)
+    assert node.status()["level"] == DiagnosticStatus.WARN
+    assert node.player.hold(GOOD).efficiency is not None
+    writer = os.open(node.bench_file, os.O_WRONLY)
+    node.bench_file.unlink()
+    os.close(writer)
+    assert node.comes(reply.done) and "no bench samples" in reply.result().message
+    assert node.player.call("clear_samples").success
+    assert node.comes(lambda: node.value("state folder") == "intact")
+
+
+def test_state_folder_that_is_removed_is_told(start_node, paper_file, table2):
+    node = start_node(paper_file)
+    shutil.rmtree(node.state)
+    assert node.comes(lambda: "was removed or replaced" in node.value("state folder"))
+    send_table(node, table2)  # into a new one, which is not the one that was taken
+    assert node.comes(lambda: node.status()["level"] == DiagnosticStatus.WARN)
+    assert "was removed or replaced" in node.status()["message"]
+    assert node.stop() == 0
 
 
 def test_slow_disk_holds_up_no_lookup(node, slow, table2):
@@ -239,4 +264,16 @@ def test_what_waits_for_the_disk_is_written_before_the_end(node, slow, table2):
     node.player.spin_for(0.5)
     assert node.stop() == 0, node.log
     assert node.logged() == before + 200
+    assert "Traceback" not in node.log
+
+
+def test_disk_that_hangs_does_not_hold_up_the_end(start_node, paper_file):
+    node = start_node(paper_file)
+    os.mkfifo(node.bench_file)  # to read it waits for a writer
+    node.player.request("reidentify")
+    node.player.spin_for(0.5)
+    start = time.monotonic()
+    assert node.stop() == 1
+    assert time.monotonic() - start < 5.0  # 2 s, and what an end takes
+    assert "the disk does not answer: what waited for it is lost" in node.log
     assert "Traceback" not in node.log
