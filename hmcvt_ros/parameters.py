@@ -199,7 +199,7 @@ class Settings:
     job_time_limit: float = _parameter(
         300.0, "s", "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0))
     job_memory_limit: int = _parameter(
-        1024, "MiB", "Memory that a refit or a diagnosis may take.", (64, 1_048_576))
+        1024, "MiB", "Memory that a refit or a diagnosis may take.", (512, 1_048_576))
     bench_log_limit: int = _parameter(
         100_000, "", "Samples that the bench log holds before it refuses more.", (1, 10_000_000),
         read_only=True)
