@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from hmcvt_ros.messages import bench_sample_to_message
 
-from .fuzz_inputs import DEPTH
+from .fuzz_inputs import DEPTH, FULL_STROKE, LIMITS, STROKE
 from .load import Target
 
 USED = (("velocity", "engine"), ("effort", "engine"), ("velocity", "output"),
@@ -21,6 +21,8 @@ USED = (("velocity", "engine"), ("effort", "engine"), ("velocity", "output"),
 _PATIENCE = 60.0
 _NEVER = (math.nan, math.inf, -math.inf, -1.7e308, 1.7e308, -50.0)
 _NO_SPEED_OR_TORQUE = (0.0, -0.0, 5e-324, -5e-324)
+_LOW, _HIGH = LIMITS[STROKE]
+_NO_STROKE = (math.nextafter(_LOW, -math.inf), math.nextafter(_HIGH, math.inf), -1.1, 1.1)
 
 Row = tuple[float, ...]
 """Displacement ratio, engine speed, load torque, efficiency, output speed."""
@@ -68,12 +70,15 @@ class BenchFuzzer:
 
     def _good(self) -> tuple[JointState, Row | None]:
         uniform = self._random.uniform
-        ratio, speed, output_speed = uniform(-1, 1), uniform(50, 300), uniform(5, 300)
+        ratio = float(self._random.choice([uniform(-1, 1), uniform(_LOW, _HIGH),
+                                           uniform(_LOW, -1), uniform(1, _HIGH), _LOW, _HIGH]))
+        speed, output_speed = uniform(50, 300), uniform(5, 300)
         load, efficiency = uniform(10, 500), uniform(0.3, 0.95)
         power = load * speed
         message = bench_sample_to_message(
             ratio, speed, power / efficiency / speed, output_speed, power / output_speed)
-        return message, (ratio, speed, load, efficiency, output_speed)
+        stroke = max(-FULL_STROKE, min(ratio, FULL_STROKE))
+        return message, (stroke, speed, load, efficiency, output_speed)
 
     def _compare_counts(self) -> None:
         def counts() -> tuple[int, int]:
@@ -114,7 +119,7 @@ def _other_joints(random: np.random.Generator, message: JointState) -> None:
 
 def _number(random: np.random.Generator, message: JointState) -> None:
     field, joint = USED[random.integers(len(USED))]
-    bad = (*_NEVER, 1.0001, -1.0001) if field == "position" else (*_NEVER, *_NO_SPEED_OR_TORQUE)
+    bad = (*_NEVER, *(_NO_STROKE if field == "position" else _NO_SPEED_OR_TORQUE))
     getattr(message, field)[message.name.index(joint)] = float(random.choice(bad))
 
 

@@ -22,15 +22,22 @@ from .load import Target
 from .points import ORDINARY
 
 # As the interface promises it, not as the code has it.
-LIMITS = {"displacement_ratio": (-1.0, 1.0), "engine_speed": (10.0, 320.0),
-          "load_torque": (1.0, 5000.0)}
+LIMITS = {"displacement_ratio": (-1.02, 1.02), "engine_speed": (10.0, 320.0),
+          "load_torque": (-5000.0, 5000.0)}
+"""What is accepted."""
+FULL_STROKE = 1.0  # what is beyond is noise, and taken as this
+LEAST_LOAD = 1.0  # N m; below it coasts, and there is no efficiency
 TOPICS = tuple(LIMITS)
+STROKE, _, LOAD = TOPICS
+TAKEN, COASTING = f"{STROKE} taken as the limit", "points not answered, coasting"
 REASONS = ("not finite", "out of range")
 DEPTH = 5000
 _BURST = 200
 
 _NONSENSE = (math.nan, -math.nan, math.inf, -math.inf, 5e-324, -5e-324, 2.2e-308, -0.0, 0.0,
              1.7e308, -1.7e308, 1e30, 50.0, 1.5, 750.0, 2200.0, -100.0, 1e-6)
+_EDGES = {**LIMITS, STROKE: (*LIMITS[STROKE], -FULL_STROKE, FULL_STROKE),
+          LOAD: (*LIMITS[LOAD], LEAST_LOAD)}
 
 
 def overrides(namespace: str) -> dict[str, Any]:
@@ -56,6 +63,7 @@ class Oracle:
     def __init__(self, model: EfficiencyModel) -> None:
         self.counts = Counter({f"{topic} {what}": 0 for topic in TOPICS for what in (
             "accepted", *(f"refused, {reason}" for reason in REASONS))})
+        self.counts.update({TAKEN: 0, COASTING: 0})
         self.efficiency: list[float] = []
         self.optimum: list[float] = []
         self.answers = 0
@@ -69,9 +77,15 @@ class Oracle:
         valid = low <= value <= high
         reason = REASONS[math.isfinite(value)]
         self.counts[f"{topic} accepted" if valid else f"{topic} refused, {reason}"] += 1
+        if topic == STROKE and valid and abs(value) > FULL_STROKE:
+            self.counts[TAKEN] += 1
+            value = math.copysign(FULL_STROKE, value)
         self._inputs[topic] = value if valid else None
         point = [self._inputs[name] for name in TOPICS]
         if not valid or None in point:
+            return
+        if self._inputs[LOAD] < LEAST_LOAD:
+            self.counts[COASTING] += 1
             return
         efficiency = float(self._model_efficiency(*point))
         best = float(self._model_optimum(*point[1:]).displacement_ratio)
@@ -112,6 +126,7 @@ class InputFuzzer:
             if blind_at and self.sent > blind_at[-1]:
                 blind_at.pop()
                 self._while_one_is_bad(TOPICS[len(blind_at) % 3], count // 20)
+                self._while_coasting()
             self._burst(TOPICS[self._random.integers(3)])
         self._compare_counts()
 
@@ -139,6 +154,18 @@ class InputFuzzer:
             self._compare_counts()
         self._set(bad)
 
+    def _while_coasting(self) -> None:
+        """Send on one topic after the other while the load coasts: no word may come."""
+        low, _ = LIMITS[LOAD]
+        self._send(LOAD, [float(self._random.uniform(low, LEAST_LOAD))])
+        for topic in TOPICS:
+            if topic != LOAD:
+                self._compare_counts()  # which also waits until the other was heard
+                self._send(topic, (self._value(topic) for _ in range(_BURST)))
+                self._send(topic, [self._ordinary(topic)])
+        self._compare_counts()
+        self._set(LOAD)
+
     def _set(self, topic: str) -> None:
         """Send a good value and wait for the answers to everything up to it."""
         self._send(topic, [self._ordinary(topic)])
@@ -159,7 +186,7 @@ class InputFuzzer:
         if kind == 1:
             return float(struct.unpack("<d", random.bytes(8))[0])
         if kind == 2:
-            limit = low if random.integers(2) else high
+            limit = float(random.choice(_EDGES[topic]))
             return float(random.choice([np.nextafter(limit, -np.inf), limit,
                                         np.nextafter(limit, np.inf)]))
         return float(random.uniform(low, high)) if kind == 3 else self._ordinary(topic)

@@ -140,7 +140,7 @@ def under_load(plan: Plan, folder: Path, say: Say = print) -> Loaded:
         say("The steady load again, during refits ...")
         refits = Refits(here, served, "/node")
         refits.log_samples(model, plan.samples, plan.seed)
-        refitting = _during_refits(plan, refits, served, bare, echoed)
+        refitting = _during_refits(plan, refits, folder / "node", served, bare, echoed)
         memory.append(node.memory())
     return Loaded(steady, rising, rising_relay, refitting,
                   (len(refits.replies), refits.replies[0]["seconds"]), tuple(memory))
@@ -157,14 +157,15 @@ def _rising(target: Target, cycle: Cycle, rates: Sequence[float], seconds: float
 
 
 def _during_refits(
-    plan: Plan, refits: Refits, served: Target, bare: Target, echoed: Cycle
+    plan: Plan, refits: Refits, state: Path, served: Target, bare: Target, echoed: Cycle
 ) -> list[Turn]:
     """Load the node while it refits itself all the time, and the relay without and beside that.
 
-    The refits are all of the same samples, so that the first one tells what the node will serve.
+    The refits are all of the same samples, so that the first one tells what the node will serve;
+    it names the file as within its `state` folder.
     """
     refits.poll()
-    model = hmcvt.load_model(refits.finish()["file"])
+    model = hmcvt.load_model(state / refits.finish()["file"])
     cycle = points.answered(model, plan.cycle, plan.seed)
     found = []
     for _ in range(plan.refit_turns):
