@@ -84,7 +84,8 @@ class Oracle:
         point = [self._inputs[name] for name in TOPICS]
         if not valid or None in point:
             return
-        if self._inputs[LOAD] < LEAST_LOAD:
+        _, _, load = point
+        if load is not None and load < LEAST_LOAD:
             self.counts[COASTING] += 1
             return
         efficiency = float(self._model_efficiency(*point))
