@@ -62,7 +62,7 @@ class Tally:
         reasons: why one may be refused.
         accepted: count of messages.
         refused: counts by `reasons`.
-        at_limit: count of accepted ones with a stroke a hair beyond 1, taken as 1.
+        at_limit: count of strokes a hair beyond 1 that were taken as 1.
         reason: why the last one was refused; empty when it was not.
         complaint: the same for a person.
     """
