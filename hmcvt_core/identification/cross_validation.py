@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
-from ..model.agreement import predicted_at, relative_errors
+from ..model.agreement import carried_at, relative_errors
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
 from .annealing import Schedule
@@ -32,7 +32,9 @@ QUICK = Schedule(chains=8, moves=2)
 FEWEST = len(PARAMETER_NAMES) + 1
 """Fewest samples that can spare one; fewer cannot determine the parameters without it."""
 
-_MEDIAN_TO_DEVIATION = 1.4826  # of a normal distribution
+MEDIAN_TO_DEVIATION = 1.4826
+"""Median of absolute values to standard deviation, normal distribution."""
+
 _NOISIEST = 3.0  # benches, in terms of the paper's; beyond that it is no noise
 _ALLOWANCE = 2.0
 
@@ -89,8 +91,9 @@ def cross_validate(
     parts = list(folds(samples.displacement_ratio, seed))
     for part in parts:
         others = np.setdiff1d(np.arange(len(samples)), part)
-        unseen[part] = _predicted(fit(samples.select(others)), samples.select(part))
-    served, refitted = _predicted(in_service, samples), _predicted(refit, samples)
+        unseen[part] = carried_at(
+            fit(samples.select(others)), samples.select(part).points)
+    served, refitted = carried_at(in_service, samples.points), carried_at(refit, samples.points)
     errors = relative_errors(served, measured)
     noise = _noise(errors, relative_errors(refitted, measured))
     return CrossValidation(
@@ -116,17 +119,12 @@ def folds(displacement_ratio: Array, seed: int) -> Iterator[NDArray[np.intp]]:
         yield np.flatnonzero(fold == label)
 
 
-def _predicted(model: EfficiencyModel, samples: BenchSamples) -> Array:
-    # No answer means that the load cannot be carried: nothing comes out.
-    return np.nan_to_num(predicted_at(model, samples), nan=0.0)
-
-
 def _noise(in_service: Array, refit: Array) -> float:
     """Relative standard deviation of the readings, as the better of the two models sees it.
 
     From medians, so that a few bad samples do not pass for noise and excuse the refit they spoil;
     not below what the paper's bench has, since a fit to a handful of samples leaves no residual.
     """
-    seen = _MEDIAN_TO_DEVIATION * min(np.median(in_service), np.median(refit))
+    seen = MEDIAN_TO_DEVIATION * min(np.median(in_service), np.median(refit))
     return float(np.clip(seen, PAPER_EFFICIENCY_UNCERTAINTY,
                          _NOISIEST * PAPER_EFFICIENCY_UNCERTAINTY))

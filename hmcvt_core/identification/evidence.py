@@ -25,14 +25,13 @@ from ..transmission.parameters import (
     from_scaled,
 )
 from . import annealing
-from .cross_validation import QUICK
+from .cross_validation import MEDIAN_TO_DEVIATION, QUICK
 from .identify import thinned
 from .problem import Problem
 
 Array = NDArray[np.float64]
 
 _SAME_POINT = 0.01  # of the range of displacement ratio, speed or torque: no point of its own
-_CONSISTENT = 1.4826  # median of absolute residuals to standard deviation, normal distribution
 _HONEST_LOST = 0.01  # campaigns in which an honest sample may be set aside, at most
 _STARTS, _CONCENTRATIONS, _REWEIGHTINGS = 4, 3, 10
 _SIGNIFICANT = 0.0228  # of either tail: two standard deviations where the noise is well known
@@ -167,7 +166,7 @@ class Campaign:
         residuals = self.residuals(change)
         free = max(self.votes.sum() - len(change), 1.0)
         # The correction for few samples is that of Rousseeuw & Leroy.
-        scatter = _CONSISTENT * (1.0 + 5.0 / free) * float(
+        scatter = MEDIAN_TO_DEVIATION * (1.0 + 5.0 / free) * float(
             np.abs(residuals[self.better_half(residuals)]).max())
         cutoff = float(norm.isf(0.5 * _HONEST_LOST / len(residuals)))
         belongs = np.abs(residuals) <= cutoff * scatter

@@ -232,12 +232,7 @@ def identify(
     warnings = [*findings(samples, scaled, standard_errors, correlation),
                 *([] if remark is None else [remark])]
     provenance: dict[str, Any] = {
-        "source": f"hmcvt identify, version {__version__}",
-        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "data": Path(samples.source).name,
-        "data_sha256": samples.sha256,
-        "samples": len(samples),
-        "seed": seed,
+        **origin("identify", samples, seed),
         "objective": OBJECTIVES[formulation],
         "objective_value": float(f"{value:.9g}"),
         "fit_error": float(f"{fit_error:.6g}"),
@@ -260,6 +255,18 @@ def identify(
         provenance.get("prediction_error"), value, float(problem.objective(annealed.ends[0])),
         OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
         annealed.stop_reason, seed, tuple(warnings), tuple(roots))
+
+
+def origin(command: str, samples: BenchSamples, seed: int | None) -> dict[str, Any]:
+    """Say what made a model of which samples, and when, for its provenance."""
+    return {
+        "source": f"hmcvt {command}, version {__version__}",
+        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "data": Path(samples.source).name,
+        "data_sha256": samples.sha256,
+        "samples": len(samples),
+        "seed": seed,
+    }
 
 
 def thinned(samples: BenchSamples) -> BenchSamples:

@@ -13,6 +13,8 @@
    smallest under which the change lies within c standard deviations, c two or the like quantile of
    Student's t (covariance inflation of an adaptive Kalman filter [Jazwinski 1969, Automatica 5]).
    That follows 1 - c2/t2 of a change: wear, though the prior be tight; no noise, though it be wide.
+   A model that states no errors and is refuted in one direction is followed in all of them as far
+   as is most probable, with the wear as prior: nothing speaks for it.
 4. Whether that may serve: `Refit.refused` says what speaks against it.
 """
 
@@ -20,22 +22,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, output_speed_remark, predicted_at
+from ..model.agreement import RelativeError, carried_at, output_speed_remark, predicted_at
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_NAMES, to_scaled
 from ..transmission.ranges import OperatingPoints
-from ..version import __version__
 from .cross_validation import FEWEST, CrossValidation, cross_validate
 from .evidence import Campaign, Prior
+from .identify import origin
 from .problem import Problem, findings
 
 Array = NDArray[np.float64]
@@ -124,12 +124,12 @@ def refit(
     held_back = cross_validate(used.problem.samples, model, served, fitted, seed)
     domain = _joined(Domain.of(used.problem.samples), served.domain)
     grid = _grid(domain)
-    after, before, first = (_answers(each, grid) for each in (model, served, base))
+    after, before, first = (carried_at(each, grid) for each in (model, served, base))
     drift, measured = float(np.abs(after - first).mean()), samples.efficiency
     limit = max_drift if base.standard_errors else np.inf
     refused = next(_objections(
         samples, belongs, held_back, after - before,
-        np.array([_answers(part, grid) for part in parts if campaign.prior.stated]), grid, drift,
+        np.array([carried_at(part, grid) for part in parts if campaign.prior.stated]), grid, drift,
         limit), "")
     expected, aside = campaign.predicted(fit), np.flatnonzero(~belongs)
     remark = output_speed_remark(served.stage, samples)
@@ -149,13 +149,8 @@ def refit(
     errors = [RelativeError.of(predicted_at(each, samples), measured).mean
               for each in (served, model)]
     provenance = {
-        "source": f"hmcvt refit, version {__version__}",
-        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "data": Path(samples.source).name,
-        "data_sha256": samples.sha256,
-        "samples": len(samples),
+        **origin("refit", samples, seed),
         "set_aside": len(aside),
-        "seed": seed,
         "fit_error": float(f"{errors[1]:.6g}"),
     }
     return Refit(
@@ -174,11 +169,6 @@ def _grid(domain: Domain) -> OperatingPoints:
     axes = [np.linspace(low, high, number)
             for (low, high), number in zip(domain.to_mapping().values(), _GRID, strict=True)]
     return OperatingPoints(*(axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")))
-
-
-def _answers(model: EfficiencyModel, grid: OperatingPoints) -> Array:
-    # No answer means that the load cannot be carried: nothing comes out.
-    return np.nan_to_num(model.answer_at(grid).efficiency, nan=0.0)
 
 
 def _objections(

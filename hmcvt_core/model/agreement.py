@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
+from ..transmission.ranges import OperatingPoints
 from ..transmission.stage import Stage, speed_ratio
 from .model import EfficiencyModel
 
@@ -20,6 +21,11 @@ _ENDS = (0.1, 0.5, 0.9)  # quantiles: a few outliers are no mistake of a column
 def predicted_at(model: EfficiencyModel, samples: BenchSamples) -> Array:
     """Efficiency that a model predicts for n samples, shape (n,) [-]; NaN where it has none."""
     return model.answer_at(samples.points).efficiency
+
+
+def carried_at(model: EfficiencyModel, points: OperatingPoints) -> Array:
+    """Efficiency at n points, shape (n,) [-]; 0 where the load cannot be carried."""
+    return np.nan_to_num(model.answer_at(points).efficiency, nan=0.0)
 
 
 def relative_errors(predicted: Array, measured: Array) -> Array:

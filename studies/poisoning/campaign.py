@@ -9,7 +9,7 @@ import numpy as np
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.cross_validation import QUICK
-from hmcvt_core.identification.refit import MAX_DRIFT, refit
+from hmcvt_core.identification.refit import refit
 
 WEAR = (2.0, 1.5, 1.5)  # highest factors of leakage and dampings
 ERRORS = (0.05, 0.30)  # of a bad reading, of either sign
@@ -25,7 +25,6 @@ class Case:
         known: samples behind the model in service; 0 for `params/hm4.yaml`, which has five.
         bad: fewest and most bad samples.
         stated: whether the model in service states its errors.
-        max_drift: of the refit.
     """
 
     what: str
@@ -33,7 +32,6 @@ class Case:
     known: int = 96
     bad: tuple[int, int] = (1, 3)
     stated: bool = True
-    max_drift: float = MAX_DRIFT
 
 
 def campaign(task: tuple[Case, int]) -> dict[str, float | bool]:
@@ -55,7 +53,7 @@ def campaign(task: tuple[Case, int]) -> dict[str, float | bool]:
     readings[bad] += rng.choice([-1.0, 1.0], len(bad)) * rng.uniform(*ERRORS, len(bad))
     good = np.setdiff1d(np.arange(len(samples)), bad)
     clean, spoiled = (
-        refit(each, served, served, max_drift=case.max_drift) for each in (
+        refit(each, served, served) for each in (
             samples.select(good), replace(samples, efficiency=np.clip(readings, 0.01, 0.99))))
     domain = spoiled.model.domain
     assert domain is not None

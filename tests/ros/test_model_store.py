@@ -45,6 +45,17 @@ def test_reverts_in_the_order_of_refits(paper_file, base, tmp_path):
         store.revert()
 
 
+def test_drift_counts_from_the_base_or_from_the_first_refit_of_an_example(paper_file, tmp_path):
+    example = ModelStore(paper_file, tmp_path / "a")  # it states no errors
+    assert example.reference == paper_file.resolve()
+    for leakage in (1e-12, 2e-12):
+        refit(example, leakage)
+        assert example.reference.name == "0001.yaml"
+    identified = ModelStore(hmcvt.data_path("params/hm4.yaml"), tmp_path / "b")
+    refit(identified, 1e-12)
+    assert identified.reference == identified.base
+
+
 def test_refit_of_another_model_file_is_not_taken_up(paper_file, base, tmp_path):
     refit(ModelStore(paper_file, tmp_path), 1e-12)
     other_file = tmp_path / "other.yaml"

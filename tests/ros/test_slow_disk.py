@@ -271,7 +271,7 @@ def test_disk_that_hangs_does_not_hold_up_the_end(start_node, paper_file):
     node = start_node(paper_file)
     os.mkfifo(node.bench_file)  # to read it waits for a writer
     node.player.request("reidentify")
-    node.player.spin_for(0.5)
+    assert node.comes(lambda: "the disk has not answered for" in node.value("state folder"), 10.0)
     start = time.monotonic()
     assert node.stop() == 1
     assert time.monotonic() - start < 5.0  # 2 s, and what an end takes
