@@ -60,7 +60,7 @@ class BenchSamples:
         oil_temperature: [deg C], or None.
         efficiency_std: standard deviation of `efficiency` [-], or None.
         stamp: time of the sample [s], or None.
-        extra: columns that hmcvt does not know, as text.
+        extra: the other columns, as text; `stage` names the stage engaged.
         source: where they come from, for messages and provenance.
         sha256: of the file they were read from; empty when not from a file.
 
@@ -101,9 +101,10 @@ class BenchSamples:
 
     @property
     def points(self) -> OperatingPoints:
-        """Where the samples were taken."""
+        """Where the samples were taken; a column `stage` says in which one."""
+        stage = self.extra.get("stage")
         return OperatingPoints(self.displacement_ratio, self.engine_speed, self.load_torque,
-                               self.oil_temperature)
+                               self.oil_temperature, None if stage is None else np.array(stage))
 
     def select(self, index: ArrayLike) -> BenchSamples:
         """Return the samples at an index array or mask, in that order."""

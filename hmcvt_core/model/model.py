@@ -29,7 +29,7 @@ from ..transmission.parameters import (
     Parameters,
 )
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, Answer, OperatingPoints, is_plain
-from ..transmission.stage import Stage
+from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap
 from .optimum import Optimum, optimum
 
@@ -38,6 +38,8 @@ SCHEMA = "hmcvt-model/1"
 FORMULATIONS = ("power_balance", "published")
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
+DRAGGED = ("no efficiency in overrun: the wheels give less than the losses take, and the engine "
+           "gives the rest")
 NO_OPTIMUM = ("formulation 'published' has no optimum: it has a pole, eq. (11), and "
               "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
 INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. (11), "
@@ -62,11 +64,16 @@ class Prediction(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EfficiencyModel:
-    """Efficiency of one stage at any operating point.
+    """Efficiency of one stage at any operating point, or of all stages of a transmission.
+
+    A model of several stages answers for `stage`, the first of its file; `stages` holds each as a
+    model of its own. They share pump and motor, and so the parameters.
 
     Angular speeds in rad/s, torques in N m; `load_torque` is referred to the engine shaft (output
     power / engine speed). Every method takes floats or arrays that broadcast, and gives floats for
     floats.
+
+    In a model of several stages `stage` names the one engaged, for each point or for all.
 
     Input outside the ranges of `hmcvt_core.ranges` raises `InputError`. NaN means that the
     formulation has no answer at a permitted point; `refusal` says why.
@@ -77,6 +84,7 @@ class EfficiencyModel:
 
     Attributes:
         stage: gear train and pump-motor pair.
+        other_stages: of the same transmission.
         parameters: the hydraulic parameters.
         formulation: `power_balance` (served) or `published` (the paper's formulas, guarded).
         effects: what acts besides (power balance only).
@@ -94,19 +102,41 @@ class EfficiencyModel:
     correlation: Array | None = None
     domain: Domain | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    other_stages: tuple[Stage, ...] = ()
 
     def __post_init__(self) -> None:
         if self.formulation not in FORMULATIONS:
             raise InputError(f"formulation = {self.formulation!r}; there is "
                              f"{', '.join(FORMULATIONS)}")
+        if self.formulation == "published" and (
+                self.stage.layout != "input_coupled" or self.stage.reverse):
+            raise InputError("the published formulas are of an input-coupled forward stage")
         if self.effects and self.formulation != "power_balance":
             raise InputError("effects act in the power balance only, "
                              f"not in formulation {self.formulation!r}")
 
     @cached_property
+    def stages(self) -> Mapping[str, EfficiencyModel]:
+        """A model of each stage by its name, in the order of the file."""
+        return {stage.name: replace(self, stage=stage, other_stages=())
+                for stage in (self.stage, *self.other_stages)}
+
+    def in_stage(self, name: str) -> EfficiencyModel:
+        """Return the model of one stage.
+
+        Raises:
+            InputError: there is no such stage.
+        """
+        if name not in self.stages:
+            raise InputError(f"stage {name!r} is not known to the model; there is "
+                             f"{', '.join(self.stages)}")
+        return self.stages[name]
+
+    @cached_property
     def _point_solver(self) -> PointSolver | None:
-        """What answers single points in a microsecond, where the formulation allows it."""
-        exact = self.formulation == "power_balance" and not self.effects
+        """What answers single points in a microsecond, where formulation and layout allow it."""
+        exact = (self.formulation == "power_balance" and not self.effects
+                 and self.stage.layout != "output_coupled")
         return PointSolver(self.stage, self.parameters) if exact else None
 
     @cached_property
@@ -129,38 +159,42 @@ class EfficiencyModel:
 
     def efficiency(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None,
+        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
         """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
-        return self._answer((displacement_ratio, engine_speed, load_torque), oil_temperature)[0]
+        return self._answer(
+            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)[0]
 
     def output_speed(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None,
+        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
-        return self._answer((displacement_ratio, engine_speed, load_torque), oil_temperature)[1]
+        return self._answer(
+            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)[1]
 
     def _answer(
-        self, point: tuple[ArrayLike, ArrayLike, ArrayLike], oil_temperature: ArrayLike | None
-    ) -> tuple[Any, Any]:
-        if self._point_solver is not None and oil_temperature is None and is_plain(point):
+        self, point: tuple[ArrayLike, ArrayLike, ArrayLike],
+        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
+    ) -> tuple[Any, Any, Any]:
+        if (self._point_solver is not None and oil_temperature is None and stage is None
+                and is_plain(point)):
             # What a control loop asks for at every message, without the cost of arrays.
             return self._point_solver.solve(*point)
-        points, scalar = OperatingPoints.checked(*point, oil_temperature)
-        efficiency, output_speed = self.answer_at(points)
-        return _like(efficiency, scalar), _like(output_speed, scalar)
+        points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
+        efficiency, output_speed, torque = self.answer_at(points)
+        return _like(efficiency, scalar), _like(output_speed, scalar), _like(torque, scalar)
 
     def predict(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None,
+        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
         point = displacement_ratio, engine_speed, load_torque
-        if self._point_solver is not None and oil_temperature is None and is_plain(point):
+        if (self._point_solver is not None and oil_temperature is None and stage is None
+                and is_plain(point)):
             return self._predict_point(self._point_solver, *point)
-        points, scalar = OperatingPoints.checked(
-            displacement_ratio, engine_speed, load_torque, oil_temperature)
+        points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
         inside = (self.domain.contains(points) if self.domain is not None
                   else np.zeros(points.engine_speed.shape, dtype=bool))
         found = self.answer_at(points).efficiency, self._standard_error(points), inside
@@ -168,26 +202,34 @@ class EfficiencyModel:
 
     def power_loss(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None,
+        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
-        """Engine power that does not arrive at the output [W], by the efficiency a bench reads."""
-        efficiency = self.efficiency(
-            displacement_ratio, engine_speed, load_torque, oil_temperature)
-        lost = np.multiply(engine_speed, load_torque) * (1.0 / efficiency - 1.0)
+        """Engine power less output power [W], at any load; what the transmission turns to heat.
+
+        Zero load and overrun (negative load torque) included: there the output gives power, and
+        the engine takes what is left of it or gives the rest of the loss.
+        """
+        model, point = self.without_meters(), (displacement_ratio, engine_speed, load_torque)
+        lost = np.multiply(engine_speed, np.subtract(
+            model._answer(point, oil_temperature, stage)[2], load_torque))
         return lost if np.ndim(lost) else float(lost)
 
     def refusal(
         self, displacement_ratio: float, engine_speed: float, load_torque: float,
-        oil_temperature: float | None = None,
+        oil_temperature: float | None = None, stage: str | None = None,
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
-        found = self.efficiency(displacement_ratio, engine_speed, load_torque, oil_temperature)
-        reason = STALLED if self.formulation == "power_balance" else INCONSISTENT
-        return None if np.isfinite(found).all() else reason
+        found = self._answer(
+            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)
+        if self.formulation == "published":
+            return None if np.isfinite(found[0]).all() else INCONSISTENT
+        if not np.isfinite(found[2]).all():
+            return STALLED
+        return None if np.isfinite(found[0]).all() else DRAGGED
 
     def breakdown(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None,
+        oil_temperature: ArrayLike | None = None, stage: str | None = None,
     ) -> Breakdown:
         """Watts lost in each part.
 
@@ -196,12 +238,16 @@ class EfficiencyModel:
         """
         if self.formulation != "power_balance":
             raise InputError("a breakdown of watts needs formulation power_balance")
+        if stage is not None:
+            self = self.in_stage(stage)
         points, scalar = OperatingPoints.checked(
             displacement_ratio, engine_speed, load_torque, oil_temperature)
         effects = self.without_meters().effects
-        found = BalanceSolver(self.stage, self.parameters, effects).breakdown(points)
-        return Breakdown(_like(found.input_power, scalar), _like(found.output_power, scalar), {
-            name: _like(watts, scalar) for name, watts in found.losses.items()})
+        found = BalanceSolver(self.stage, self.parameters, effects).breakdown(points.map(np.ravel))
+        shape = points.engine_speed.shape
+        into, out, *watts = (_like(values.reshape(shape), scalar) for values in (
+            found.input_power, found.output_power, *found.losses.values()))
+        return Breakdown(into, out, dict(zip(found.losses, watts, strict=True)))
 
     def optimal_displacement_ratio(
         self,
@@ -257,9 +303,16 @@ class EfficiencyModel:
     # --- the same for points already checked ----------------------------------------------------
 
     def answer_at(self, points: OperatingPoints) -> Answer:
-        """Efficiency and output speed at checked points of one shape."""
+        """Efficiency, output speed and engine torque at checked points of one shape.
+
+        Raises:
+            InputError: the points name a stage that there is not.
+        """
         shape, count = points.engine_speed.shape, points.engine_speed.size
         flat = points.map(np.ravel)
+        if points.stage is not None:
+            return Answer(*(column.reshape(shape) for column in flat.by_stage(
+                lambda name, at: self.in_stage(name).answer_at(at))))
         parts = [self._solver.solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK]))
                  for i in range(0, max(count, 1), _CHUNK)]
         return Answer(*(np.concatenate(column).reshape(shape)
@@ -275,6 +328,9 @@ class EfficiencyModel:
         Returns:
             Shape (..., n); NaN where the formulation has no answer.
         """
+        if points.stage is not None:
+            return points.by_stage(lambda name, at: (
+                self.in_stage(name).efficiency_of_candidates(values, at),))[0]
         rows, n = values.reshape(-1, values.shape[-1]), len(points.engine_speed)
         found, part = np.empty((len(rows), n)), max(1, _CHUNK // max(1, n))
         for i in range(0, len(rows), part):
@@ -343,7 +399,7 @@ class EfficiencyModel:
         if self.domain is not None:
             data["domain"] = self.domain.to_mapping()
         data["provenance"] = dict(self.provenance)
-        data["transmission"] = self.stage.to_mapping()
+        data["transmission"] = stages_to_mapping((self.stage, *self.other_stages))
         return data
 
     @cached_property

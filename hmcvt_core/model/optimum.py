@@ -104,7 +104,7 @@ def optimum(
         efficiency = solver.solve(OperatingPoints(stroke, speed, power / speed)).efficiency
     else:
         stroke = _best_stroke(solver, speed, torque)
-        efficiency, target = solver.solve(OperatingPoints(stroke, speed, torque))
+        efficiency, target, _ = solver.solve(OperatingPoints(stroke, speed, torque))
     limit = np.array([_limit(*pair, limits) for pair in zip(
         stroke.tolist(), speed.tolist(), strict=True)], dtype=object)
     columns: tuple[Any, ...] = stroke, efficiency, speed, power / speed, target, limit
@@ -136,7 +136,7 @@ def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
     """Best displacement ratio at one engine speed, in plain floats; as `_best_stroke`."""
 
     def value(way: float) -> float:
-        found, _ = lookup.solve(corner + reach * way * way, speed, torque)
+        found = lookup.solve(corner + reach * way * way, speed, torque)[0]
         return found if found > 0.0 else 0.0  # NaN counts as lowest
 
     tops = []
@@ -150,7 +150,7 @@ def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
             tops.append((*_golden(value, *ends), corner, reach))
     top, way, corner, reach = max(tops)
     stroke = corner + reach * way * way if top > 0.0 else math.nan
-    efficiency, output_speed = lookup.solve(stroke, speed, torque)
+    efficiency, output_speed, _ = lookup.solve(stroke, speed, torque)
     return Optimum(stroke, efficiency, speed, torque, output_speed, "engine_speed",
                    _limit(stroke, speed, None))
 
@@ -193,9 +193,9 @@ def _best_engine_speed(
         torque = power / speed
         stroke = solver.displacement_ratio(speed, target, torque)
         within = np.minimum(np.maximum(stroke, -1.0), 1.0)
-        efficiency, reached = solver.solve(OperatingPoints(within, speed, torque))
+        efficiency, reached, _ = solver.solve(OperatingPoints(within, speed, torque))
         # The line also holds states that no steady motor keeps.
-        sound = np.where(np.abs(reached - target) < _HELD * target, efficiency, np.nan)
+        sound = np.where(np.abs(reached - target) < _HELD * np.abs(target), efficiency, np.nan)
         # Out of reach, less is better: it leads to the window.
         reach = np.abs(stroke)
         return np.where(reach > 1.0 + 1e-12, -reach, sound)

@@ -6,10 +6,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -18,13 +18,14 @@ from ..files.atomic import free_name, write_atomically
 from ..physics.effects import effect_from_mapping
 from ..transmission.mapping import get, number, section
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
-from ..transmission.stage import Stage
+from ..transmission.stage import Stage, stages_from_mapping
 from .domain import AXES, Domain
 from .model import SCHEMA, EfficiencyModel
 
 if TYPE_CHECKING:
     import yaml
 
+Made = TypeVar("Made")
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
 _MAX_BYTES = 4 * 1024 * 1024
 _DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
@@ -40,8 +41,8 @@ _GEAR_TRAIN = {
     "pump_motor": dict.fromkeys((
         "pump_displacement_cm3_per_rev", "motor_displacement_cm3_per_rev", "pump_friction",
         "motor_friction")),
-    "stages": {"*": {"planetary_row": None, "mechanical": _PATH, "motor": _PATH, "output": _PATH,
-                     "pump": dict.fromkeys(("gear_pairs", "direction"))}},
+    "stages": {"*": {**dict.fromkeys(("layout", "reverse", "planetary_row")),
+                     **dict.fromkeys(("mechanical", "pump", "motor", "output"), _PATH)}},
 }
 _KNOWN: Mapping[str, Mapping[str, Any]] = {
     TRANSMISSION_SCHEMA: {"schema": None, "name": None, **_GEAR_TRAIN},
@@ -100,11 +101,22 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
     Raises:
         InputError: the file or a field is wrong; both are named.
     """
+    return _load_gear_train(path, lambda data: Stage.from_mapping(data, name))
+
+
+def load_stages(path: str | os.PathLike[str]) -> tuple[Stage, ...]:
+    """Read every stage of a transmission file, as `load_stage` reads one."""
+    return _load_gear_train(path, stages_from_mapping)
+
+
+def _load_gear_train(
+    path: str | os.PathLike[str], made_of: Callable[[Mapping[str, Any]], Made]
+) -> Made:
     with _named(path):
         data, tree = _read(path, TRANSMISSION_SCHEMA)
-        stage = Stage.from_mapping(data, name)
+        made = made_of(data)
         _require_known(tree, _KNOWN[TRANSMISSION_SCHEMA])
-        return stage
+        return made
 
 
 @contextmanager
@@ -142,8 +154,10 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     effects = data.get("effects", [])
     if not isinstance(effects, list):
         raise InputError(f"effects = {effects!r} is not a list")
+    stage, *others = stages_from_mapping(section(data, "transmission"))
     return EfficiencyModel(
-        stage=Stage.from_mapping(section(data, "transmission")),
+        stage=stage,
+        other_stages=tuple(others),
         parameters=HydraulicParameters(*values),
         formulation=str(get(data, "formulation")),
         effects=tuple(effect_from_mapping(item, f"effects[{i}]")

@@ -139,4 +139,5 @@ class PublishedSolver(NamedTuple):
         hydraulic = hydraulic_efficiency(self.stage, self.parameters, points)
         values = efficiencies(self.stage, stroke, hydraulic)
         total = np.where(is_consistent(values, stroke), values.total, np.nan)
-        return Answer(total, points.engine_speed * speed_ratio(self.stage, stroke))
+        return Answer(total, points.engine_speed * speed_ratio(self.stage, stroke),
+                      points.load_torque / total)

@@ -7,7 +7,7 @@ model: for that see `hmcvt_core.model.domain`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeGuard
 
@@ -85,6 +85,8 @@ DISPLACEMENT_RATIO = Range(
 )
 ENGINE_SPEED = Range("engine_speed", 10.0, 320.0, "rad/s", "is it in r/min?")
 LOAD_TORQUE = Range("load_torque", 1.0, 5000.0, "N m", "output power / engine speed")
+ANY_LOAD = Range("load_torque", -5000.0, 5000.0, "N m", "output power / engine speed")
+"""With coasting and overrun, where wheels drive the engine: of lookups, not of bench tests."""
 EFFICIENCY = Range("efficiency", 0.01, 1.0, "-", "a fraction, not percent")
 OUTPUT_SPEED = Range("output_speed", 0.1, 1000.0, "rad/s", "is it in r/min?")
 OIL_TEMPERATURE = Range("oil_temperature", -40.0, 150.0, "deg C", "is it in kelvin?")
@@ -113,12 +115,16 @@ ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)
 
 
 class OperatingPoints(NamedTuple):
-    """Where the transmission works; arrays of one shape (or None), SI units."""
+    """Where the transmission works; arrays of one shape (or None), SI units.
+
+    `stage` holds names; without it the model's own stage is engaged.
+    """
 
     displacement_ratio: Array
     engine_speed: Array
     load_torque: Array
     oil_temperature: Array | None = None
+    stage: Any = None
 
     @classmethod
     def checked(
@@ -127,6 +133,7 @@ class OperatingPoints(NamedTuple):
         engine_speed: ArrayLike,
         load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
     ) -> tuple[OperatingPoints, bool]:
         """Return points in range, at least one-dimensional, and whether plain numbers were given.
 
@@ -134,31 +141,60 @@ class OperatingPoints(NamedTuple):
             InputError: a value is out of range, or the shapes do not broadcast.
         """
         given = [DISPLACEMENT_RATIO.check(displacement_ratio), ENGINE_SPEED.check(engine_speed),
-                 LOAD_TORQUE.check(load_torque)]
+                 ANY_LOAD.check(load_torque)]
+        optional: dict[str, Any] = {}
         if oil_temperature is not None:
-            given.append(OIL_TEMPERATURE.check(oil_temperature))
+            optional["oil_temperature"] = OIL_TEMPERATURE.check(oil_temperature)
+        if stage is not None:
+            optional["stage"] = np.asarray(stage, dtype=str)
         try:
-            arrays = np.broadcast_arrays(*given)
+            arrays = np.broadcast_arrays(*given, *optional.values())
         except ValueError:
             shapes = ", ".join(str(value.shape) for value in given)
             raise InputError(f"operating points of shapes {shapes} do not broadcast") from None
-        return cls(*map(np.atleast_1d, arrays)), arrays[0].ndim == 0
+        point, scalar = [*map(np.atleast_1d, arrays)], arrays[0].ndim == 0
+        return cls(*point[:3], **dict(zip(optional, point[3:], strict=True))), scalar
 
     def map(self, function: Any) -> OperatingPoints:
         """Return the points with a function applied to each array."""
         return OperatingPoints._make(None if axis is None else function(axis) for axis in self)
+
+    def by_stage(
+        self, function: Callable[[str, OperatingPoints], tuple[Array, ...]]
+    ) -> list[Array]:
+        """Columns of shape (..., n) that a function gives for each stage and its points."""
+        found: list[Array] = []
+        for name in dict.fromkeys(self.stage.tolist()):
+            chosen = self.stage == name
+            parts = function(name, self.map(lambda axis, i=chosen: axis[i])._replace(stage=None))
+            found = found or [np.empty((*part.shape[:-1], len(chosen))) for part in parts]
+            for column, part in zip(found, parts, strict=True):
+                column[..., chosen] = part
+        return found
 
 
 class Answer(NamedTuple):
     """What a formulation says at operating points; arrays of one shape, NaN without an answer.
 
     Attributes:
-        efficiency: output power / engine power [-].
-        output_speed: [rad/s].
+        efficiency: output power / engine power [-]; in overrun (negative load) engine power /
+            output power, NaN where the wheels do not turn the engine all alone.
+        output_speed: [rad/s], negative backward.
+        engine_torque: [N m].
     """
 
     efficiency: Array
     output_speed: Array
+    engine_torque: Array
+
+    @classmethod
+    def of(cls, load_torque: Array, engine_torque: Array, output_speed: Array) -> Answer:
+        """Answer with the efficiency that the torques tell."""
+        efficiency = np.where(engine_torque > 0.0, load_torque / engine_torque, np.nan)
+        if (overrun := load_torque < 0.0).any():
+            back = np.where(engine_torque < 0.0, engine_torque / load_torque, np.nan)
+            efficiency = np.where(overrun, back, efficiency)
+        return cls(efficiency, output_speed, engine_torque)
 
 
 def is_plain(point: tuple[Any, Any, Any]) -> TypeGuard[tuple[float, float, float]]:
@@ -167,4 +203,4 @@ def is_plain(point: tuple[Any, Any, Any]) -> TypeGuard[tuple[float, float, float
     return (type(stroke) is type(speed) is type(torque) is float
             and DISPLACEMENT_RATIO.low <= stroke <= DISPLACEMENT_RATIO.high
             and ENGINE_SPEED.low <= speed <= ENGINE_SPEED.high
-            and LOAD_TORQUE.low <= torque <= LOAD_TORQUE.high)
+            and ANY_LOAD.low <= torque <= ANY_LOAD.high)

@@ -1,16 +1,21 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The gear train of one stage as data: what lies on each path between engine and output.
 
-A hydromechanical stage has one planetary row with three members. The engine drives one member
-through gears (the mechanical path), the hydraulic motor drives the second (the hydraulic path;
-its pump is geared to the engine), the third drives the output. Which pairs lie on which path and
-which member each path meets comes from a mapping (YAML), never from code.
+A hydromechanical stage has one planetary row. The engine drives one member through gears (the
+mechanical path), the output hangs on another, the hydraulic path takes the third:
+
+* `input_coupled`: the pump is geared to the engine, the motor drives the third member;
+* `output_coupled`: the third member drives the pump, the motor is geared to the output;
+* `hydrostatic`: there is no row; the pump is geared to the engine, the motor to the output.
+
+Which pairs lie on which path and which member each path meets comes from a mapping (YAML), never
+from code.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -23,6 +28,7 @@ from .mapping import get, number, section
 from .ranges import Range
 
 MEMBERS = ("sun", "ring", "carrier")
+LAYOUTS = ("input_coupled", "output_coupled", "hydrostatic")
 _PATHS = ("mechanical", "pump", "motor", "output")
 _CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
 
@@ -99,16 +105,22 @@ class Stage:
 
     Attributes:
         name: such as `HM4`.
-        planetary_constant: k = teeth of ring / teeth of sun [-].
-        mechanical, motor, output: the paths engine -> row, motor -> row, row -> output.
-        pump: the path engine -> pump, direction 1: the sense of the displacement ratio is that of
-            the motor path.
-        mechanical_member, motor_member, output_member: `sun`, `ring` or `carrier`, all different.
+        planetary_constant: k = teeth of ring / teeth of sun [-]; 0 without a row.
+        mechanical, output: the paths engine -> row and row -> output; in a hydrostatic stage the
+            first is empty and the second leads on from the motor's.
+        motor: the path motor -> row, or motor -> output shaft.
+        pump: the path engine -> pump, or row -> pump; direction 1: the sense of the displacement
+            ratio is that of the motor path.
+        mechanical_member, motor_member, output_member: `sun`, `ring` or `carrier`, all different;
+            `motor_member` is the one of the hydraulic path, output-coupled the pump's. Empty
+            without a row.
         pump_motor: the hydraulic units.
+        layout: one of `LAYOUTS`.
+        reverse: whether the mechanical path drives the output backward: its speed is negative.
 
     Raises:
         InputError: a value is out of range, members repeat, the pump path states a direction, or
-            the mechanical path alone would not drive the output forward.
+            the mechanical path alone would not drive the output forward (backward in reverse).
     """
 
     name: str
@@ -121,35 +133,67 @@ class Stage:
     output: Path
     output_member: str
     pump_motor: PumpMotor
+    layout: str = "input_coupled"
+    reverse: bool = False
 
     def __post_init__(self) -> None:
+        where = f"stage {self.name}: "
+        _require(self.layout in LAYOUTS, f"{where}layout", self.layout, ", ".join(LAYOUTS))
+        _require(self.pump.direction == 1, f"{where}pump.direction", self.pump.direction,
+                 "1: give the motor path the sense that a positive displacement ratio has")
+        if not self.has_row:
+            _require(not self.reverse, f"{where}reverse", self.reverse,
+                     "false: a hydrostatic stage turns either way")
+            return
         _require(math.isfinite(self.planetary_constant) and 1.0 < self.planetary_constant <= 20.0,
-                 f"stage {self.name}: planetary constant", self.planetary_constant,
-                 "more than 1, up to 20")
+                 f"{where}planetary constant", self.planetary_constant, "more than 1, up to 20")
         members = (self.mechanical_member, self.motor_member, self.output_member)
-        _require(sorted(members) == sorted(MEMBERS), f"stage {self.name}: members", members,
+        _require(sorted(members) == sorted(MEMBERS), f"{where}members", members,
                  "sun, ring and carrier, each once")
-        _require(self.pump.direction == 1, f"stage {self.name}: pump.direction",
-                 self.pump.direction, "1: give the motor path the sense that a positive "
-                 "displacement ratio has")
-        _require(self.mechanical_speed_ratio > 0.0,
-                 f"stage {self.name}: output speed per engine speed at standing motor",
-                 self.mechanical_speed_ratio, "more than 0; check the directions")
+        _require((self.mechanical_speed_ratio < 0.0) == self.reverse,
+                 f"{where}output speed per engine speed at standing "
+                 + ("pump" if self.layout == "output_coupled" else "motor"),
+                 self.mechanical_speed_ratio, "less than 0 in a reverse stage" if self.reverse
+                 else "more than 0; check the directions, or say reverse: true")
+
+    @property
+    def has_row(self) -> bool:
+        """Whether there is a planetary row."""
+        return self.layout != "hydrostatic"
 
     @cached_property
     def mechanical_speed_ratio(self) -> float:
-        """Output speed / engine speed while the motor stands still [-], eq. (4)."""
-        return self._output_share(self.mechanical, self.mechanical_member)
+        """Output speed / engine speed while the unit on the row stands still [-], eq. (4).
+
+        That is the motor, output-coupled the pump; 0 without a row.
+        """
+        return (self._output_share(self.mechanical, self.mechanical_member) if self.has_row
+                else 0.0)
 
     @cached_property
     def motor_speed_ratio(self) -> float:
         """Change of output speed / change of motor speed [-], eq. (4); may be negative."""
+        if self.layout == "output_coupled":
+            return self.motor.direction / self.motor.ratio
         return self._output_share(self.motor, self.motor_member)
 
+    @cached_property
+    def pump_speed_ratios(self) -> tuple[float, float]:
+        """Pump speed per engine speed and per output speed [-]; the first is positive."""
+        if self.layout != "output_coupled":
+            return 1.0 / self.pump.ratio, 0.0
+        row = self._member_ratio(self.mechanical_member, self.motor_member)
+        engine = abs(row) / (self.mechanical.ratio * self.pump.ratio)
+        return engine, -engine / self.mechanical_speed_ratio
+
     def _output_share(self, path: Path, member: str) -> float:
-        coefficients = member_speed_coefficients(self.planetary_constant)
-        row = -coefficients[member] / coefficients[self.output_member]
+        row = self._member_ratio(member, self.output_member) if self.has_row else 1.0
         return path.direction * self.output.direction * row / (path.ratio * self.output.ratio)
+
+    def _member_ratio(self, driving: str, driven: str) -> float:
+        """Speed of one member per speed of another while the third stands, eq. (4)."""
+        coefficients = member_speed_coefficients(self.planetary_constant)
+        return -coefficients[driving] / coefficients[driven]
 
     @property
     def paths(self) -> dict[str, Path]:
@@ -185,44 +229,104 @@ class Stage:
             if len(stages) != 1:
                 raise InputError(f"stages holds {', '.join(map(str, stages))}: say which one")
             name = str(next(iter(stages)))
-        paths = section(stages, name, "stages.")
+        entry = section(stages, name, "stages.")
         where = f"stages.{name}."
-        rows = section(data, "planetary_rows")
-        row = get(paths, "planetary_row", where)
-        made: dict[str, Any] = {key: _path(data, paths, key, where) for key in _PATHS}
-        for key in ("mechanical", "motor", "output"):
-            member = get(section(paths, key, where), "member", f"{where}{key}.")
-            made[f"{key}_member"] = str(member)
-        return cls(name=name, planetary_constant=number(rows, row, "planetary_rows."),
-                   pump_motor=_pump_motor(section(data, "pump_motor")), **made)
+        layout, reverse = str(entry.get("layout", LAYOUTS[0])), entry.get("reverse", False)
+        _require(layout in LAYOUTS, f"{where}layout", layout, ", ".join(LAYOUTS))
+        _require(isinstance(reverse, bool), f"{where}reverse", reverse, "true or false")
+        made: dict[str, Any] = {"planetary_constant": 0.0, "mechanical": Path(())}
+        on_row = _members_of(layout)
+        if on_row:
+            row = get(entry, "planetary_row", where)
+            made["planetary_constant"] = number(
+                section(data, "planetary_rows"), row, "planetary_rows.")
+        else:
+            _require("mechanical" not in entry, f"{where}mechanical", "given",
+                     "nothing: a hydrostatic stage has no mechanical path")
+        for key in _PATHS if on_row else _PATHS[1:]:
+            made[key] = _path(data, entry, key, where)
+            _require(key in on_row.values() or "member" not in entry[key], f"{where}{key}.member",
+                     "given", f"nothing: {layout} this path does not end at the row")
+        for field in ("mechanical_member", "motor_member", "output_member"):
+            made[field] = str(get(entry[on_row[field]], "member",
+                                  f"{where}{on_row[field]}.")) if on_row else ""
+        return cls(name=name, pump_motor=_pump_motor(section(data, "pump_motor")), layout=layout,
+                   reverse=reverse, **made)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the mapping that `from_mapping` reads, with nothing but this stage in it."""
+        on_row = _members_of(self.layout)
         paths: dict[str, dict[str, Any]] = {
             key: {"gear_pairs": [pair.name for pair in path.gear_pairs],
-                  "direction": path.direction} for key, path in self.paths.items()}
-        for key in ("mechanical", "motor", "output"):
-            paths[key]["member"] = getattr(self, f"{key}_member")
+                  "direction": path.direction}
+            for key, path in self.paths.items() if on_row or key != "mechanical"}
+        for field, key in on_row.items():
+            paths[key]["member"] = getattr(self, field)
+        stated = {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
         units = self.pump_motor
         return {
             "gear_pairs": {pair.name: pair.ratio for pair in self.gear_pairs},
             "gear_efficiency": {pair.name: pair.efficiency for pair in self.gear_pairs},
-            "planetary_rows": {"k": self.planetary_constant},
+            "planetary_rows": {"k": self.planetary_constant} if on_row else {},
             "pump_motor": {
                 "pump_displacement_cm3_per_rev": _round(units.pump_displacement / _CM3_PER_REV),
                 "motor_displacement_cm3_per_rev": _round(units.motor_displacement / _CM3_PER_REV),
                 "pump_friction": units.pump_friction,
                 "motor_friction": units.motor_friction,
             },
-            "stages": {self.name: {"planetary_row": "k", **paths}},
+            "stages": {self.name: {**stated, **({"reverse": True} if self.reverse else {}),
+                                   **({"planetary_row": "k"} if on_row else {}), **paths}},
         }
+
+
+def stages_from_mapping(data: Mapping[str, Any]) -> tuple[Stage, ...]:
+    """Build every stage of a mapping, in its order; see `Stage.from_mapping`."""
+    names = [str(name) for name in section(data, "stages")]
+    _require(bool(names), "stages", {}, "at least one stage")
+    return tuple(Stage.from_mapping(data, name) for name in names)
+
+
+def stages_to_mapping(stages: Sequence[Stage]) -> dict[str, Any]:
+    """Return the mapping that `stages_from_mapping` reads.
+
+    Raises:
+        InputError: the stages are not of one transmission: units, or a pair of one name, differ.
+    """
+    first, *others = (stage.to_mapping() for stage in stages)
+    constants = sorted({stage.planetary_constant for stage in stages if stage.has_row})
+    for data in others:
+        for part in ("gear_pairs", "gear_efficiency", "pump_motor"):
+            for name, value in data[part].items():
+                if first[part].setdefault(name, value) != value:
+                    raise InputError(f"{part}.{name} differs between the stages")
+        first["stages"].update(data["stages"])
+    if len(constants) > 1:
+        rows = {value: f"k{i}" for i, value in enumerate(constants, 1)}
+        first["planetary_rows"] = {name: value for value, name in rows.items()}
+        for stage in stages:
+            if stage.has_row:
+                first["stages"][stage.name]["planetary_row"] = rows[stage.planetary_constant]
+    elif constants:
+        first["planetary_rows"] = {"k": constants[0]}
+    return first
 
 
 def speed_ratio(stage: Stage, displacement_ratio: NDArray[np.float64]) -> NDArray[np.float64]:
     """Output speed / engine speed without slip, eq. (5) [-]."""
-    units = stage.pump_motor
-    motor = displacement_ratio * units.pump_displacement / units.motor_displacement
-    return stage.mechanical_speed_ratio + stage.motor_speed_ratio * motor / stage.pump.ratio
+    units, (engine, output) = stage.pump_motor, stage.pump_speed_ratios
+    # What the motor adds to the output speed per pump speed.
+    share = (displacement_ratio * stage.motor_speed_ratio
+             * units.pump_displacement / units.motor_displacement)
+    fixed = 0.0 if stage.layout == "output_coupled" else stage.mechanical_speed_ratio
+    return (fixed + share * engine) / (1.0 - share * output)
+
+
+def _members_of(layout: str) -> dict[str, str]:
+    """Path on which each member of the row stands."""
+    if layout == "hydrostatic":
+        return {}
+    hydraulic = "pump" if layout == "output_coupled" else "motor"
+    return {"mechanical_member": "mechanical", "motor_member": hydraulic, "output_member": "output"}
 
 
 def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:

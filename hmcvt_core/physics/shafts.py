@@ -1,0 +1,363 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Speeds and torques from shaft to shaft with effects, solved for the motor speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..transmission.parameters import Candidates, Parameters
+from ..transmission.ranges import OperatingPoints
+from ..transmission.stage import Stage, member_speed_coefficients
+from .effects.base import Effect, ShaftState, Value
+from .output_coupled import OutputCoupledState
+from .steady_state import ArrayState
+
+Array = NDArray[np.float64]
+_ITERATIONS = 40
+_HOLDING_STEPS = 5  # the flow is nearly linear in the friction
+_TOLERANCE = 1e-12  # of the unknown, relative to its scale
+_SETTLED = 1e-6  # the same, where the last digits of the terms are noise
+
+
+class PowerFlow(NamedTuple):
+    """Steady state at operating points; arrays of one shape, NaN where there is none.
+
+    Attributes:
+        state: speeds and pressure, and the power that the bench reads at the output.
+        direction: +1 where power flows from motor to row, -1 back, between where it stands.
+        output_speed: y times engine speed, with its sign [rad/s].
+        output_power: power that really leaves [W].
+        pump_pressure: pressure over the pump [Pa].
+        leakage_flow: flow that does not reach the motor [m3/s].
+        torques: by path, before and after each gear pair from the output end back, referred to the
+            shaft at that end (output, motor) or to the engine [N m].
+        engine_power: power that the engine gives [W]; NaN as long as the pump is left out.
+    """
+
+    state: ShaftState
+    direction: Array
+    output_speed: Array
+    output_power: Array
+    pump_pressure: Array
+    leakage_flow: Array
+    torques: dict[str, list[Array]]
+    engine_power: Value = np.nan
+
+
+class Shafts(ArrayState):
+    """One call's constants in one quadrant; the functions of the unknown read them.
+
+    With the pump on the row (output-coupled) the row's member that drives the output is braced by
+    the pump, so that pump and motor share the output torque: m = 0, and nothing is reflected but
+    the turning.
+    """
+
+    def __init__(
+        self, stage: Stage, parameters: Parameters, effects: tuple[Effect, ...],
+        points: OperatingPoints, turning: int, power: int,
+    ) -> None:
+        self.stage, self.effects, self.points = stage, effects, points
+        self.viscosity: Value = 1.0
+        if points.oil_temperature is not None:
+            for effect in effects:
+                self.viscosity = self.viscosity * effect.viscosity_ratio(points.oil_temperature)
+        self.given = Candidates(
+            parameters.leakage / self.viscosity, parameters.motor_damping * self.viscosity,
+            parameters.pump_damping * self.viscosity)
+        super().__init__(stage, self.given, turning, power)
+        self.turns, self.power = turning, power
+        self.pump_on_row = stage.layout == "output_coupled"
+        if self.pump_on_row:
+            self.mechanical_ratio, self.reflection, self.sense = 0.0, turning, 1
+        self.engine_speed = points.engine_speed
+        self.pump_ratios = stage.pump_speed_ratios
+        units = stage.pump_motor
+        self.size = units.pump_displacement / units.motor_displacement
+        self.load_power = points.load_torque * points.engine_speed
+        self.direction = self.reflection * np.sign(stage.motor_speed_ratio)
+        self.row = member_speed_coefficients(stage.planetary_constant)
+        self.stroke = self.true_stroke(points.displacement_ratio)
+
+    def true_stroke(self, displacement_ratio: Array) -> Array:
+        """Displacement ratio that the swash plate really has."""
+        for effect in self.effects:
+            displacement_ratio = effect.true_displacement_ratio(displacement_ratio)
+        return displacement_ratio
+
+    # --- the unknown -------------------------------------------------------------------------
+
+    def motor_speed(self) -> tuple[Array, Array]:
+        """Return motor speed and direction (the part of friction in use where it stands)."""
+        if self.pump_on_row:
+            closed = OutputCoupledState(self.stage, self.given, self.turns)
+            output, _ = closed.output(closed.full * self.stroke,
+                                      self.points.load_torque / self.engine_speed)
+            speed = output * self.engine_speed / self.hydraulic_ratio
+            return (self._settled(speed, np.sign(speed)) if self.effects else speed), np.sign(speed)
+        load = self.points.load_torque / self.engine_speed
+        motoring, pumping = (
+            self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
+            for output in self.output_speeds(self.full_flow * self.stroke, load))
+        if self.effects:
+            motoring, pumping = self._with_effects(motoring, pumping)
+        speed = self.selected(motoring, pumping, 0.0, load)
+        standing = speed == 0.0
+        held = self._holding(speed) if standing.any() else 0.0
+        return speed, np.where(standing, held, np.sign(speed))
+
+    def _holding(self, speed: Array) -> Array:
+        """Part of the friction, -1 to 1, that holds a standing motor in balance with the flow."""
+        part, before = -np.ones_like(speed), np.ones_like(speed)
+        surplus = self._surplus_at(before)(speed, self.stroke)
+        for _ in range(_HOLDING_STEPS):
+            flow = self._surplus_at(part)(speed, self.stroke)
+            step = np.nan_to_num(flow * (part - before) / (flow - surplus))  # 0 / 0: settled
+            before, surplus = part, flow
+            part = np.clip(part - step, -1.0, 1.0)
+        return part
+
+    def _with_effects(self, motoring: Array, pumping: Array) -> tuple[Array, Array]:
+        likely = np.where(motoring + pumping >= 0.0, 1.0, -1.0)
+        speed = self._settled(np.where(likely > 0.0, motoring, pumping), likely)
+        other = speed
+        if (speed * likely <= 0.0).any():
+            other = self._settled(np.where(likely > 0.0, pumping, motoring), -likely)
+        return (np.where(likely > 0.0, speed, other), np.where(likely > 0.0, other, speed))
+
+    def _settled(self, speed: Array, direction: Array) -> Array:
+        """Motor speed with every effect, from a first estimate."""
+        surplus, share = self._surplus_at(direction), 1.0 - self._row_share(self.stroke)
+        return _fixed_point(lambda speed: speed + surplus(speed, self.stroke) / share, speed,
+                            self.pump_ratios[0] * self.engine_speed)
+
+    def stroke_for(self, output_speed: Array) -> Array:
+        """Commanded displacement ratio that makes an output speed, from the points' own."""
+        speed = (self.reflection * output_speed - self.mechanical_ratio * self.engine_speed) / (
+            self.hydraulic_ratio)  # (4)
+        surplus = self._surplus_at(np.where(speed > 0.0, 1.0, -1.0))
+        flow = self.direction * self.size * self._pump_speed(speed)
+
+        def corrected(commanded: Array) -> Array:
+            return np.asarray(commanded - surplus(speed, self.true_stroke(commanded)) / flow)
+
+        return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
+
+    def _surplus_at(self, direction: Array) -> Callable[[Array, Array], Array]:
+        """Motor speed that the flow gives, eq. (13), above an assumed one, for a true stroke.
+
+        Each pass begins with the pressure that the last one found.
+        """
+        pressure = None
+
+        def surplus(speed: Array, stroke: Array) -> Array:
+            nonlocal pressure
+            found = self.torques(speed, direction, stroke, pressure)
+            pressure = self.sense * found.state.pressure
+            delivered = self.size * self.direction * stroke * found.state.pump_speed
+            return np.asarray(delivered - self.sense * found.leakage_flow
+                              / self.stage.pump_motor.motor_displacement - speed)
+
+        return surplus
+
+    def _pump_speed(self, speed: Array) -> Array:
+        engine, output = self.pump_ratios
+        turned = self.mechanical_ratio * self.engine_speed + self.hydraulic_ratio * speed
+        return np.asarray(engine * self.engine_speed + self.reflection * output * turned)
+
+    def _row_share(self, stroke: Array) -> Array:
+        """What a motor speed adds to the flow of a pump on the row, per motor speed [-]."""
+        return np.asarray(self.size * self.direction * stroke * self.hydraulic_ratio
+                          * self.reflection * self.pump_ratios[1])
+
+    # --- the shafts ---------------------------------------------------------------------------
+
+    def torques(
+        self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
+    ) -> PowerFlow:
+        """Go from the load back to the pressure and from it to the leakage."""
+        ratio, hydraulic = self.mechanical_ratio, self.hydraulic_ratio
+        output_speed = ratio * self.engine_speed + hydraulic * speed  # (4)
+        idle = self.load_power == 0.0
+        output_speed = np.where((output_speed * self.sense > 0.0) | idle, output_speed, np.nan)
+        power = self.load_power
+        for effect in self.effects:
+            power = effect.true_load_power(power, np.abs(output_speed))
+        load = np.where(idle & (power == 0.0), 0.0, power / output_speed)
+        if pressure is None:
+            pressure = self._pressure(load * hydraulic / (1.0 - self._row_share(stroke)), speed,
+                                      direction)
+        state = self._state(speed, output_speed, stroke, pressure)
+        load = load + self.sense * self._sum("output_drag", state)
+        drag = self._sum("motor_drag", state)
+        torques = {}
+        if self.pump_on_row:
+            torques = self._braced(state, output_speed)
+            load, direction = load - torques["output"][0], np.sign(speed)
+            motor = self._geared("motor", load * hydraulic, speed, np.sign(load * speed))
+        else:
+            output = self._geared("output", load, output_speed, self.power)
+            # Ideal row: virtual work shares the output torque by the speed ratios.
+            motor_share, mechanical_share = self._row_shares(
+                state, self.stage.output_member, self.stage.motor_member,
+                -self.reflection * self.stage.output.direction)
+            motor = self._geared("motor", output[-1] * hydraulic * motor_share, speed, direction)
+            torques = {"output": output, "mechanical": self._geared(
+                "mechanical", output[-1] * ratio * mechanical_share, self.engine_speed,
+                np.sign(ratio))}
+        found = self._pressure(motor[-1] + drag * direction, speed, direction)
+        # What pump and motor share answers the pressure assumed: a step of Newton.
+        pressure = pressure + (found - pressure) / (1.0 - self._row_share(stroke))
+        state = state._replace(pressure=self.sense * pressure)
+        # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
+        lost = self.given.leakage * state.pressure + self._sum("leakage_flow", state)
+        return PowerFlow(state, direction, output_speed, power, self._pump_pressure(state),
+                         np.asarray(lost), {**torques, "motor": motor})
+
+    def _braced(self, state: ShaftState, output_speed: Array) -> dict[str, list[Array]]:
+        """Torques of pump, engine and output paths where the pump braces the row."""
+        pump = self._pump(state)
+        engine, output = self.pump_ratios
+        # The pump holds its member against the sense in which the engine turns it.
+        braked, driven = self.stage.motor_member, self.stage.mechanical_member
+        held = self.stage.mechanical.direction * np.sign(self.row[driven] / self.row[braked])
+        output_share, engine_share = self._row_shares(
+            state, braked, self.stage.output_member, held * np.sign(pump[-1]))
+        reaction = -self.reflection * output * pump[-1] * output_share
+        given = self._geared("output", np.asarray(reaction), output_speed,
+                             -np.sign(reaction * output_speed), from_row=True)
+        return {"pump": pump, "output": given[::-1], "mechanical": self._geared(
+            "mechanical", np.asarray(engine * pump[-1] * engine_share), self.engine_speed,
+            np.sign(pump[-1]))}
+
+    def _pump(self, state: ShaftState) -> list[Array]:
+        """Torques of the pump path; eq. (15) in the steady state, with friction that takes."""
+        units, way = self.stage.pump_motor, np.sign(state.pump_speed)
+        ideal = self._pump_pressure(state) * units.pump_displacement * state.displacement_ratio
+        rubbing = units.pump_friction * np.abs(ideal) + self._sum("pump_drag", state)
+        torque = ideal + way * rubbing + self.given.pump_damping * state.pump_speed
+        return self._geared("pump", np.asarray(torque), state.pump_speed, way * np.sign(torque))
+
+    def _pump_pressure(self, state: ShaftState) -> Array:
+        return np.asarray(state.pressure + self._sum("pressure_drop", state))
+
+    def _state(
+        self, speed: Array, output_speed: Array, stroke: Array, pressure: Array
+    ) -> ShaftState:
+        """Return what effects may read: as if the output turned forward."""
+        units, stage = self.stage.pump_motor, self.stage
+        pump_speed, output = self._pump_speed(speed), np.abs(output_speed)
+        rolling: Array = np.zeros_like(speed)
+        sun_torque = rolling
+        if stage.has_row:
+            rolling = _sun_against_carrier(stage, self.engine_speed, self.turns * output)
+            sun = self.row["sun"]
+            sun_torque = np.abs(
+                pressure * units.pump_displacement * stroke * stage.pump.ratio
+                * sun / self.row[stage.motor_member] if self.pump_on_row else
+                self.load_power / output * sun / self.row[stage.output_member]
+                / stage.output.ratio)
+        return ShaftState(
+            self.engine_speed, pump_speed, output, self.sense * speed,
+            self.sense * self.direction * stroke, self.sense * pressure, self.viscosity, rolling,
+            sun_torque, self.load_power, max(units.pump_displacement, units.motor_displacement),
+        )
+
+    def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
+        # Eq. (14); friction resists the motion, also where the pressure is reversed.
+        units, torque = self.stage.pump_motor, torque + self.motor_damping * speed
+        friction = units.motor_friction * direction * np.sign(torque)
+        return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
+
+    def _sum(self, hook: str, state: ShaftState) -> Value:
+        total: Value = 0.0
+        for effect in self.effects:
+            total = total + getattr(effect, hook)(state)
+        return total
+
+    def _geared(
+        self, path: str, torque: Array, speed: Array, direction: Value, from_row: bool = False
+    ) -> list[Array]:
+        """Torques of a path back from `torque` at its output end, for the shaft at `speed`.
+
+        With `from_row` it goes the other way; the direction is that of the power against it.
+        """
+        torques, pairs = [torque], getattr(self.stage, path).gear_pairs
+        for pair in pairs if from_row else reversed(pairs):
+            passed: Value = pair.efficiency
+            for effect in self.effects:
+                passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
+            torques.append(np.asarray(torques[-1] / passed**direction))
+        return torques
+
+    def _row_shares(
+        self, state: ShaftState, known: str, other: str, way: Value
+    ) -> tuple[Value, Value]:
+        """Torque of another member and of the mechanical one against an ideal row, with mesh loss.
+
+        `way` is the sign of the torque on the member `known`.
+        """
+        lost = self._sum("planetary_loss", state)
+        if not self.stage.has_row or not np.any(lost):
+            return 1.0, 1.0
+        k, ideal = self.stage.planetary_constant, self.row
+        # Output torque acts on the row against its motion; the sun's share has its sign by (4).
+        drives = way * np.sign(ideal["sun"] / ideal[known]) * np.tanh(state.sun_speed / 2.0)
+        real = {"sun": 1.0, "ring": k * (1.0 - lost) ** drives}
+        real["carrier"] = -(real["sun"] + real["ring"])
+        reference = real[known] / ideal[known]
+        return tuple(real[member] / ideal[member] / reference
+                     for member in (other, self.stage.mechanical_member))
+
+    # --- the answer -----------------------------------------------------------------------------
+
+    def with_pump(self, speed: Array, direction: Array) -> PowerFlow:
+        """Return the whole power flow at a motor speed found."""
+        found = self.torques(speed, direction, self.stroke)
+        for _ in range(_ITERATIONS if self.effects or self.pump_on_row else 0):
+            # Friction that an effect ties to the pressure settles in a few passes.
+            before = found.state.pressure
+            found = self.torques(speed, direction, self.stroke, self.sense * before)
+            if not (np.abs(found.state.pressure - before) > _TOLERANCE * np.abs(before)).any():
+                break
+        state, torques = found.state, found.torques
+        pump = torques.get("pump") or self._pump(state)
+        torque = self._sum("engine_drag", state)
+        if "mechanical" in torques:
+            torque = torque + torques["mechanical"][-1]
+        if not self.pump_on_row:
+            torque = torque + pump[-1] * self.pump_ratios[0]
+        power = np.asarray(torque * self.engine_speed)
+        return found._replace(torques={**torques, "pump": pump}, engine_power=power)
+
+
+def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value) -> Array:
+    """Solve x = function(x) by secant steps, element by element; NaN where they do not settle."""
+    previous, value = first, function(first)
+    shortfall, x = value - first, value
+    for _ in range(_ITERATIONS):
+        error = function(x) - x
+        open_ = np.abs(error) > _TOLERANCE * scale
+        if not open_.any():
+            return x
+        slope = (error - shortfall) / (x - previous)
+        # The function answers x weakly: a slope far from -1 is noise of the last digits.
+        slope = np.where((slope < -0.2) & (slope > -5.0), slope, -1.0)
+        previous, shortfall = x, error
+        x = np.where(open_, x - error / slope, x)
+    return np.where(open_ & (np.abs(error) > _SETTLED * scale), np.nan, x)
+
+
+def _sun_against_carrier(stage: Stage, engine_speed: Array, output_speed: Array) -> Array:
+    row = member_speed_coefficients(stage.planetary_constant)
+    engine, output, hydraulic = stage.mechanical_member, stage.output_member, stage.motor_member
+    speeds: dict[str, Array] = {
+        engine: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
+        output: stage.output.direction * output_speed * stage.output.ratio,
+    }
+    speeds[hydraulic] = -(row[engine] * speeds[engine] + row[output] * speeds[output]) / (
+        row[hydraulic])
+    return np.asarray(speeds["sun"] - speeds["carrier"])
