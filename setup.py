@@ -28,7 +28,7 @@ setup(
         "hmcvt_core": ["py.typed"],
         "hmcvt_core.data": ["*.csv", "*.md"],
         "hmcvt_core.report": ["templates/*.j2", "templates/*.mplstyle"],
-        "hmcvt_core.params": ["*.yaml", "*.md"],
+        "hmcvt_core.params": ["*.yaml", "*.csv", "*.md"],
         "hmcvt_ros": ["py.typed", "config/*.yaml", "launch/*.launch.py", "security/*.xml"],
     },
     data_files=[

@@ -15,6 +15,8 @@ from .files import data_path
 from .files.bench import BenchSamples, read_bench, read_raw_bench, write_bench
 from .identification import Identification, Schedule, identify
 from .model.domain import Domain, EfficiencyMap
+from .model.drive_line import DriveOptimum
+from .model.engine import Engine, load_engine
 from .model.model import EfficiencyModel, Prediction
 from .model.optimum import Optimum
 from .model.parameter_file import load_model, load_stage, save_model
@@ -26,10 +28,10 @@ from .transmission.stage import GearPair, Path, PumpMotor, Stage
 from .version import __version__
 
 __all__ = [
-    "BenchSamples", "Breakdown", "Diagnosis", "Domain", "Effect", "EfficiencyMap",
-    "EfficiencyModel", "GearPair", "HmcvtError", "HydraulicParameters", "Identification",
+    "BenchSamples", "Breakdown", "Diagnosis", "Domain", "DriveOptimum", "Effect", "EfficiencyMap",
+    "EfficiencyModel", "Engine", "GearPair", "HmcvtError", "HydraulicParameters", "Identification",
     "IdentificationError", "InputError", "Isolability", "Optimum", "Path", "Prediction",
     "PumpMotor", "Schedule", "ShaftState", "Stage", "Value", "__version__", "data_path",
-    "diagnose", "identify", "load_model", "load_stage", "read_bench", "read_raw_bench",
-    "save_model", "separable", "shape", "size", "write_bench", "write_html",
+    "diagnose", "identify", "load_engine", "load_model", "load_stage", "read_bench",
+    "read_raw_bench", "save_model", "separable", "shape", "size", "write_bench", "write_html",
 ]

@@ -31,6 +31,8 @@ from ..transmission.parameters import (
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, Answer, OperatingPoints, is_plain
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap
+from .drive_line import DriveOptimum, drive_optimum
+from .engine import Engine
 from .optimum import Optimum, optimum
 
 Array = NDArray[np.float64]
@@ -278,10 +280,41 @@ class EfficiencyModel:
                 formulation is `published`, whose best point is one of its own making.
         """
         model = self.without_meters()
-        if isinstance(model._solver, PublishedSolver):
-            raise InputError(NO_OPTIMUM)
-        return optimum(model._solver, model._point_solver, engine_speed, load_torque, hold,
+        return optimum(model.array_solver, model._point_solver, engine_speed, load_torque, hold,
                        displacement_ratio, output_speed, engine_speed_limits)
+
+    @property
+    def array_solver(self) -> ArraySolver:
+        """What solves many points at once.
+
+        Raises:
+            InputError: the formulation is `published`.
+        """
+        if isinstance(self._solver, PublishedSolver):
+            raise InputError(NO_OPTIMUM)
+        return self._solver
+
+    def optimal_drive(
+        self, output_speed: float, output_power: float, *, engine: Engine | None = None,
+        engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
+        torque_reserve: float = 0.0, stage: str | None = None, hysteresis: float = 0.0,
+    ) -> DriveOptimum:
+        """Stage, engine speed and displacement ratio of least fuel at a held output.
+
+        Args:
+            output_speed: to hold [rad/s]; negative backward.
+            output_power: to hold [W].
+            engine: whose fuel counts and whose full-load curve holds; without one the least engine
+                power is looked for.
+            engine_speed_limits: lowest and highest engine speed allowed [rad/s].
+            torque_reserve: part of the full-load torque to keep [-].
+            stage: engaged now, which is kept unless another saves more than the part `hysteresis`.
+
+        Raises:
+            InputError: input out of range, no such stage, or the formulation is `published`.
+        """
+        return drive_optimum(self.without_meters().stages, output_speed, output_power, engine,
+                             engine_speed_limits, torque_reserve, stage, hysteresis)
 
     def efficiency_map(
         self, displacement_ratios: ArrayLike, engine_speeds: ArrayLike, load_torques: ArrayLike

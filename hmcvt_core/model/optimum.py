@@ -174,6 +174,7 @@ def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float,
 # --- held output speed ----------------------------------------------------------------------------
 
 
+@np.errstate(divide="ignore")  # without a mechanical path the output rests where the motor does
 def _best_engine_speed(
     solver: ArraySolver, target: Array, power: Array, limits: Limits
 ) -> Array:

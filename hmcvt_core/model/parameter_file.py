@@ -6,15 +6,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import free_name, write_atomically
+from ..files.plain_yaml import named, read_tree, require_known
 from ..physics.effects import effect_from_mapping
 from ..transmission.mapping import get, number, section
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
@@ -22,13 +22,8 @@ from ..transmission.stage import Stage, stages_from_mapping
 from .domain import AXES, Domain
 from .model import SCHEMA, EfficiencyModel
 
-if TYPE_CHECKING:
-    import yaml
-
 Made = TypeVar("Made")
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
-_MAX_BYTES = 4 * 1024 * 1024
-_DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
 _ROUNDED = 1e-5  # a matrix in a file has six digits
 
 # The keys that there are at each place; None where there may be any. "*" is every other name.
@@ -64,14 +59,14 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
         InputError: the file is missing, damaged, of another schema or version, or a field is
             missing, unknown or out of range; file and field are named.
     """
-    with _named(path):
-        data, tree = _read(path, SCHEMA)
+    with named(path):
+        data, tree = read_tree(path, SCHEMA)
         stated = data.pop("checksum", None)
         if stated is not None and stated != (_checksum(data) or None):
             raise InputError("checksum does not match: the file is damaged or was edited; "
                              "if edited on purpose, remove the line 'checksum'")
         model = _from_mapping(data)
-        _require_known(tree, _KNOWN[SCHEMA])
+        require_known(tree, _KNOWN[SCHEMA])
         return model
 
 
@@ -112,19 +107,11 @@ def load_stages(path: str | os.PathLike[str]) -> tuple[Stage, ...]:
 def _load_gear_train(
     path: str | os.PathLike[str], made_of: Callable[[Mapping[str, Any]], Made]
 ) -> Made:
-    with _named(path):
-        data, tree = _read(path, TRANSMISSION_SCHEMA)
+    with named(path):
+        data, tree = read_tree(path, TRANSMISSION_SCHEMA)
         made = made_of(data)
-        _require_known(tree, _KNOWN[TRANSMISSION_SCHEMA])
+        require_known(tree, _KNOWN[TRANSMISSION_SCHEMA])
         return made
-
-
-@contextmanager
-def _named(path: str | os.PathLike[str]) -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _holds(path: Path, data: Mapping[str, Any]) -> bool:
@@ -167,82 +154,6 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         domain=Domain.from_mapping(section(data, "domain")) if "domain" in data else None,
         provenance=section(data, "provenance") if "provenance" in data else {},
     )
-
-
-def _read(path: str | os.PathLike[str], schema: str) -> tuple[dict[str, Any], yaml.Node]:
-    """Read a mapping of a schema, and the tree of the text that it was made of."""
-    import yaml
-
-    path = Path(path)
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
-        # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
-        kind = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        text = path.read_text(encoding="utf-8")
-        _require_plain(yaml.parse(text, kind))
-        loader = kind(text)
-        try:
-            tree = loader.get_single_node()
-            data = loader.construct_document(tree) if tree else None
-        finally:
-            loader.dispose()
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(error.strerror or str(error)) from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text at byte {error.start}") from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        # PyYAML lets a ValueError through for an impossible date or an endless number.
-        place = _line_of(error, "problem_mark")
-        raise InputError(f"not YAML{place}: {getattr(error, 'problem', error)}") from None
-    if tree is None or not isinstance(data, dict):
-        raise InputError("holds no mapping; is it empty or cut off?")
-    if data.get("schema") != schema:
-        raise InputError(f"schema = {data.get('schema')!r}; this version reads {schema!r}")
-    return data, tree
-
-
-def _require_plain(events: Iterable[yaml.Event]) -> None:
-    """Refuse what makes much of a short text, before anything is made of it."""
-    from yaml.events import CollectionEndEvent, CollectionStartEvent
-
-    depth = 0
-    for event in events:
-        name = getattr(event, "anchor", None)
-        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        if name or depth > _DEEPEST:
-            what = (f"{name!r} is an alias or the anchor of one: write the values out" if name
-                    else f"more than {_DEEPEST} levels")
-            raise InputError(f"not YAML of a parameter file{_line_of(event)}: {what}")
-
-
-def _line_of(item: object, mark: str = "start_mark") -> str:
-    found = getattr(item, mark, None)
-    return f" at line {found.line + 1}" if found else ""
-
-
-def _require_known(tree: yaml.Node, known: Mapping[str, Any] | None, where: str = "") -> None:
-    """Refuse keys that mean nothing, such as a misspelt one, and those that stand there twice."""
-    from yaml.nodes import MappingNode, SequenceNode
-
-    if isinstance(tree, SequenceNode):
-        for i, item in enumerate(tree.value):
-            _require_known(item, known, f"{where[:-1]}[{i}].")
-    if not isinstance(tree, MappingNode):
-        return
-    seen = set()
-    for key, value in tree.value:
-        name = str(key.value)
-        if known is not None and name not in known and "*" not in known:
-            raise InputError(f"{where}{name}{_line_of(key)} is not known; there is "
-                             f"{', '.join(known)}")
-        if name in seen:
-            raise InputError(f"{where}{name}{_line_of(key)} stands there twice")
-        seen.add(name)
-        below = None if known is None else known.get(name, known.get("*"))
-        _require_known(value, below, f"{where}{name}.")
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

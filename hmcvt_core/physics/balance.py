@@ -58,9 +58,10 @@ class BalanceSolver(ArraySolver):
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed that a bench reads, through its meters."""
-        return Answer(*self._together(points, self._answer))
+        return Answer(*self._together(points, self.solve_in))
 
-    def _answer(self, part: tuple[int, int], points: OperatingPoints) -> Answer:
+    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Answer:
+        """As `solve`, of points in one quadrant."""
         shafts, flow = self._flow(part, points)
         state, torque = flow.state, flow.engine_power / points.engine_speed
         efficiency, speed, torque = Answer.of(
@@ -140,16 +141,10 @@ class BalanceSolver(ArraySolver):
                 losses[effect.name] = losses.get(effect.name, 0.0) + watts
         return Breakdown(np.asarray(flow.engine_power), flow.output_power, losses)
 
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def displacement_ratio(
-        self, engine_speed: Array, output_speed: Array, load_torque: Array
-    ) -> Array:
-        """Displacement ratio that makes an output speed, as `ArraySolver.displacement_ratio`."""
-        return super().displacement_ratio(engine_speed, output_speed, load_torque)
-
-    def _stroke(self, part: tuple[int, int], *columns: Array) -> Array:
+    def stroke_in(self, part: tuple[int, int], *columns: Array) -> Array:
+        """As `displacement_ratio`, in one quadrant."""
         speed, output, torque = columns
-        first = super()._stroke(part, *columns)
+        first = super().stroke_in(part, *columns)
         points = OperatingPoints(first, speed, torque)
         shafts = Shafts(self._stage, self._parameters, self._effects, points, *part)
         return shafts.stroke_for(output)

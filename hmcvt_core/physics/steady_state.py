@@ -287,8 +287,11 @@ class ArraySolver:
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
-        return Answer(*self._together(
-            points, lambda part, at: self._state(part).solve(at)))
+        return Answer(*self._together(points, self.solve_in))
+
+    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Answer:
+        """As `solve`, of points in one quadrant (sense of the output, of the power)."""
+        return self._state(part).solve(points)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def displacement_ratio(
@@ -301,7 +304,7 @@ class ArraySolver:
         columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
         found = np.empty(columns[0].shape)
         for part, chosen in quadrants(columns[1], columns[2]):
-            found[chosen] = self._stroke(part, *(column[chosen] for column in columns))
+            found[chosen] = self.stroke_in(part, *(column[chosen] for column in columns))
         return found
 
     def _state(self, part: tuple[int, int]) -> ArrayState | OutputCoupledState:
@@ -312,7 +315,8 @@ class ArraySolver:
                                   else ArrayState(*given, *part))
         return self._states[part]
 
-    def _stroke(self, part: tuple[int, int], *columns: Array) -> Array:
+    def stroke_in(self, part: tuple[int, int], *columns: Array) -> Array:
+        """As `displacement_ratio`, in one quadrant."""
         return self._state(part).displacement_ratio(*columns)
 
     def idle_speed(self, points: OperatingPoints) -> Array:

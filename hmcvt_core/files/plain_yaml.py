@@ -1,0 +1,103 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""YAML that a person wrote: plain, of a known schema, without a key that means nothing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    import yaml
+
+_MAX_BYTES = 4 * 1024 * 1024
+_DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
+
+
+@contextmanager
+def named(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Put the path before every complaint."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_tree(path: str | os.PathLike[str], schema: str) -> tuple[dict[str, Any], yaml.Node]:
+    """Read a mapping of a schema, and the tree of the text that it was made of."""
+    import yaml
+
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
+        # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
+        kind = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        text = path.read_text(encoding="utf-8")
+        _require_plain(yaml.parse(text, kind))
+        loader = kind(text)
+        try:
+            tree = loader.get_single_node()
+            data = loader.construct_document(tree) if tree else None
+        finally:
+            loader.dispose()
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(error.strerror or str(error)) from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text at byte {error.start}") from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        # PyYAML lets a ValueError through for an impossible date or an endless number.
+        place = _line_of(error, "problem_mark")
+        raise InputError(f"not YAML{place}: {getattr(error, 'problem', error)}") from None
+    if tree is None or not isinstance(data, dict):
+        raise InputError("holds no mapping; is it empty or cut off?")
+    if data.get("schema") != schema:
+        raise InputError(f"schema = {data.get('schema')!r}; this version reads {schema!r}")
+    return data, tree
+
+
+def _require_plain(events: Iterable[yaml.Event]) -> None:
+    """Refuse what makes much of a short text, before anything is made of it."""
+    from yaml.events import CollectionEndEvent, CollectionStartEvent
+
+    depth = 0
+    for event in events:
+        name = getattr(event, "anchor", None)
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if name or depth > _DEEPEST:
+            what = (f"{name!r} is an alias or the anchor of one: write the values out" if name
+                    else f"more than {_DEEPEST} levels")
+            raise InputError(f"not YAML of a parameter file{_line_of(event)}: {what}")
+
+
+def _line_of(item: object, mark: str = "start_mark") -> str:
+    found = getattr(item, mark, None)
+    return f" at line {found.line + 1}" if found else ""
+
+
+def require_known(tree: yaml.Node, known: Mapping[str, Any] | None, where: str = "") -> None:
+    """Refuse keys that mean nothing, such as a misspelt one, and those that stand there twice."""
+    from yaml.nodes import MappingNode, SequenceNode
+
+    if isinstance(tree, SequenceNode):
+        for i, item in enumerate(tree.value):
+            require_known(item, known, f"{where[:-1]}[{i}].")
+    if not isinstance(tree, MappingNode):
+        return
+    seen = set()
+    for key, value in tree.value:
+        name = str(key.value)
+        if known is not None and name not in known and "*" not in known:
+            raise InputError(f"{where}{name}{_line_of(key)} is not known; there is "
+                             f"{', '.join(known)}")
+        if name in seen:
+            raise InputError(f"{where}{name}{_line_of(key)} stands there twice")
+        seen.add(name)
+        below = None if known is None else known.get(name, known.get("*"))
+        require_known(value, below, f"{where}{name}.")

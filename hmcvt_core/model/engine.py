@@ -1,0 +1,144 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The engine before the transmission: full-load curve and fuel map, from a table."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..files.columns import Cells, decimal_points, read_cells
+from ..files.plain_yaml import named, read_tree, require_known
+from ..transmission.mapping import get
+from ..transmission.ranges import ENGINE_SPEED, RPM, Range
+
+Array = NDArray[np.float64]
+SCHEMA = "hmcvt-engine/1"
+_KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
+_UNITS = {
+    "engine_speed": {"rad/s": 1.0, "r/min": RPM, "rpm": RPM, "1/min": RPM},
+    "torque": {"N m": 1.0, "Nm": 1.0},
+    "fuel": {"kg/s": 1.0, "g/h": 1e-3 / 3600.0, "kg/h": 1.0 / 3600.0, "g/kWh": 1e-3 / 3.6e6},
+}
+_TORQUE = Range("torque", 0.0, 5000.0, "N m")
+_SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
+_HOLE = 0.5  # of the full-load torque: wider apart, two rows leave a hole
+
+
+@dataclass(frozen=True, eq=False)
+class Engine:
+    """Full-load curve and fuel map of an engine; interpolated linearly, NaN beyond.
+
+    Attributes:
+        speed: shape (n,), rising [rad/s].
+        full_load: torque at full load there [N m].
+        load: torque / full-load torque, shape (m,), from 0 to 1.
+        fuel: shape (n, m) [kg/s].
+        name: of the engine.
+    """
+
+    speed: Array
+    full_load: Array
+    load: Array
+    fuel: Array
+    name: str = ""
+
+    def full_load_torque(self, engine_speed: ArrayLike) -> Any:
+        """Highest torque at engine speeds [rad/s], as they are shaped [N m]; NaN beyond."""
+        speed = np.asarray(engine_speed, dtype=float)
+        found = np.interp(speed, self.speed, self.full_load, left=np.nan, right=np.nan)
+        return found if np.ndim(found) else float(found)
+
+    def fuel_rate(self, engine_speed: ArrayLike, torque: ArrayLike) -> Any:
+        """Fuel at engine speeds [rad/s] and torques [N m] that broadcast [kg/s].
+
+        NaN above the full-load curve, below no torque and beyond the speeds of the table.
+        """
+        speed, asked = np.broadcast_arrays(np.asarray(engine_speed, float), torque)
+        with np.errstate(invalid="ignore"):
+            load = asked / self.full_load_torque(speed)
+            known = (load >= 0.0) & (load <= 1.0 + 1e-12)
+        found = np.where(known, self._surface.ev(speed, np.where(known, load, 0.0)), np.nan)
+        return found if found.ndim else float(found)
+
+    @cached_property
+    def _surface(self) -> Any:
+        from scipy.interpolate import RectBivariateSpline
+
+        return RectBivariateSpline(self.speed, self.load, self.fuel, kx=1, ky=1)
+
+
+def load_engine(path: str | os.PathLike[str]) -> Engine:
+    """Read an engine: a table, or a YAML file that names one beside it (`params/engine.yaml`).
+
+    The table is CSV with the columns `engine_speed`, `torque` and `fuel`, each with its unit as in
+    `engine_speed [r/min]`; fuel in kg/s, kg/h, g/h or g/kWh. At every speed the highest torque is
+    that of full load. Below the lowest the fuel goes on as a straight line (Willans).
+
+    Raises:
+        InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
+            rows leave a hole; file and row are named.
+    """
+    name, table = "", Path(path)
+    if table.suffix.lower() in (".yaml", ".yml"):
+        with named(path):
+            data, tree = read_tree(path, SCHEMA)
+            require_known(tree, _KNOWN)
+            name, table = str(data.get("name", "")), table.parent / str(get(data, "map"))
+    cells = read_cells(table, (), lambda header: [cell.strip() for cell in header])
+    cells = decimal_points(cells, set(cells.columns))
+    speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
+    cells.require_range(speed, ENGINE_SPEED)
+    cells.require_range(torque, _TORQUE)
+    if any("g/kWh" in column for column in cells.columns):
+        fuel = fuel * speed * torque
+    return _engine(cells, speed, torque, fuel, name)
+
+
+def _column(cells: Cells, quantity: str) -> Array:
+    """Numbers of a column `quantity [unit]` in SI; g/kWh as kg/J."""
+    for column in cells.columns:
+        match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
+        if match and match[1] in _UNITS[quantity]:
+            return cells.numbers(column) * _UNITS[quantity][match[1]]
+        if match:
+            raise InputError(f"{cells.source}: {match[1]!r} is no unit of {quantity}; there is "
+                             f"{', '.join(_UNITS[quantity])}")
+    raise InputError(f"{cells.source}: column {quantity} [unit] is missing; there is "
+                     f"{', '.join(cells.columns)}")
+
+
+def _engine(cells: Cells, speed: Array, torque: Array, fuel: Array, name: str) -> Engine:
+    speeds = np.unique(speed)
+    if len(speeds) < 2:
+        raise InputError(f"{cells.source}: one engine speed is no map; needs two or more")
+    curves = []
+    for value in speeds:
+        rows = np.flatnonzero(speed == value)
+        rows = rows[np.argsort(torque[rows], kind="stable")]
+        place = f"{cells.source}: row {cells.rows[rows[-1]]}: {value / RPM:.0f} r/min"
+        here, rates = torque[rows], fuel[rows]
+        if here[-1] > 0.0:
+            used = rates[-1] / (here[-1] * value) * 3.6e9
+            _SPECIFIC.check(used, place)
+        gaps = np.diff(here)
+        if len(rows) < 2 or (gaps <= 0.0).any() or max(gaps.max(), here[0]) > _HOLE * here[-1]:
+            told = ", ".join(f"{each:g}" for each in here)
+            raise InputError(f"{place}: torques {told} N m leave a hole: each speed needs rows "
+                             "from low to full load, none twice and none further apart than "
+                             f"{_HOLE:g} of full load")
+        if here[0] > 0.0:
+            idle = rates[0] - here[0] * (rates[1] - rates[0]) / gaps[0]
+            here, rates = np.append(0.0, here), np.append(max(idle, 0.0), rates)
+        curves.append((here, rates))
+    full = np.array([here[-1] for here, _ in curves])
+    load = np.unique(np.concatenate([here / here[-1] for here, _ in curves]).round(9))
+    grid = np.array([np.interp(load * here[-1], here, rates) for here, rates in curves])
+    return Engine(speeds, full, load, grid, name)
