@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -21,7 +21,6 @@ from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import Effect
-from ..transmission.ranges import RPM
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
@@ -51,25 +50,6 @@ def _check_picture(_: click.Context, __: click.Parameter, path: str | None) -> s
 
         picture_format(path)
     return path
-
-
-def quantity(text: str | float, units: Mapping[str, float], name: str, example: str) -> float:
-    """Read a number in the SI unit, or in one of the `units` (by size) written behind it.
-
-    A unit that ends like another stands before it; a complaint says `name` and `example`.
-    """
-    given = str(text).strip().lower()
-    unit = next(filter(given.endswith, units), "")
-    try:
-        return float(given.removesuffix(unit)) * units.get(unit, 1.0)
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not a {name}: write {example}") from None
-
-
-def speed(text: str | float) -> float:
-    """Read a speed in rad/s; a type of options, whose name stands in --help."""
-    return quantity(text, {"rpm": RPM, "r/min": RPM, "rad/s": 1.0}, "speed",
-                    "146.6 (rad/s) or 1400rpm")
 
 
 def _fractions(text: str) -> list[float]:
@@ -126,24 +106,6 @@ class Point(NamedTuple):
     oil_temperature: float | None = None
 
 
-def point_options(function: Function) -> Function:
-    """Add the options of one operating point: fields of `Point`, None where left out."""
-    return add_options(
-        function,
-        click.option("--displacement-ratio", type=float, help="Pump stroke, -1 to 1."),
-        click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
-        click.option("--load-torque", type=float, help="Output power / engine speed in N m."),
-        click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
-
-
-def required(given: Mapping[str, Any]) -> Point:
-    """Return the point given, or raise a usage error that names the options left out."""
-    missing = [f"--{name.replace('_', '-')}" for name in Point._fields[:3] if given[name] is None]
-    if missing:
-        raise click.UsageError(f"{', '.join(missing)} is needed")
-    return Point(**given)
-
-
 def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:
     """Raise a usage error where a command would write over a file that it reads."""
     read = [Path(name).resolve() for name in inputs if name is not None]
@@ -155,6 +117,14 @@ def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> 
 def model_from(path: str | None) -> EfficiencyModel:
     """Load the model asked for, or the shipped one."""
     return load_model(data_path("params/hm4.yaml") if path is None else path)
+
+
+def stage_from(path: str | None, stage: str | None) -> EfficiencyModel:
+    """Load the model of one stage; its name may be left out where the file holds one."""
+    model = model_from(path)
+    if stage is None and len(model.stages) > 1:
+        raise click.UsageError(f"{path} holds {', '.join(model.stages)}: --stage is needed")
+    return model if stage is None else model.in_stage(stage)
 
 
 def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None = None) -> None:

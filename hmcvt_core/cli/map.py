@@ -15,14 +15,11 @@ from ..files.bench import read_bench
 from ..model.domain import EfficiencyMap
 from ..transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
 from . import common
+from .quantities import power as power_type
+from .quantities import speed, stage_option
 
 _MOST_POINTS = 2_000_000
 _PICTURE_POWER = 40_000.0
-
-
-def power(text: str) -> float:
-    """Read a power in W; its name stands in --help."""
-    return common.quantity(text, {"kw": 1e3, "w": 1.0}, "power", "40000 (W) or 40kW")
 
 
 @click.command("map", epilog="""\b
@@ -32,22 +29,24 @@ Examples:
   hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
-@click.option("--engine-speed-limits", type=common.speed, nargs=2, default=ENGINE_SPEED_LIMITS,
+@click.option("--engine-speed-limits", type=speed, nargs=2, default=ENGINE_SPEED_LIMITS,
               help="Lowest and highest.  [default: 750rpm 2200rpm]")
 @click.option("--load-torque-limits", type=float, nargs=2, default=(50.0, 400.0),
               show_default=True, help="Lowest and highest in N m.")
 @click.option("--out", type=common.OutputFile(), metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
 @common.picture_option
-@click.option("--power", type=power,
+@click.option("--power", type=power_type,
               help="Output power of the picture, in W or like 40kW.  [default: 40kW]")
 @click.option("--bench", metavar="BENCH.csv", help="Bench tests to mark in the picture.")
+@stage_option
 @common.params_option
 @common.json_option
 def command(
     steps: tuple[int, int, int], engine_speed_limits: tuple[float, float],
     load_torque_limits: tuple[float, float], out: str | None, picture: str | None,
-    power: float | None, bench: str | None, params: str | None, as_json: bool,
+    power: float | None, bench: str | None, stage: str | None, params: str | None,
+    as_json: bool,
 ) -> None:
     """Write the efficiency over displacement ratio, engine speed and load torque.
 
@@ -62,17 +61,17 @@ def command(
     # Before the grid is made: NumPy would warn of infinity rather than refuse it.
     ENGINE_SPEED.check(engine_speed_limits, "--engine-speed-limits")
     LOAD_TORQUE.check(load_torque_limits, "--load-torque-limits")
-    model = common.model_from(params)
+    model = common.stage_from(params, stage)
     common.note_oil_temperature(model)
     if picture is not None:
         from ..report import draw_surface, save
 
         samples = None if bench is None else read_bench(bench)
         shown = _PICTURE_POWER if power is None else power
-        for speed in engine_speed_limits:
-            if not LOAD_TORQUE.contains(shown / speed):
-                raise InputError(f"--power {1e-3 * shown:g}kW at {speed / RPM:.0f} r/min is a load "
-                                 f"torque of {shown / speed:.4g} N m; allowed {LOAD_TORQUE}")
+        for end in engine_speed_limits:
+            if not LOAD_TORQUE.contains(shown / end):
+                raise InputError(f"--power {1e-3 * shown:g}kW at {end / RPM:.0f} r/min is a load "
+                                 f"torque of {shown / end:.4g} N m; allowed {LOAD_TORQUE}")
         save(lambda figure: draw_surface(figure, model, shown, engine_speed_limits, samples),
              picture)
         if out is None and not as_json:

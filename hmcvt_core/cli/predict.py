@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import click
 
@@ -11,23 +12,31 @@ from ..files.bench import read_bench
 from ..model.agreement import RelativeError, predicted_at
 from ..model.model import EfficiencyModel
 from . import common
+from .quantities import point_from, point_options, stage_option
 
 
 @click.command("predict", epilog="""\b
 Examples:
   hmcvt predict --displacement-ratio 0.5 --engine-speed 1400rpm --load-torque 200
+  hmcvt predict --displacement-ratio 50% --engine-speed 1400rpm --output-torque 180
+  hmcvt predict --params params/tractor.yaml --stage HM3 --engine-speed 1800rpm \\
+      --output-speed 1200rpm --output-power 40kW
   hmcvt predict data/table2.csv
   hmcvt predict data/table2.csv --params params/paper.yaml --json""")
 @click.argument("bench", metavar="[BENCH.csv]", required=False)
-@common.point_options
+@point_options
+@stage_option
 @common.params_option
 @common.json_option
-def command(bench: str | None, params: str | None, as_json: bool, **given: float | None) -> None:
-    """Predict the efficiency at one point, or at every sample of a file."""
+def command(
+    bench: str | None, params: str | None, stage: str | None, as_json: bool, **given: Any,
+) -> None:
+    """Predict the efficiency at one point, or at every sample of a file (with column `stage`)."""
     if bench is None:
         # At a point there is no bench whose meters could read wrong.
-        _predict_point(common.required(given), common.model_from(params).without_meters(), as_json)
-    elif any(value is not None for value in given.values()):
+        model = common.stage_from(params, stage).without_meters()
+        _predict_point(point_from(given, model), model, as_json)
+    elif stage is not None or any(value is not None for value in given.values()):
         raise click.UsageError("give a file or the options of one point, not both")
     else:
         _predict_file(common.model_from(params), bench, as_json)
@@ -38,9 +47,12 @@ def _predict_point(point: common.Point, model: EfficiencyModel, as_json: bool) -
     common.note_oil_temperature(model, point.oil_temperature)
     # Where there is no efficiency the shaft does not turn as any formula says.
     speed = model.output_speed(*point) if refusal is None else math.nan
+    loss = model.power_loss(*point)
     if as_json:
         common.print_json({**found._asdict(), "inside_domain": common.inside_domain(model, point),
-                           "output_speed": speed, "refusal": refusal})
+                           "output_speed": speed, "refusal": refusal, "power_loss": loss,
+                           "stage": model.stage.name, **point._asdict(),
+                           "engine_torque": point.load_torque + loss / point.engine_speed})
         return
     if refusal is not None:
         click.echo(f"no efficiency: {refusal}")
@@ -49,6 +61,7 @@ def _predict_point(point: common.Point, model: EfficiencyModel, as_json: bool) -
                   else f"+- {found.standard_error:.4f}")
         click.echo(f"efficiency     {found.efficiency:.4f} {spread}")
         click.echo(f"output speed   {speed:.2f} rad/s")
+        click.echo(f"power loss     {loss:.0f} W")
     common.print_domain(model, point)
 
 

@@ -32,6 +32,7 @@ _SCAN, _FINE, _ZOOMS = 65, 41, 3
 _SLIP = 0.3  # part of the kinematic ratio that a stage may lose, or gain in overrun
 _HELD = 1e-6  # of the output speed
 _EDGE = 1e-9  # of the stroke
+_BESIDE = 1e-9  # of the speed at rest
 _CLOSE = 0.02  # of the best: stages that the first grid cannot tell apart
 _BINDS = 1e-4  # of a range
 
@@ -152,6 +153,10 @@ def _window(
 def _scan(line: _Line, low: float, high: float, count: int) -> tuple[float, float, float]:
     """Lowest cost on a grid, where, and the step of the grid."""
     speed = np.linspace(low, high, count)
+    if (ratio := line.solver.mechanical_ratio) and count == _SCAN:
+        # Where the motor rests, friction sets a step, and often a lowest point beside it.
+        beside = line.output_speed / ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
+        speed = np.append(speed, beside[(beside >= low) & (beside <= high)])
     cost = line.cost(speed, line.state(speed)[1])
     best = int(cost.argmin())
     return float(cost[best]), float(speed[best]), (high - low) / (count - 1)

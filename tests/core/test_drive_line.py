@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Engine and drive line: the optimum against brute force, limits, reserve, hysteresis, bad input."""
+"""Engine and drive line: the optimum against brute force, limits, hysteresis, bad input."""
 
 import math
 import time
@@ -41,14 +41,15 @@ def demands(count, seed):
 
 def test_no_brute_force_burns_less():
     answered = 0
-    for output_speed, power in demands(10, seed=4):
+    # The first has its lowest point beside the step of a resting motor.
+    for output_speed, power in ((117.7, 89.8e3), *demands(7, seed=4)):
         found = TRACTOR.optimal_drive(output_speed, power, engine=ENGINE)
         brute = brute_force(TRACTOR, ENGINE, output_speed, power)
         if found.stage is None:
             assert brute == math.inf
             continue
         answered += 1
-        assert found.fuel_rate <= brute * 1.001
+        assert found.fuel_rate <= brute * 1.0005
         stage, at = TRACTOR.stages[found.stage], (
             found.displacement_ratio, found.engine_speed, found.load_torque)
         assert stage.output_speed(*at) == pytest.approx(output_speed, rel=1e-6)
@@ -61,7 +62,7 @@ def test_no_brute_force_burns_less():
         step = 100.0  # watts more at the engine
         more = ENGINE.fuel_rate(found.engine_speed, found.engine_torque - step / found.engine_speed)
         assert found.fuel_per_loss == pytest.approx((found.fuel_rate - more) / step, rel=0.05)
-    assert answered >= 5
+    assert answered >= 4
 
 
 def test_a_demand_takes_milliseconds():
@@ -93,8 +94,8 @@ def test_limits_reserve_and_reverse():
     bound = [TRACTOR.optimal_drive(40.0, 1e3 * power, engine=ENGINE).limit
              for power in range(40, 110, 2)]
     assert "full_load" in bound
-    slow = TRACTOR.optimal_drive(120.0, 60e3, engine=ENGINE, engine_speed_limits=(150.0, 200.0))
-    assert slow.limit == "engine_speed low" and slow.engine_speed == pytest.approx(150.0, rel=1e-3)
+    slow = TRACTOR.optimal_drive(120.0, 40e3, engine=ENGINE, engine_speed_limits=(110.0, 120.0))
+    assert slow.limit == "engine_speed low" and slow.engine_speed == pytest.approx(110.0, rel=1e-3)
     beyond = TRACTOR.optimal_drive(120.0, 200e3, engine=ENGINE)
     assert beyond.stage is None and math.isnan(beyond.fuel_rate)
     back = TRACTOR.optimal_drive(-6.0, 3e3, engine=ENGINE)
