@@ -10,7 +10,7 @@ import click
 
 from ..files.bench import read_bench
 from ..model.agreement import RelativeError, predicted_at
-from ..model.model import EfficiencyModel
+from ..model.model import DRAGGED, EfficiencyModel
 from . import common
 from .quantities import point_from, point_options, stage_option
 
@@ -35,24 +35,26 @@ def command(
     if bench is None:
         # At a point there is no bench whose meters could read wrong.
         model = common.stage_from(params, stage).without_meters()
-        _predict_point(point_from(given, model), model, as_json)
+        point = point_from(given, model)
+        _predict_point(point, model, as_json, {
+            name: value for name, value in point._asdict().items()
+            if given[name] is None and value is not None})
     elif stage is not None or any(value is not None for value in given.values()):
         raise click.UsageError("give a file or the options of one point, not both")
     else:
         _predict_file(common.model_from(params), bench, as_json)
 
 
-def _predict_point(point: common.Point, model: EfficiencyModel, as_json: bool) -> None:
+def _predict_point(
+    point: common.Point, model: EfficiencyModel, as_json: bool, solved: dict[str, float]
+) -> None:
     found, refusal = model.predict(*point), model.refusal(*point)
     common.note_oil_temperature(model, point.oil_temperature)
-    # Where there is no efficiency the shaft does not turn as any formula says.
-    speed = model.output_speed(*point) if refusal is None else math.nan
-    loss = model.power_loss(*point)
+    # Stalled, or where formulas contradict themselves, the shaft does not turn as any says.
+    speed = model.output_speed(*point) if refusal in (None, DRAGGED) else math.nan
     if as_json:
         common.print_json({**found._asdict(), "inside_domain": common.inside_domain(model, point),
-                           "output_speed": speed, "refusal": refusal, "power_loss": loss,
-                           "stage": model.stage.name, **point._asdict(),
-                           "engine_torque": point.load_torque + loss / point.engine_speed})
+                           "output_speed": speed, "refusal": refusal, **solved})
         return
     if refusal is not None:
         click.echo(f"no efficiency: {refusal}")
@@ -60,8 +62,11 @@ def _predict_point(point: common.Point, model: EfficiencyModel, as_json: bool) -
         spread = ("(standard error unknown)" if math.isnan(found.standard_error)
                   else f"+- {found.standard_error:.4f}")
         click.echo(f"efficiency     {found.efficiency:.4f} {spread}")
+    if refusal in (None, DRAGGED):
         click.echo(f"output speed   {speed:.2f} rad/s")
-        click.echo(f"power loss     {loss:.0f} W")
+        click.echo(f"power loss     {model.power_loss(*point):.0f} W")
+    for name, value in solved.items():
+        click.echo(f"{name.replace('_', ' '):<18} {value:.5g}")
     common.print_domain(model, point)
 
 

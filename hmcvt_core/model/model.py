@@ -40,8 +40,7 @@ SCHEMA = "hmcvt-model/1"
 FORMULATIONS = ("power_balance", "published")
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
-DRAGGED = ("no efficiency in overrun: the wheels give less than the losses take, and the engine "
-           "gives the rest")
+DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
 NO_OPTIMUM = ("formulation 'published' has no optimum: it has a pole, eq. (11), and "
               "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
 INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. (11), "

@@ -17,6 +17,7 @@ from hmcvt_core.transmission.ranges import RPM
 ROOT = Path(__file__).resolve().parents[2]
 TABLE2 = str(ROOT / "data" / "table2.csv")
 HM4 = ROOT / "params" / "hm4.yaml"
+TRACTOR, ENGINE = str(ROOT / "params" / "tractor.yaml"), str(ROOT / "params" / "engine.yaml")
 POINT = ("--displacement-ratio", "0.5", "--engine-speed", "1400rpm", "--load-torque", "200")
 # A warning on stderr would be a second line beside the message.
 COMMAND = (sys.executable, "-W", "error", "-m", "hmcvt_core.cli")

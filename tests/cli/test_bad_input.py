@@ -3,7 +3,7 @@
 
 import pytest
 
-from .running import HM4, POINT, TABLE2, assert_refused
+from .running import ENGINE, HM4, POINT, TABLE2, TRACTOR, assert_refused
 
 
 @pytest.mark.parametrize("command", ["identify", "predict", "diagnose", "separable"])
@@ -22,8 +22,8 @@ POINTS = [
     ("--engine-speed", "20rpm", "engine_speed = 2.0944", "10 to 320 rad/s"),
     ("--engine-speed", "inf", "engine_speed = inf", "10 to 320 rad/s"),
     ("--engine-speed", "fast", "--engine-speed", "'fast'", "1400rpm"),
-    ("--load-torque", "0", "load_torque = 0", "1 to 5000 N m"),
-    ("--load-torque", "-inf", "load_torque = -inf", "1 to 5000 N m"),
+    ("--load-torque", "9e3", "load_torque = 9000", " to 5000 N m"),
+    ("--load-torque", "-inf", "load_torque = -inf", " to 5000 N m"),
     ("--load-torque", "much", "--load-torque", "'much'"),
     ("--oil-temperature", "350", "oil_temperature = 350", "-40 to 150 deg C", "kelvin"),
 ]
@@ -88,6 +88,16 @@ def test_identify(hmcvt, arguments, words):
     (("map", "--steps", "0", "2", "2"), ("--steps",)),
     (("map", "--steps", "1001", "1001", "1001"), ("--steps", "1003003001", "at most")),
     (("guess",), ("'guess'", "hmcvt --help")),
+    (("predict", *POINT, "--output-power", "9kW"), ("--load-torque, --output-power", "one only")),
+    (("predict", *POINT[:4], "--engine-torque", "9kNm"), ("9000 N m is more than",)),
+    (("predict", *POINT[2:], "--output-speed", "8km/h"), ("--tyre-radius and --final-drive",)),
+    (("predict", *POINT[2:], "--output-speed", "20"), ("20 rad/s is out of reach",)),
+    (("predict", *POINT, "--params", TRACTOR), ("holds H0, HM1", "--stage is needed")),
+    (("predict", *POINT, "--stage", "HM9"), ("stage 'HM9' is not known", "HM4")),
+    (("optimum", "--output-speed", "120"), ("one of --output-power, --output-torque",)),
+    (("optimum", "--output-speed", "120", "--output-power", "400kW", "--engine", ENGINE),
+     ("no working point", "full-load curve of the engine")),
+    (("optimum", *POINT[2:], "--engine", ENGINE), ("--engine is of the drive line",)),
     (("predict", "--guess"), ("--guess", "hmcvt predict --help")),
 ])
 def test_usage(hmcvt, arguments, words):

@@ -1,0 +1,82 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What users measure, with units, and the best working point of the drive line."""
+
+import math
+
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.transmission.ranges import RPM
+
+from .running import ENGINE, TRACTOR
+
+HM3 = hmcvt.load_model(TRACTOR).stages["HM3"]
+STAGE = ("--params", TRACTOR, "--stage", "HM3")
+SPEED = 1800 * RPM
+
+
+def shown(stroke, load):
+    """What the meters show at a point, as options."""
+    torque = load + HM3.power_loss(stroke, SPEED, load) / SPEED
+    output = HM3.output_speed(stroke, SPEED, load)
+    return {
+        "load": {"--load-torque": f"{load:.12g}N m",
+                 "--output-power": f"{load * SPEED / 1e3:.12g}kW",
+                 "--output-torque": f"{load * SPEED / abs(output):.12g}Nm",
+                 "--engine-torque": f"{torque / 1e3:.12g}kNm"},
+        "stroke": {"--displacement-ratio": f"{100 * stroke:.12g}%".replace(".", ","),
+                   "--output-speed": f"{output / RPM:.12g}r/min"}}
+
+
+@pytest.mark.parametrize(("stroke", "load"), [(0.4, 210.0), (-0.6, 60.0), (0.2, 0.0),
+                                                (0.7, -150.0)])
+def test_a_point_by_whatever_is_measured(hmcvt, stroke, load):
+    options = shown(stroke, load)
+    for load_option in options["load"].items():
+        for stroke_option in options["stroke"].items():
+            found = hmcvt("predict", *STAGE, "--engine-speed", "1800rpm", *load_option,
+                          *stroke_option, "--json").json
+            told = {"displacement_ratio": stroke, "load_torque": load, **found}
+            assert told["displacement_ratio"] == pytest.approx(stroke, abs=1e-7)
+            assert told["load_torque"] == pytest.approx(load, abs=1e-3)
+            assert found["output_speed"] == pytest.approx(
+                HM3.output_speed(stroke, SPEED, load), rel=1e-7)
+
+
+def test_ground_speed(hmcvt):
+    found = hmcvt("predict", *STAGE, "--engine-speed", "1800rpm", "--output-power", "20,5kW",
+                  "--output-speed", "8km/h", "--tyre-radius", "0.9", "--final-drive", "45",
+                  "--json").json
+    assert found["output_speed"] == pytest.approx(8 / 3.6 / 0.9 * 45)
+    assert found["load_torque"] == pytest.approx(20.5e3 / SPEED)
+
+
+def test_overrun_is_told(hmcvt):
+    light = hmcvt("predict", *STAGE, "--engine-speed", "1800rpm", "--displacement-ratio", "0.5",
+                  "--load-torque", "-5")
+    assert light.code == 0 and "no efficiency: in overrun the wheels give less" in light.out
+    assert f"{HM3.power_loss(0.5, SPEED, -5.0):.0f} W" in light.out
+    watts = hmcvt("breakdown", *STAGE, "--engine-speed", "1800rpm", "--displacement-ratio", "0.5",
+                  "--load-torque", "-150", "--json").json
+    assert watts["efficiency"] == pytest.approx(watts["input_power"] / watts["output_power"])
+    assert sum(watts["losses"].values()) == pytest.approx(
+        watts["input_power"] - watts["output_power"])
+
+
+def test_optimum_of_the_drive_line(hmcvt):
+    asked = ("optimum", "--params", TRACTOR, "--output-speed", "120", "--output-power", "40kW")
+    found = hmcvt(*asked, "--engine", ENGINE, "--json").json
+    assert list(found) == ["stage", "displacement_ratio", "engine_speed", "load_torque",
+                           "efficiency", "engine_torque", "fuel_rate", "limit"]
+    assert found["engine_speed"] * found["load_torque"] == pytest.approx(40e3)
+    text = hmcvt(*asked, "--engine", ENGINE).out
+    assert f"stage               {found['stage']}" in text
+    assert f"{3.6e6 * found['fuel_rate']:.0f} g/h" in text and "for each watt lost" in text
+    alone = hmcvt(*asked, "--json").json
+    assert alone["fuel_rate"] is None
+    assert alone["engine_torque"] * alone["engine_speed"] <= (
+        found["engine_torque"] * found["engine_speed"] * (1 + 1e-9))
+    by_torque = hmcvt(*asked[:-2], "--output-torque", f"{40e3 / 120}", "--json").json
+    assert by_torque["engine_speed"] == pytest.approx(alone["engine_speed"], rel=1e-6)
+    kept = hmcvt(*asked, "--engine", ENGINE, "--stage", "HM3", "--hysteresis", "90%", "--json").json
+    assert kept["stage"] == "HM3" and math.isfinite(kept["fuel_rate"])
