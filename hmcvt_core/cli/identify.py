@@ -15,6 +15,7 @@ from ..files.bench import read_bench
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingRun
 from ..model.parameter_file import load_stage
+from ..transmission.stage import Stage
 from . import common
 
 _MOST_SAMPLES = 1_000_000
@@ -50,14 +51,17 @@ Examples:
 @click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True),
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
 @common.model_options
+@click.option("--params", metavar="P.yaml",
+              help="Parameter file whose gear train is taken, with all its stages: BENCH.csv has a "
+                   "column stage then.")
 @click.option("--out", type=common.OutputFile(), metavar="P.yaml", help="Write the parameter file.")
 @common.picture_option
 @common.seed_option
 @common.json_option
 def command(
     bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
-    gears: list[float], transmission: str | None, stage: str | None, out: str | None,
-    picture: str | None, seed: int, as_json: bool,
+    gears: list[float], transmission: str | None, stage: str | None, params: str | None,
+    out: str | None, picture: str | None, seed: int, as_json: bool,
 ) -> None:
     """Identify leakage and dampings from bench samples.
 
@@ -65,7 +69,10 @@ def command(
     """
     if fit is not None and hold_back is not None:
         raise click.UsageError("--fit and --hold-back both choose the samples: give one")
-    common.keep_inputs([bench, transmission], [out, picture])
+    if params is not None and (transmission is not None or stage is not None):
+        raise click.UsageError("--params and --transmission, --stage both choose the gear train: "
+                               "give one")
+    common.keep_inputs([bench, transmission, params], [out, picture])
     samples = read_bench(bench)
     if fit is None:
         held_count = 0 if hold_back is None else min(
@@ -77,7 +84,10 @@ def command(
     rest = sorted({*range(1, len(samples) + 1)}.difference(fit))
     fitted = samples.select(np.array(fit) - 1)
     held = samples.select(np.array(rest) - 1) if rest else None
-    train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
+    train: list[Stage] = (
+        [load_stage(transmission or data_path("params/transmission.yaml"), stage)]
+        if params is None else
+        [each.stage for each in common.model_from(params).stages.values()])
     with closing(common.Progress("annealing")) as progress:
         def show(run: AnnealingRun) -> None:
             progress(f"step {len(run.history)}, objective {run.value:.6g}")

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import IdentificationError
+from ..errors import IdentificationError, InputError
 from ..files import data_path
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, output_speed_remark
+from ..model.agreement import RelativeError, by_stage, output_speed_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
@@ -70,6 +70,8 @@ class Identification:
         seed: of the random numbers.
         warnings: plain sentences on what the samples leave open.
         roots: hydraulic efficiencies of part 1 by sample (`published` only).
+        alone: standard errors that the samples of each stage would give by themselves, by stage
+            and parameter; empty where all are of one.
     """
 
     model: EfficiencyModel
@@ -86,6 +88,7 @@ class Identification:
     seed: int | None
     warnings: tuple[str, ...]
     roots: tuple[HydraulicRoots, ...] = ()
+    alone: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def parameters(self) -> HydraulicParameters:
@@ -123,6 +126,8 @@ class Identification:
             "seed": self.seed,
             "residuals": self.residuals.tolist(),
             "warnings": list(self.warnings),
+            **({"stages": {name: {"standard_errors": dict(errors)}
+                           for name, errors in self.alone.items()}} if self.alone else {}),
             "gear_efficiency": sorted({pair.efficiency for pair in self.model.stage.gear_pairs}),
         }
 
@@ -137,13 +142,18 @@ class Identification:
 
     def _result_lines(self) -> Iterator[str]:
         model = self.model
-        yield (f"{model.formulation}, stage {model.stage.name}: fitted to {len(self.samples)} "
+        names = f"stage {model.stage.name}" if not self.alone else (
+            f"stages {', '.join(self.alone)}")
+        yield (f"{model.formulation}, {names}: fitted to {len(self.samples)} "
                f"samples, {self.objective_name} = {self.objective:.6g}")
         yield (f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
                "search finished it)")
         for name in PARAMETER_NAMES:
             yield (f"  {name:<14} {getattr(self.parameters, name):10.4g} +- "
                    f"{self.standard_errors[name]:.2g} {PARAMETER_UNITS[name]}")
+        for stage, errors in self.alone.items():
+            told = ", ".join(f"{errors[name]:.2g}" for name in PARAMETER_NAMES)
+            yield f"  (samples of {stage} alone would leave standard errors of {told})"
         yield ("  (leakage holds for a displacement of "
                f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)")
         yield (f"  error of the fit         {100 * self.fit_error:6.2f} % "
@@ -175,7 +185,7 @@ class Identification:
 def identify(
     samples: BenchSamples,
     *,
-    stage: Stage | None = None,
+    stage: Stage | Sequence[Stage] | None = None,
     formulation: str = "power_balance",
     gear_efficiency: float | None = None,
     effects: Sequence[Effect] = (),
@@ -192,7 +202,8 @@ def identify(
 
     Args:
         samples: at least one bench sample.
-        stage: gear train; None for stage HM4 of the paper.
+        stage: gear train; None for stage HM4 of the paper. Of several stages each sample names its
+            own in column `stage`; pump and motor, and so the parameters, are the same in all.
         formulation: `power_balance` or `published`.
         gear_efficiency: of every pair [-]; None keeps those of the stage.
         effects: effects with fixed parameters that act besides.
@@ -207,9 +218,15 @@ def identify(
     """
     if stage is None:
         stage = load_stage(data_path("params/transmission.yaml"))
+    stages = [stage] if isinstance(stage, Stage) else list(stage)
     if gear_efficiency is not None:
-        stage = stage.with_gear_efficiency(gear_efficiency)
-    model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], formulation, tuple(effects))
+        stages = [each.with_gear_efficiency(gear_efficiency) for each in stages]
+    if len(stages) > 1 and (formulation == "published" or samples.points.stage is None):
+        raise InputError("several stages need formulation power_balance and samples with a column "
+                         f"stage; {samples.source} is to be fitted with "
+                         f"{', '.join(each.name for each in stages)}")
+    model = EfficiencyModel(stages[0], PAPER_PARAMETERS[0.98], formulation, tuple(effects),
+                            other_stages=tuple(stages[1:]))
     problem = Problem(model, samples)
     schedule = SCHEDULES[formulation] if schedule is None else schedule
     roots: list[HydraulicRoots] = []
@@ -228,9 +245,13 @@ def identify(
     standard_errors, correlation = precision(problem, scaled)
     predicted = problem.predict(scaled)
     fit_error = RelativeError.of(predicted, samples.efficiency).mean
-    remark = output_speed_remark(model.stage, samples)
+    parts = dict(by_stage(model, samples))
+    remarks = [output_speed_remark(model.in_stage(name).stage, part)
+               for name, part in parts.items()]
     warnings = [*findings(samples, scaled, standard_errors, correlation),
-                *([] if remark is None else [remark])]
+                *(remark for remark in remarks if remark is not None)]
+    alone = {} if len(parts) == 1 else {
+        name: precision(Problem(model, part), scaled, problem)[0] for name, part in parts.items()}
     provenance: dict[str, Any] = {
         **origin("identify", samples, seed),
         "objective": OBJECTIVES[formulation],
@@ -254,7 +275,7 @@ def identify(
         identified, samples, predicted - samples.efficiency, fit_error,
         provenance.get("prediction_error"), value, float(problem.objective(annealed.ends[0])),
         OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
-        annealed.stop_reason, seed, tuple(warnings), tuple(roots))
+        annealed.stop_reason, seed, tuple(warnings), tuple(roots), alone)
 
 
 def origin(command: str, samples: BenchSamples, seed: int | None) -> dict[str, Any]:

@@ -104,18 +104,22 @@ class Problem:
         return point
 
 
-def precision(problem: Problem, scaled: Array) -> tuple[dict[str, float], Array]:
+def precision(
+    problem: Problem, scaled: Array, scattered: Problem | None = None
+) -> tuple[dict[str, float], Array]:
     """Standard errors by name, each in its unit, and correlation (3, 3), both linearised.
 
     From the Jacobian of the weighted residuals at the best point. The width of the bounds enters as
     prior knowledge, so that a direction the samples do not see gets the error of that width rather
-    than infinity.
+    than infinity. `scattered` holds the samples whose residuals tell the scatter, if others.
     """
     step = np.diag(1e-6 * _WIDTH)
     low = np.maximum(scaled - step, SEARCH_BOUNDS[:, 0])
     high = np.minimum(scaled + step, SEARCH_BOUNDS[:, 1])
     residuals, *found = problem.residuals(np.vstack([scaled, low, high]))
     jacobian = np.nan_to_num(np.subtract(found[3:], found[:3]) / np.diag(high - low)[:, None]).T
+    if scattered is not None:
+        residuals = scattered.residuals(scaled)
     free = len(residuals) - len(scaled)
     scatter = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
     if problem.samples.efficiency_std is not None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,21 @@ _ENDS = (0.1, 0.5, 0.9)  # quantiles: a few outliers are no mistake of a column
 def predicted_at(model: EfficiencyModel, samples: BenchSamples) -> Array:
     """Efficiency that a model predicts for n samples, shape (n,) [-]; NaN where it has none."""
     return model.answer_at(samples.points).efficiency
+
+
+def by_stage(model: EfficiencyModel, samples: BenchSamples) -> Iterator[tuple[str, BenchSamples]]:
+    """Yield the samples of each stage that occurs; all of them where they do not say.
+
+    Raises:
+        InputError: a sample names a stage that the model does not have.
+    """
+    names = samples.points.stage
+    if names is None:
+        yield model.stage.name, samples
+        return
+    for name in dict.fromkeys(names.tolist()):
+        model.in_stage(name)
+        yield name, samples.select(names == name)
 
 
 def carried_at(model: EfficiencyModel, points: OperatingPoints) -> Array:

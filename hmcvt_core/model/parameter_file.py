@@ -6,9 +6,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from ..transmission.stage import Stage, stages_from_mapping
 from .domain import AXES, Domain
 from .model import SCHEMA, EfficiencyModel
 
-Made = TypeVar("Made")
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
 _ROUNDED = 1e-5  # a matrix in a file has six digits
 
@@ -96,22 +95,11 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
     Raises:
         InputError: the file or a field is wrong; both are named.
     """
-    return _load_gear_train(path, lambda data: Stage.from_mapping(data, name))
-
-
-def load_stages(path: str | os.PathLike[str]) -> tuple[Stage, ...]:
-    """Read every stage of a transmission file, as `load_stage` reads one."""
-    return _load_gear_train(path, stages_from_mapping)
-
-
-def _load_gear_train(
-    path: str | os.PathLike[str], made_of: Callable[[Mapping[str, Any]], Made]
-) -> Made:
     with named(path):
         data, tree = read_tree(path, TRANSMISSION_SCHEMA)
-        made = made_of(data)
+        stage = Stage.from_mapping(data, name)
         require_known(tree, _KNOWN[TRANSMISSION_SCHEMA])
-        return made
+        return stage
 
 
 def _holds(path: Path, data: Mapping[str, Any]) -> bool:
