@@ -85,7 +85,8 @@ def optimum(
         if not low < high:
             raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
         if output_speed is not None:
-            given.append(OUTPUT_SPEED.check(output_speed))
+            OUTPUT_SPEED.check(np.abs(output_speed))  # backward it is negative
+            given.append(np.asarray(output_speed, dtype=float))
         elif displacement_ratio is not None:
             given.append(DISPLACEMENT_RATIO.check(displacement_ratio))
         else:

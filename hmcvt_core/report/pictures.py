@@ -17,7 +17,7 @@ from ..identification import Identification
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
-from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
+from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
 from ..transmission.stage import speed_ratio
 from .style import BLUE, ORANGE, picture_format, render, styled, to_png, to_svg
 
@@ -135,7 +135,9 @@ def _draw_best(
     best = model.optimal_displacement_ratio(speed, power / speed)
     axes.plot(speed / RPM, best.output_speed / speed, color=BLUE, lw=2.6, ls="--",
               label="best at an engine speed")
-    target = np.linspace(np.nanmin(ratio) * limits[0], np.nanmax(ratio) * limits[1], 2 * _BEST)
+    target = np.linspace(min(0.0, np.nanmin(ratio)) * limits[1], np.nanmax(ratio) * limits[1],
+                         3 * _BEST)
+    target = target[OUTPUT_SPEED.contains(np.abs(target))]
     pair = model.optimal_displacement_ratio(
         speed[0], power / speed[0], hold="output_speed", output_speed=target,
         engine_speed_limits=limits)

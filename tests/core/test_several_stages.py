@@ -60,7 +60,6 @@ def test_stages_separate_gears_from_a_meter():
         columns = np.stack([*(moved / np.abs(moved).max(axis=1, keepdims=True)), gain / 0.01])
         left = worse - columns.T @ np.linalg.lstsq(columns.T, worse, rcond=None)[0]
         found[len(names)] = float((left**2).sum()) / NOISE**2
-    print(found)
     assert found[3] > 5.0 * max(found[1], 1.0)
 
 
