@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
-from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path
+from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path, load_engine
 from hmcvt_core.transmission.ranges import LOAD_TORQUE
 
 from . import messages, parameters, qos
@@ -35,11 +35,12 @@ from .diagnostics import Activity, inputs_status, model_status
 from .guard import Guard
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, State, Tally, coasting
 from .model_store import ModelStore
-from .outputs import Outputs
+from .outputs import Outputs, Served
 from .services import Services
 from .state_folder import StateFolder
 
 TICK = 0.1
+STAGE_LIMIT = 200  # characters of a name
 DIAGNOSTICS_EVERY = 10  # ticks: 1 Hz
 
 
@@ -47,9 +48,10 @@ class EfficiencyNode(Node):
     """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
 
     Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `operating_point`,
-    `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
-    `optimal_engine_speed` [rad/s], `advice`, `~/model`, `~/efficiency_map`, `/diagnostics`;
-    services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`, `~/clear_samples`, `~/cancel`.
+    `stage`, `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
+    `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`, `~/model`, `~/efficiency_map`,
+    `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
+    `~/clear_samples`, `~/cancel`.
 
     Attributes:
         guard: contains what goes wrong.
@@ -88,6 +90,9 @@ class EfficiencyNode(Node):
         self._last_output = -math.inf
         self._output_due = self._map_due = False
         self._served = self._store.in_service
+        self._engine = load_engine(self._settings.engine_file) if self._settings.engine_file else (
+            None)
+        self._stage = ""  # engaged; empty before it is known
         self._points = Tally(("invalid", "stale"))
         self.ticks = 0
         # Held on to: the callback lives as long as what is returned.
@@ -131,6 +136,8 @@ class EfficiencyNode(Node):
         for limits in INPUT_RANGES:
             self.create_subscription(Float64, limits.name, self._input_callback(limits.name),
                                      **qos.overridable(qos.INPUT), event_callbacks=quiet_too)
+        self.create_subscription(String, "stage", self.guard.callback(self._on_stage),
+                                 **qos.overridable(qos.LATCHED), event_callbacks=quiet_too)
         # Raw: whether a message is too long is to be known before work is spent on it.
         for topic, callback, profile, events in (
                 ("operating_point", self._on_operating_point, qos.INPUT, quiet_too),
@@ -179,8 +186,29 @@ class EfficiencyNode(Node):
 
         return take
 
+    def _on_stage(self, message: String) -> None:
+        self._stage = message.data[:STAGE_LIMIT]
+        self._map_due = True
+        if self._engaged() is None:
+            self.guard.warn("stage", self._without_stage())
+        self._publish_outputs(self._ages.now())
+
+    def _engaged(self) -> Served | None:
+        """What answers in the stage engaged; None where the model has several and it is none."""
+        whole = self._served.model
+        if not whole.other_stages:
+            return Served(whole, whole, self._engine)
+        model = whole.stages.get(self._stage)
+        return None if model is None else Served(model, whole, self._engine)
+
+    def _without_stage(self) -> str:
+        stages = ", ".join(self._served.model.stages)
+        return (f"stage {self._stage!r} is not known; there is {stages}" if self._stage else
+                f"stage: nothing received, and the model has several: {stages}")
+
     def _point(self, now: int) -> OperatingPoint | None:
-        return self._inputs.point(now, self._settings.age_limits)
+        return None if self._engaged() is None else self._inputs.point(
+            now, self._settings.age_limits)
 
     def _publish_outputs(self, now: int) -> None:
         """Answer the inputs as they stand, unless the rate limit says later."""
@@ -189,12 +217,14 @@ class EfficiencyNode(Node):
             return
         self._output_due = False
         point = self._point(now)
-        if point is not None:
-            self._outputs.answer(self._served.model, point, self._settings)
+        served = self._engaged()
+        if point is not None and served is not None:
+            self._outputs.answer(served, point, self._settings)
             if self._outputs.refusal:
                 self.guard.warn("no answer", self._outputs.refusal)
         else:
-            self._inputs.count_silence(now, self._settings.age_limits)
+            if served is not None:
+                self._inputs.count_silence(now, self._settings.age_limits)
             if self._settings.invalid_output != parameters.NAN:
                 return
             self._outputs.deny()
@@ -216,17 +246,26 @@ class EfficiencyNode(Node):
                 self._inputs.coasting += 1
                 point, why = None, f"operating_point: {why}"
             state = State.COASTING if why else State.FRESH
+            if self._engaged() is None:
+                raise InputError(self._without_stage())
         except HmcvtError as error:
             why = f"operating_point: {error}"
             self._points.refuse(state.value, why)
             self.guard.warn("operating_point", why)
         self._inputs.asked = state, why
-        self._outputs.advise(self._served.model, message, point, self._settings)
+        served = self._engaged()
+        whole = self._served.model
+        self._outputs.advise(served or Served(whole, whole, None), message,
+                             point if served else None, self._settings)
 
     # --- bench samples ------------------------------------------------------------------------
 
     def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
         self._log.numbers.take(info["publication_sequence_number"])
+        if self._served.model.other_stages:
+            self._log.refuse(INVALID, "bench_sample: the log does not hold the stage, and the "
+                             "model has several; refit it from a file with a column stage")
+            return
         try:
             sample = messages.bench_sample_from_message(
                 messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS,
@@ -251,7 +290,9 @@ class EfficiencyNode(Node):
 
     def _publish_map(self, grid: EfficiencyMap | None = None) -> None:
         self._map_due = False
-        grid = grid or self._served.model.efficiency_map(*self._settings.map_axes)
+        served = self._engaged()
+        model = self._served.model if served is None else served.model
+        grid = grid or model.efficiency_map(*self._settings.map_axes)
         self._map_publisher.publish(messages.map_to_message(grid))
 
     # --- time ---------------------------------------------------------------------------------
@@ -271,6 +312,8 @@ class EfficiencyNode(Node):
 
     def _publish_diagnostics(self) -> None:
         self._log.poll()
+        if self._engaged() is None:
+            self._inputs.apart_reason = self._without_stage()
         name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings, {

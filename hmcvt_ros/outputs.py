@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 
-from hmcvt_core import EfficiencyModel
+from hmcvt_core import EfficiencyModel, Engine
 
 from . import qos
 from .inputs import OperatingPoint
@@ -18,7 +19,15 @@ from .parameters import NAN, Settings
 
 ADVICE = ("efficiency", "efficiency_std", "extrapolated", "power_loss",
           "optimal_displacement_ratio", "optimal_engine_speed", "fuel_rate")
-"""The names in `advice`; no engine is known yet, so that the last one is always NaN."""
+"""The names in `advice`; the last one is that of the point asked, NaN without an engine."""
+
+
+class Served(NamedTuple):
+    """What answers: the model of the stage engaged, among all stages, and the engine if known."""
+
+    model: EfficiencyModel
+    transmission: EfficiencyModel
+    engine: Engine | None
 
 
 class Outputs:
@@ -36,11 +45,14 @@ class Outputs:
         self._efficiency, self._stroke, self._speed = (
             (create_publisher(Float64, topic, qos.OUTPUT), Float64()) for topic in (
                 "efficiency", "optimal_displacement_ratio", "optimal_engine_speed"))
+        self._stage = create_publisher(String, "optimal_stage", qos.OUTPUT)
         self._advice = create_publisher(JointState, "advice", qos.OUTPUT)
-        self._best, self._best_of_advice = _Best(), _Best()
+        # Most often the question is the same as the last time, on the topics and in the advice.
+        self._best = functools.lru_cache(2)(_best)
 
-    def answer(self, model: EfficiencyModel, point: OperatingPoint, settings: Settings) -> None:
+    def answer(self, served: Served, point: OperatingPoint, settings: Settings) -> None:
         """Publish what the model says at an operating point."""
+        model = served.model
         efficiency = model.efficiency(*point)
         # Out with it at once: the optimum takes longer to find.
         _publish(self._efficiency, efficiency, settings)
@@ -49,9 +61,11 @@ class Outputs:
             self.refusal = ""
         else:
             self.refusal = model.refusal(*point) or ""
-        stroke, speed = self._best.at(model, point, settings)
+        stroke, speed, stage = self._best(*_asked(served, point, settings))
         _publish(self._stroke, stroke, settings)
         _publish(self._speed, speed, settings)
+        if stage is not None:
+            self._stage.publish(String(data=stage))
 
     def deny(self) -> None:
         """Publish NaN: there is no operating point to answer."""
@@ -59,43 +73,48 @@ class Outputs:
             message.data = math.nan
             publisher.publish(message)
 
-    def advise(self, model: EfficiencyModel, asked: JointState, point: OperatingPoint | None,
+    def advise(self, served: Served, asked: JointState, point: OperatingPoint | None,
                settings: Settings) -> None:
         """Answer a message on `operating_point`; with NaN where it holds no point to answer."""
-        values = [math.nan] * len(ADVICE)
+        values, model = [math.nan] * len(ADVICE), served.model
         if point is not None:
             found = model.predict(*point)
             extrapolated = math.nan if model.domain is None else float(not found.inside_domain)
-            values[:-1] = [found.efficiency, found.standard_error, extrapolated,
-                           model.power_loss(*point),
-                           *self._best_of_advice.at(model, point, settings)]
+            loss = model.power_loss(*point)
+            fuel = math.nan if served.engine is None else served.engine.fuel_rate(
+                point.engine_speed, point.load_torque + loss / point.engine_speed)
+            values = [found.efficiency, found.standard_error, extrapolated, loss,
+                      *self._best(*_asked(served, point, settings))[:2], fuel]
         answer = JointState(header=asked.header, name=list(ADVICE), position=values)
-        answer.header.frame_id = f"{model.fingerprint}:{model.stage.name}"
+        answer.header.frame_id = f"{served.transmission.fingerprint}:{model.stage.name}"
         self._advice.publish(answer)
 
 
-class _Best:
-    """The optimum, remembered: most often the question is the same as the last time."""
+def _asked(served: Served, point: OperatingPoint, settings: Settings) -> tuple[Any, ...]:
+    """What the optimum depends on: the displacement ratio only where it tells the output speed."""
+    ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
+    return (served, point.engine_speed, point.load_torque, settings.optimum_hold, ratio,
+            settings.engine_speed_limits)
 
-    def __init__(self) -> None:
-        self._asked: tuple[Any, ...] | None = None
-        self._found = math.nan, math.nan
 
-    def at(
-        self, model: EfficiencyModel, point: OperatingPoint, settings: Settings
-    ) -> tuple[float, float]:
-        """Return the best displacement ratio [-] and its engine speed [rad/s]."""
-        ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
-        asked = (model, point.engine_speed, point.load_torque, ratio, settings.optimum_hold,
-                 settings.engine_speed_limits)
-        if asked != self._asked:
-            best = model.optimal_displacement_ratio(
-                point.engine_speed, point.load_torque, hold=settings.optimum_hold,
-                displacement_ratio=ratio, engine_speed_limits=settings.engine_speed_limits)
-            # An engine speed belongs to a displacement ratio, and there is none without it.
-            speed = best.engine_speed if math.isfinite(best.displacement_ratio) else math.nan
-            self._asked, self._found = asked, (best.displacement_ratio, speed)
-        return self._found
+def _best(served: Served, engine_speed: float, load_torque: float, hold: str, ratio: float | None,
+          limits: tuple[float, float]) -> tuple[float, float, str | None]:
+    """Return the best displacement ratio [-], its engine speed [rad/s] and stage.
+
+    At a held output speed the drive line is free where there are several stages or an engine.
+    """
+    model = served.model
+    if ratio is not None and (served.engine is not None or served.transmission.other_stages):
+        found = served.transmission.optimal_drive(
+            model.output_speed(ratio, engine_speed, load_torque), engine_speed * load_torque,
+            engine=served.engine, engine_speed_limits=limits)
+        return found.displacement_ratio, found.engine_speed, found.stage
+    best = model.optimal_displacement_ratio(engine_speed, load_torque, hold=hold,
+                                            displacement_ratio=ratio, engine_speed_limits=limits)
+    # An engine speed belongs to a displacement ratio, and there is none without it.
+    if not math.isfinite(best.displacement_ratio):
+        return math.nan, math.nan, None
+    return best.displacement_ratio, best.engine_speed, model.stage.name
 
 
 def _publish(output: tuple[Any, Float64], value: float, settings: Settings) -> None:

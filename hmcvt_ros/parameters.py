@@ -135,6 +135,10 @@ class Settings:
         "Parameter file of the model to start from; empty for the paper's stage, params/hm4.yaml. "
         "A model refitted from it in an earlier run is taken up again from the state folder.",
         read_only=True)
+    engine_file: str = _parameter(
+        default="", unit="", read_only=True,
+        description="Engine file (full-load curve and fuel map): fuel in advice, and with "
+        "optimum_hold output_speed the least fuel; empty for none.")
     state_folder: str = _parameter(
         "", "",
         "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else ~/.ros) "

@@ -1,0 +1,118 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A model of several stages in the node: the stage changes while it runs, the engine is known."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from ros_bench import GOOD, message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+import hmcvt_core as hmcvt
+from hmcvt_ros import qos
+from hmcvt_ros.inputs import OperatingPoint
+from hmcvt_ros.outputs import ADVICE
+
+FILE, ENGINE_FILE = (hmcvt.data_path(f"params/{name}.yaml") for name in ("tractor", "engine"))
+TRACTOR, ENGINE = hmcvt.load_model(FILE), hmcvt.load_engine(ENGINE_FILE)
+
+
+@pytest.fixture(scope="module")
+def tractor(start_node):
+    node = start_node(FILE, engine_file=ENGINE_FILE)
+    player = node.player
+    node.heard = []
+    player.create_subscription(String, "optimal_stage", lambda m: node.heard.append(m.data),
+                               qos.OUTPUT)
+    player.create_subscription(JointState, "advice", lambda m: node.heard.append(m), qos.OUTPUT)
+    stage = player.create_publisher(String, "stage", qos.LATCHED)
+    points = player.create_publisher(JointState, "operating_point", qos.INPUT)
+    assert node.comes(lambda: stage.get_subscription_count() and points.get_subscription_count())
+    node.engage = lambda name: (stage.publish(String(data=name)), player.spin_for(0.2))
+    node.ask = points.publish
+    return node
+
+
+def test_silent_before_the_stage_is_known(tractor):
+    assert tractor.player.hold(GOOD, patience=0.5) == (None, None)
+    assert tractor.comes(lambda: "nothing received, and the model has several: H0, HM1"
+                         in tractor.status("inputs")["message"])
+
+
+def test_every_answer_is_of_the_stage_engaged(tractor):
+    for name in ("HM4", "HM1", "HM3", "HM2", "HM4", "HM3"):
+        model = TRACTOR.stages[name]
+        tractor.engage(name)
+        for point in (GOOD, OperatingPoint(-0.3, 150.0, 120.0)):
+            assert tractor.player.hold(point, rounds=1) == (
+                model.efficiency(*point),
+                model.optimal_displacement_ratio(*point[1:]).displacement_ratio)
+        assert tractor.heard[-1] == name
+
+
+def test_a_new_stage_answers_the_inputs_of_now_at_once(tractor):
+    tractor.engage("HM2")
+    tractor.player.hold(GOOD, rounds=1)
+    for name in ("HM3", "HM1", "HM4"):
+        tractor.player.send_inputs(GOOD)
+        tractor.player.spin_for(0.1)
+        tractor.player.efficiencies.clear()
+        tractor.engage(name)
+        assert tractor.player.efficiencies == [TRACTOR.stages[name].efficiency(*GOOD)]
+
+
+def test_an_unknown_stage_silences(tractor):
+    tractor.engage("HM9")
+    assert tractor.player.hold(GOOD, patience=0.5) == (None, None)
+    assert tractor.comes(lambda: "stage 'HM9' is not known; there is H0"
+                         in tractor.status("inputs")["message"])
+    tractor.engage("HM4")
+    assert tractor.player.hold(GOOD)[0] == TRACTOR.stages["HM4"].efficiency(*GOOD)
+
+
+def test_advice_names_the_stage_and_the_fuel(tractor):
+    tractor.engage("HM3")
+    model, point = TRACTOR.stages["HM3"], (0.4, 150.0, 200.0)
+    output = model.output_speed(*point)
+    asked = JointState(name=["engine", "output", "displacement"], velocity=[point[1], output, 0.0],
+                       effort=[math.nan, 200.0 * 150.0 / output, math.nan],
+                       position=[0.0, 0.0, point[0]])
+    tractor.heard.clear()
+    tractor.ask(asked)
+    assert tractor.comes(lambda: any(isinstance(item, JointState) for item in tractor.heard))
+    answer = next(item for item in tractor.heard if isinstance(item, JointState))
+    assert answer.header.frame_id == f"{TRACTOR.fingerprint}:HM3"
+    told = dict(zip(ADVICE, answer.position, strict=True))
+    load = 200.0 * 150.0 / output * output / 150.0
+    assert told["efficiency"] == pytest.approx(model.efficiency(0.4, 150.0, load), rel=1e-12)
+    assert told["fuel_rate"] == pytest.approx(
+        ENGINE.fuel_rate(150.0, load / told["efficiency"]), rel=1e-12)
+
+
+def test_drive_line_at_a_held_output_speed(tractor):
+    tractor.engage("HM2")
+    tractor.set(optimum_hold="output_speed")
+    point = OperatingPoint(0.3, 190.0, 150.0)
+    limits = (78.54, 230.38)
+    best = TRACTOR.optimal_drive(TRACTOR.stages["HM2"].output_speed(*point), 190.0 * 150.0,
+                                 engine=ENGINE, engine_speed_limits=limits)
+    tractor.heard.clear()
+    assert tractor.player.hold(point)[1] == best.displacement_ratio
+    assert tractor.heard[-1] == best.stage
+    tractor.set(optimum_hold="engine_speed")
+
+
+def test_bench_samples_without_a_stage_are_refused(tractor, table2):
+    tractor.player.send_sample(message(table2, 0))
+    assert tractor.comes(lambda: "the log does not hold the stage" in tractor.log)
+    assert tractor.logged() == 0
+
+
+def test_one_stage_needs_no_word(node):
+    heard = []
+    node.player.create_subscription(String, "optimal_stage", lambda m: heard.append(m.data),
+                                    qos.OUTPUT)
+    assert node.comes(lambda: (node.player.hold(GOOD, rounds=1), heard)[1])
+    assert set(heard) == {"HM4"}
