@@ -33,6 +33,19 @@ def test_every_script_says_how_it_is_run_and_is_short():
         assert len(text.splitlines()) < 140, path
 
 
+def test_field_cycle(tmp_path):
+    done = run("field_cycle.py", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rates = re.findall(r"r/min +([\d.]+) ([\d.]+)$", done.stdout, re.MULTILINE)
+    assert len(rates) == 6 and all(float(best) <= float(rule) for best, rule in rates)
+    kilograms = [float(number) for number in re.findall(r"([\d.]+) kg", done.stdout)]
+    said, middle, low, high = map(float, re.search(
+        r": ([\d.]+) % less on the model.*: ([\d.]+) % less .* ([\d.]+) to ([\d.]+) %",
+        done.stdout, re.DOTALL).groups())
+    assert said == pytest.approx(100.0 * (1.0 - kilograms[0] / kilograms[1]), abs=0.1)
+    assert low <= middle <= high
+
+
 def test_offline_study(tmp_path):
     done = run("offline_study.py", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
