@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,6 +107,22 @@ class EfficiencyMap:
     load_torque: Array
     efficiency: Array
     domain: Domain | None = None
+
+    @classmethod
+    def of(
+        cls, efficiency: Callable[..., Array], given: Sequence[ArrayLike], domain: Domain | None
+    ) -> EfficiencyMap:
+        """Ask for the efficiency at every point of three axes.
+
+        Raises:
+            InputError: an axis is empty, not of shape (n,) or out of range.
+        """
+        axes = [np.atleast_1d(np.asarray(axis, dtype=float)) for axis in given]
+        for name, axis in zip(AXES, axes, strict=True):
+            if axis.ndim != 1 or axis.size == 0:
+                raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
+        values = efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
+        return cls(axes[0], axes[1], axes[2], values, domain)
 
     @property
     def inside_domain(self) -> NDArray[np.bool_] | None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,8 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..physics.steady_state import ArraySolver
 from ..transmission.ranges import ENGINE_SPEED, OUTPUT_SPEED, OperatingPoints, Range
-from ..transmission.stage import speed_ratio
+from ..transmission.stage import Stage, speed_ratio
 from .engine import Engine
-
-if TYPE_CHECKING:
-    from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
@@ -100,11 +96,25 @@ class _Line:
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def drive_optimum(
-    stages: Mapping[str, EfficiencyModel], output_speed: float, output_power: float,
+    stages: Mapping[str, tuple[Stage, ArraySolver]], output_speed: float, output_power: float,
     engine: Engine | None, engine_speed_limits: tuple[float, float], torque_reserve: float,
     stage: str | None, hysteresis: float,
 ) -> DriveOptimum:
-    """See `EfficiencyModel.optimal_drive`."""
+    """Find stage, engine speed and displacement ratio of least fuel at a held output.
+
+    Args:
+        stages: gear train and solver of each by name.
+        output_speed: to hold [rad/s]; negative backward.
+        output_power: to hold [W].
+        engine: whose fuel counts and whose full-load curve holds; without one the least engine
+            power is looked for.
+        engine_speed_limits: lowest and highest engine speed allowed [rad/s].
+        torque_reserve: part of the full-load torque to keep [-].
+        stage: engaged now, which is kept unless another saves more than the part `hysteresis`.
+
+    Raises:
+        InputError: input out of range, or there is no such stage.
+    """
     held = float(OUTPUT_SPEED.check(abs(output_speed))) * math.copysign(1.0, output_speed)
     power, reserve = float(OUTPUT_POWER.check(output_power)), float(_PART.check(torque_reserve))
     low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
@@ -116,9 +126,9 @@ def drive_optimum(
     if stage is not None and stage not in stages:
         raise InputError(f"stage = {stage!r}; there is {', '.join(stages)}")
     coarse: dict[str, tuple[float, float, float, _Line]] = {}
-    for name, model in stages.items():
-        window = _window(model, held, low, high)
-        line = _Line(model.array_solver, held, power, engine, reserve)
+    for name, (train, solver) in stages.items():
+        window = _window(train, held, low, high)
+        line = _Line(solver, held, power, engine, reserve)
         if window is not None:
             coarse[name] = (*_scan(line, *window, _SCAN), line)
     promising = min((cost for cost, *_ in coarse.values()), default=math.inf) * (1.0 + _CLOSE)
@@ -138,10 +148,10 @@ def drive_optimum(
 
 
 def _window(
-    model: EfficiencyModel, output_speed: float, low: float, high: float
+    train: Stage, output_speed: float, low: float, high: float
 ) -> tuple[float, float] | None:
     """Engine speeds at which a stage may give an output speed."""
-    ends = speed_ratio(model.stage, np.array([-1.0, 1.0])) * math.copysign(1.0, output_speed)
+    ends = speed_ratio(train, np.array([-1.0, 1.0])) * math.copysign(1.0, output_speed)
     if ends.max() <= 0.0:
         return None
     low = max(low, abs(output_speed) / (ends.max() * (1.0 + _SLIP)))

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,20 +20,14 @@ from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import ArraySolver, PointSolver
-from ..transmission.parameters import (
-    PARAMETER_NAMES,
-    PARAMETER_RANGES,
-    PARAMETER_UNITS,
-    Candidates,
-    HydraulicParameters,
-    Parameters,
-)
+from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, Answer, OperatingPoints, is_plain
 from ..transmission.stage import Stage, stages_to_mapping
-from .domain import AXES, Domain, EfficiencyMap
+from .domain import Domain, EfficiencyMap
 from .drive_line import DriveOptimum, drive_optimum
 from .engine import Engine
 from .optimum import Optimum, optimum
+from .uncertainty import Prediction, Uncertainty
 
 Array = NDArray[np.float64]
 SCHEMA = "hmcvt-model/1"
@@ -47,20 +41,6 @@ INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. 
                 "or an efficiency outside 0 to 1)")
 _CHUNK = 8192
 """Values worked out at a time: their arrays stay in the cache of the processor."""
-
-
-class Prediction(NamedTuple):
-    """What the model says at operating points; floats, or arrays of one shape.
-
-    Attributes:
-        efficiency: output power / engine power [-]; NaN where the model has no answer.
-        standard_error: from the covariance of the parameters [-]; NaN where none is known.
-        inside_domain: whether the point lies in the box of the identification data.
-    """
-
-    efficiency: Any
-    standard_error: Any
-    inside_domain: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,22 +278,11 @@ class EfficiencyModel:
         engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
         torque_reserve: float = 0.0, stage: str | None = None, hysteresis: float = 0.0,
     ) -> DriveOptimum:
-        """Stage, engine speed and displacement ratio of least fuel at a held output.
-
-        Args:
-            output_speed: to hold [rad/s]; negative backward.
-            output_power: to hold [W].
-            engine: whose fuel counts and whose full-load curve holds; without one the least engine
-                power is looked for.
-            engine_speed_limits: lowest and highest engine speed allowed [rad/s].
-            torque_reserve: part of the full-load torque to keep [-].
-            stage: engaged now, which is kept unless another saves more than the part `hysteresis`.
-
-        Raises:
-            InputError: input out of range, no such stage, or the formulation is `published`.
-        """
-        return drive_optimum(self.without_meters().stages, output_speed, output_power, engine,
-                             engine_speed_limits, torque_reserve, stage, hysteresis)
+        """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`."""
+        stages = {name: (each.stage, each.array_solver)
+                  for name, each in self.without_meters().stages.items()}
+        return drive_optimum(stages, output_speed, output_power, engine, engine_speed_limits,
+                             torque_reserve, stage, hysteresis)
 
     def efficiency_map(
         self, displacement_ratios: ArrayLike, engine_speeds: ArrayLike, load_torques: ArrayLike
@@ -323,14 +292,8 @@ class EfficiencyModel:
         Raises:
             InputError: an axis is empty, not of shape (n,) or out of range.
         """
-        axes = strokes, speeds, torques = [
-            np.atleast_1d(np.asarray(axis, dtype=float))
-            for axis in (displacement_ratios, engine_speeds, load_torques)]
-        for name, axis in zip(AXES, axes, strict=True):
-            if axis.ndim != 1 or axis.size == 0:
-                raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
-        values = self.without_meters().efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
-        return EfficiencyMap(strokes, speeds, torques, values, self.domain)
+        return EfficiencyMap.of(self.without_meters().efficiency, (
+            displacement_ratios, engine_speeds, load_torques), self.domain)
 
     # --- the same for points already checked ----------------------------------------------------
 
@@ -371,59 +334,40 @@ class EfficiencyModel:
         return found.reshape(*values.shape[:-1], n)
 
     @cached_property
-    def _errors_and_steps(self) -> tuple[Array, Array]:
-        """Standard errors of the parameters, and steps that show what each does to an answer."""
-        errors = np.array([self.standard_errors[name] for name in PARAMETER_NAMES])
-        base = self.parameters.to_array()
-        # A step of a thousandth of the error stays in the linear range, also next to a bound.
-        steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
-        highest = [limits.high for limits in PARAMETER_RANGES]
-        return errors, np.where(base + steps <= highest, steps, -steps)
+    def _uncertainty(self) -> Uncertainty | None:
+        if not self.standard_errors or self.correlation is None:
+            return None
+        return Uncertainty(self.parameters, self.standard_errors, self.correlation)
 
     @cached_property
     def _point_neighbours(self) -> list[PointSolver]:
-        values = self.parameters.to_array() + np.diag(self._errors_and_steps[1])
-        return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values.tolist()]
+        values = [] if self._uncertainty is None else self._uncertainty.neighbours.tolist()
+        return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values]
 
     def _predict_point(self, solver: PointSolver, *point: float) -> Prediction:
         """`predict` at one point in range, without the cost of arrays."""
         here, error = solver.solve(*point)[0], math.nan
-        if self.standard_errors and self.correlation is not None:
-            errors, steps = self._errors_and_steps
-            there = [neighbour.solve(*point)[0] for neighbour in self._point_neighbours]
-            gradient = (np.array(there) - here) / steps * errors
-            error = math.sqrt(max(float(gradient @ self.correlation @ gradient), 0.0))
+        if self._uncertainty is not None:
+            error = float(self._uncertainty.of(here, np.array(
+                [neighbour.solve(*point)[0] for neighbour in self._point_neighbours])))
         inside = self.domain is not None and not self.domain.departures(*point)
         return Prediction(here, error, inside)
 
     def _standard_error(self, points: OperatingPoints) -> Array:
-        if not self.standard_errors or self.correlation is None:
-            return np.full(points.engine_speed.shape, np.nan)
-        errors, steps = self._errors_and_steps
-        base = self.parameters.to_array()
-        flat = points.map(np.ravel)
-        here, *there = self.efficiency_of_candidates(
-            np.vstack([base, base + np.diag(steps)]), flat)
-        slope = ((np.array(there) - here).T / steps).reshape(*points.engine_speed.shape, -1)
-        gradient = slope * errors
-        variance = np.einsum("...i,ij,...j->...", gradient, self.correlation, gradient)
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
-        blind = (slope == 0.0).all(axis=-1)
-        return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0)))
+        shape = points.engine_speed.shape
+        if self._uncertainty is None:
+            return np.full(shape, np.nan)
+        here, *there = self.efficiency_of_candidates(np.vstack(
+            [self.parameters.to_array(), self._uncertainty.neighbours]), points.map(np.ravel))
+        return self._uncertainty.of(here, np.array(there)).reshape(shape)
 
     # --- the model as data ----------------------------------------------------------------------
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain data, as a parameter file holds it: strings, numbers, lists, mappings."""
-        parameters = {}
-        for name in PARAMETER_NAMES:
-            entry: dict[str, Any] = {"value": getattr(self.parameters, name),
-                                     "unit": PARAMETER_UNITS[name]}
-            if name in self.standard_errors:
-                entry["standard_error"] = float(self.standard_errors[name])
-            parameters[name] = entry
-        data: dict[str, Any] = {"schema": SCHEMA, "formulation": self.formulation,
-                                "parameters": parameters}
+        data: dict[str, Any] = {
+            "schema": SCHEMA, "formulation": self.formulation,
+            "parameters": self.parameters.to_mapping(self.standard_errors)}
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
         if self.effects:

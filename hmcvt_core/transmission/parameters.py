@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,12 @@ class HydraulicParameters:
     def to_array(self) -> NDArray[np.float64]:
         """Return (leakage, motor_damping, pump_damping), shape (3,)."""
         return np.array(astuple(self))
+
+    def to_mapping(self, standard_errors: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+        """Return value, unit and, where it is known, standard error of each by name."""
+        return {name: {"value": getattr(self, name), "unit": PARAMETER_UNITS[name],
+                       **({"standard_error": float(standard_errors[name])}
+                          if name in standard_errors else {})} for name in PARAMETER_NAMES}
 
 
 class Candidates(NamedTuple):
