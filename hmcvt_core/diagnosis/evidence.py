@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_ROUNDS = 8
+_ROUNDS, _SETTLED = 8, 2e-3
 
 
 class Evidence(NamedTuple):
@@ -57,7 +57,7 @@ def gram(columns: Array, target: Array) -> Array:
 
 def evidence(
     grams: Array, count: int | NDArray[np.intp], spread: Array, trust: Array,
-    positive: int | None = None,
+    signs: Array | None = None,
 ) -> Evidence:
     """Weigh m linear models.
 
@@ -66,7 +66,8 @@ def evidence(
         count: samples per channel; shape (m, 1) where the models have different ones.
         spread: prior standard deviations of the coefficients, shape (m, p).
         trust: worth of the stated noise in samples, shape (channels,).
-        positive: index of a coefficient that can only be positive (half-normal prior).
+        signs: 1 or -1 for coefficients of which only that sign is possible (half-normal prior), 0
+            for the others, shape (p,) or (m, p).
     """
     square, cross, total = grams[..., :-1, :-1], grams[..., :-1, -1], grams[..., -1, -1]
     precision = spread**-2.0
@@ -83,18 +84,50 @@ def evidence(
         residual = np.maximum(residual, 1e-12)
         # The part of the noise that the fitted coefficients hide.
         hidden = np.einsum("mij,mcji->mc", covariance, square)
-        noise = (trust + residual + hidden) / (trust + count)
+        noise, before = (trust + residual + hidden) / (trust + count), noise
+        if (np.abs(noise / before - 1.0) < _SETTLED).all():
+            break
     _, logdet = np.linalg.slogdet(matrix)
     log = -0.5 * (
         np.sum((count + trust) * np.log(noise) + (trust + residual) / noise, axis=1)
         + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=1)
     )
-    if positive is not None:
+    if signs is not None:
         from scipy.special import log_ndtr
 
-        ratio = mean[:, positive] / np.sqrt(covariance[:, positive, positive])
-        log += np.log(2.0) + log_ndtr(ratio)
+        # One by one: their posterior correlation is left out.
+        ratio = signs * mean / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        log += np.sum(np.where(signs == 0.0, 0.0, np.log(2.0) + log_ndtr(ratio)), axis=1)
     return Evidence(log, mean, covariance, noise)
+
+
+def respread(
+    mean: Array, covariance: Array, spread: Array, others: Array, signs: Array
+) -> Array:
+    r"""Log evidence of a model under other priors of some coefficients, against the one it had.
+
+    The likelihood is what the posterior N(mean, covariance) has beside its prior; at the same
+    noise the evidence under another one is exact, whatever the correlations.
+
+    Args:
+        mean, covariance: posterior of these coefficients, shapes (k,) and (k, k).
+        spread: the prior they had, shape (k,).
+        others: prior standard deviations instead, shape (m, k).
+        signs: as `evidence` takes them, shape (k,); of the model they have not been counted.
+    """
+    from scipy.special import log_ndtr
+
+    known = np.linalg.inv(covariance)
+    pull = known @ mean
+    precision = known - np.diag(spread**-2.0) + np.stack([np.diag(one**-2.0) for one in others])
+    narrower = np.linalg.inv(precision)
+    there = narrower @ pull
+    ratio = signs * there / np.sqrt(np.diagonal(narrower, axis1=1, axis2=2))
+    return np.asarray(
+        0.5 * (there @ pull - mean @ pull - np.linalg.slogdet(precision)[1]
+               + np.linalg.slogdet(known)[1])
+        + np.sum(np.log(spread / others) + np.where(
+            signs == 0.0, 0.0, np.log(2.0) + log_ndtr(ratio)), axis=1))
 
 
 def log_mean(values: Sequence[float] | Array) -> float:
