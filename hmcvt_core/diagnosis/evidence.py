@@ -66,8 +66,8 @@ def evidence(
         count: samples per channel; shape (m, 1) where the models have different ones.
         spread: prior standard deviations of the coefficients, shape (m, p).
         trust: worth of the stated noise in samples, shape (channels,).
-        signs: 1 or -1 for coefficients of which only that sign is possible (half-normal prior), 0
-            for the others, shape (p,) or (m, p).
+        signs: of coefficients that are sizes of effects, see `size_odds`; NaN for the others and
+            by default, shape (p,) or (m, p).
     """
     square, cross, total = grams[..., :-1, :-1], grams[..., :-1, -1], grams[..., -1, -1]
     precision = spread**-2.0
@@ -93,11 +93,7 @@ def evidence(
         + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=1)
     )
     if signs is not None:
-        from scipy.special import log_ndtr
-
-        # One by one: their posterior correlation is left out.
-        ratio = signs * mean / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        log += np.sum(np.where(signs == 0.0, 0.0, np.log(2.0) + log_ndtr(ratio)), axis=1)
+        log += size_odds(mean, np.diagonal(covariance, axis1=1, axis2=2), spread, signs)
     return Evidence(log, mean, covariance, noise)
 
 
@@ -113,21 +109,45 @@ def respread(
         mean, covariance: posterior of these coefficients, shapes (k,) and (k, k).
         spread: the prior they had, shape (k,).
         others: prior standard deviations instead, shape (m, k).
-        signs: as `evidence` takes them, shape (k,); of the model they have not been counted.
+        signs: as `size_odds` takes them, shape (k,); in the model they have not been counted.
     """
-    from scipy.special import log_ndtr
-
     known = np.linalg.inv(covariance)
     pull = known @ mean
     precision = known - np.diag(spread**-2.0) + np.stack([np.diag(one**-2.0) for one in others])
     narrower = np.linalg.inv(precision)
     there = narrower @ pull
-    ratio = signs * there / np.sqrt(np.diagonal(narrower, axis1=1, axis2=2))
     return np.asarray(
         0.5 * (there @ pull - mean @ pull - np.linalg.slogdet(precision)[1]
-               + np.linalg.slogdet(known)[1])
-        + np.sum(np.log(spread / others) + np.where(
-            signs == 0.0, 0.0, np.log(2.0) + log_ndtr(ratio)), axis=1))
+               + np.linalg.slogdet(known)[1]) + np.sum(np.log(spread / others), axis=1)
+        + size_odds(there, np.diagonal(narrower, axis1=1, axis2=2), others, signs))
+
+
+def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Array:
+    r"""Log of what evidence changes by when sizes have a prior that is none at zero.
+
+    An effect too small to matter is no cause: :math:`p(a) = a^2 / s^2 \; N(a; 0, s^2)` instead of
+    the normal (moment prior; Johnson & Rossell 2010, J. R. Stat. Soc. B 72, 143). Evidence against
+    an effect that is not there then grows with the samples as fast as evidence for one that is.
+
+    Args:
+        mean, variance: posterior under the normal prior, one by one, shapes (m, p).
+        spread: its standard deviations, the same shape.
+        signs: 1 or -1 for a size that has only that sign, 0 for one that may have either, NaN for
+            what is no size, shape (p,) or (m, p).
+
+    Returns:
+        The sum over the sizes, shape (m,).
+    """
+    from scipy.special import log_ndtr
+
+    deviation, one = np.sqrt(variance), np.nan_to_num(signs)
+    ratio = one * mean / deviation
+    log_part = log_ndtr(ratio)  # of the posterior that has the sign
+    hazard = np.exp(-0.5 * (ratio**2 + np.log(2.0 * np.pi)) - log_part)
+    squares = mean**2 + variance + one * mean * deviation * hazard
+    each = np.log(np.maximum(squares, 1e-300) / spread**2) + np.where(
+        one == 0.0, 0.0, np.log(2.0) + log_part)
+    return np.asarray(np.sum(np.where(np.isnan(signs), 0.0, each), axis=1))
 
 
 def log_mean(values: Sequence[float] | Array) -> float:

@@ -76,10 +76,10 @@ class Hypothesis:
 
     @property
     def signs(self) -> Array:
-        """1 or -1 for sizes that have one sign only, 0 for all others, shape (p,)."""
+        """1 or -1 for sizes that have one sign only, 0 for the others, NaN for the base, (p,)."""
         low, high = self.bounds
         one = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0))
-        one[:self.shared] = 0.0
+        one[:self.shared] = np.nan
         return one
 
     def with_sizes(self, scaled: Array) -> tuple[Effect, ...]:

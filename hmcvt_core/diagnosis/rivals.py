@@ -129,7 +129,8 @@ class Rival:
 def nothing(base: Fit) -> Rival:
     """The refitted base model."""
     spread = base.hypothesis.system.base.spread
-    plain, = weigh(base.observed, base.jacobian, base.target, spread[None], np.zeros(len(spread)))
+    plain, = weigh(base.observed, base.jacobian, base.target, spread[None],
+                   base.hypothesis.signs)
     return Rival(base, plain, plain, plain.log)
 
 
@@ -237,7 +238,7 @@ def explanation(base: Fit, effects: tuple[Effect, ...], opposite: bool = False) 
     spreads = np.stack([
         np.concatenate([own, widest, allowance * each, misfitting])
         for allowance in FORM_ALLOWANCES for misfitting in (off, np.full(len(off), _EXACT))])
-    tried = weigh(observed, columns, fit.target, spreads, np.zeros(len(spreads[0])))
+    tried = weigh(observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan))
     sizes, scales = slice(shared, shared + k), np.array(
         list(itertools.product(SIZE_SPREADS, repeat=k)))
     signs = hypothesis.signs
@@ -308,7 +309,7 @@ def _with_loss(rival: Rival, loss: Unlisted, spreads: Iterable[Array]) -> Rival:
         found.append(weigh(
             observed, columns, model.target,
             np.stack([np.append(model.spread, spread) for spread in spreads]),
-            np.append(model.signs, np.zeros(columns.shape[-1] - len(model.signs)))))
+            np.append(model.signs, np.full(columns.shape[-1] - len(model.signs), np.nan))))
     best = int(np.argmax([item.log for item in found[0]]))
     return Rival(rival.fit, found[0][best], found[1][best],
                  log_mean([item.log for item in found[0]]), loss)
