@@ -274,6 +274,8 @@ class _Shafts(ArraySolver):
         drag = self._sum("motor_drag", state)
         pressure = self._pressure(motor[-1] + drag * direction, speed, direction)
         state = state._replace(pressure=pressure)
+        state = state._replace(
+            displacement_ratio=state.displacement_ratio - self._sum("stroke_lag", state))
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         lost = self.given.leakage * pressure + self._sum("leakage_flow", state)
         return PowerFlow(state, direction, power, pressure + self._sum("pressure_drop", state),

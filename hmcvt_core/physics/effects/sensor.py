@@ -14,7 +14,6 @@ class _TorqueMeter(Effect):
     source = "paper, section 2.2: meter error up to 10 N m; 0.12 % systematic"
     remedy = ("check the meter's zero before and after the campaign; calibrate it with a dead "
               "weight")
-    prior = 2.0  # a meter is wrong more often than any one part
 
 
 @dataclass(frozen=True)
