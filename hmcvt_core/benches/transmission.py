@@ -24,7 +24,7 @@ from ..model.model import EfficiencyModel
 from ..physics.effects import library
 from ..physics.effects.base import Effect
 from ..physics.effects.mechanical import GearEfficiency
-from ..physics.effects.sensor import EngineTorqueGain
+from ..physics.effects.sensor import EngineTorqueGain, PressureGain, PressureZero
 from ..transmission.parameters import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     PARAMETER_NAMES,
@@ -64,6 +64,10 @@ EFFICIENCY_CHANNEL = Channel("efficiency", "points", 100.0, 2, PAPER_EFFICIENCY_
 # A lost speed is told as a part of the speed, as its noise is.
 OUTPUT_SPEED_CHANNEL = Channel("output_speed", "rad/s", 1.0, 2, 0.001, relative=True,
                                field_spreads=(0.001, 0.004, 0.016), step_spreads=(0.01, 0.03))
+# ISO 4409: 0.5 % of the reading in class A; near zero a gauge of 40 MPa resolves little more.
+PRESSURE_CHANNEL = Channel("pressure", "MPa", 1e-6, 2, 0.005, relative=False,
+                           field_spreads=(1e5, 4e5, 1.6e6), step_spreads=(4e5, 1.2e6), least=5e4)
+CHANNELS = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL, PRESSURE_CHANNEL)
 
 _ASSUMED = "assumed, 1.12 % (paper, eq. (3))"
 _LEAST_DEVIATION = 1e-5  # of the efficiency: a meter resolves no less
@@ -82,14 +86,16 @@ class Transmission:
     """
 
     axes: tuple[Axis, ...] = (*AXES, OIL_TEMPERATURE)
-    channels: tuple[Channel, ...] = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL)
+    channels: tuple[Channel, ...] = CHANNELS
     base = BaseParameters(
         PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD,
         to_scaled(np.array([limits.low for limits in PARAMETER_RANGES])),
         to_scaled(np.array([limits.high for limits in PARAMETER_RANGES])), from_scaled)
     # Systematic gain of the torque meters (paper, section 2.2: 0.12 %), gear efficiency within a
-    # production scatter.
-    nuisances: tuple[AnyEffect, ...] = (EngineTorqueGain(gain=0.0015), GearEfficiency(loss=0.0005))
+    # production scatter; gauge and effective displacement (ISO 4409, ISO 8426), zero of a gauge.
+    nuisances: tuple[AnyEffect, ...] = (
+        EngineTorqueGain(gain=0.0015), GearEfficiency(loss=0.0005),
+        PressureGain(gain=0.01), PressureZero(zero=1e5))
     refusal = "ask for a load that the model cannot carry"
     advice = "check load_torque, which is output power / engine speed, and the stage"
 
@@ -107,8 +113,8 @@ class Transmission:
                        effects=(*self.model.effects, *cast("Sequence[Effect]", effects)))
 
     def predict(self, base: Array, effects: Sequence[AnyEffect], points: Points) -> Array:
-        """Return efficiency [-] and output speed [rad/s] as the bench reads them, (2, n)."""
-        return np.stack(self._refitted(base, effects).answer_at(OperatingPoints(**points)))
+        """Return efficiency [-], output speed [rad/s] and pressure [Pa] as read, (3, n)."""
+        return self._refitted(base, effects).readings_at(OperatingPoints(**points))
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return the working range of engine and campaign, as far as it can be carried."""
@@ -166,12 +172,11 @@ def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
     first, source = reading_of(
         EFFICIENCY_CHANNEL, samples.efficiency, noise,
         None if stated is None else np.maximum(stated, _LEAST_DEVIATION), axes, points)
-    readings = [first]
-    if (speed := samples.output_speed) is not None:
-        readings.append(Reading(OUTPUT_SPEED_CHANNEL, speed,
-                                OUTPUT_SPEED_CHANNEL.uncertainty * speed, TRUST_ASSUMED))
-    return Observations(axes, points, tuple(readings), samples, np.arange(len(samples)),
-                        source or _ASSUMED, source is None)
+    others = [Reading(channel, values, channel.deviation(values), TRUST_ASSUMED)
+              for channel in CHANNELS[1:]
+              if (values := getattr(samples, channel.name)) is not None]
+    return Observations(axes, points, (first, *others), samples, np.arange(len(samples)),
+                        source or _ASSUMED, source is None, channels=CHANNELS)
 
 
 def diagnose(

@@ -265,7 +265,7 @@ def _pool(base: Fit) -> Observations:
     predicted = system.predict(base.base, (), points)
     readings, each = [], np.sqrt(observed.count)  # a test is one sample
     for i, (channel, values) in enumerate(zip(system.channels, predicted, strict=True)):
-        deviation = channel.uncertainty * values if channel.relative else np.full(
+        deviation = channel.deviation(values) if i else np.full(
             len(values), np.median(observed.scale[i] * each) * np.sqrt(base.noise[i]))
         readings.append(Reading(channel, values, deviation, 1.0))
     return replace(observed, points=points, readings=tuple(readings),

@@ -85,14 +85,23 @@ class BalanceSolver(ArraySolver):
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed that a bench reads, through its meters."""
+        return Answer(*self.readings(points)[:2])
+
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def readings(self, points: OperatingPoints) -> Array:
+        """Efficiency [-], output speed [rad/s] and pressure [Pa] that a bench reads, shape (3, n).
+
+        The pressure is the difference over the motor, eq. (14).
+        """
         flow = self.flow(points)
-        state, speed = flow.state, flow.state.output_speed
+        state, speed, pressure = flow.state, flow.state.output_speed, flow.state.pressure
         efficiency = np.asarray(state.load_power / flow.engine_power)
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._given[-1]:
             efficiency = effect.reading(efficiency, state)
             speed = effect.output_speed_reading(speed)
-        return Answer(efficiency, speed)
+            pressure = effect.pressure_reading(pressure)
+        return np.stack([efficiency, speed, pressure])
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(self, points: OperatingPoints) -> PowerFlow:

@@ -116,8 +116,8 @@ class PistonLeakage(PressureLeakage):
     """
 
     form = "tilted pistons"
-    summary = "pistons pressed aside leave a wide gap: leakage grows with pressure cubed and stroke"
-    source = "eccentric annular gap, Ivantysyn & Ivantysynova; Manring, Fluid Power Pumps and Motors"
+    summary = "pistons pressed aside open their gaps: leakage grows with pressure cubed and stroke"
+    source = "eccentric annular gap: Ivantysyn & Ivantysynova; Manring 2013"
     remedy = "measure the output speed at one pressure and two strokes"
 
     exponent: float = shape("-", (2.0,), "power of pressure in the further leakage")

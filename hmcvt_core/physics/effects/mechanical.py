@@ -152,10 +152,10 @@ class GearEfficiency(Effect):
 class GearMesh(Effect):
     """Lost part ~ torque^a speed^-b: mesh friction from mixed to full film.
 
-    a, b are 0.2, 0.2 in Niemann, Schlenk and ISO/TR 14179-2, -0.4, 0.7 in ISO/TR 14179-1; Benedict
-    & Kelley's logarithm lies between a steep fall with speed and none, and teeth that bend or tilt
-    under load lose in proportion. Viscosity has 0.3 of the speed's exponent in either standard: less
-    than a bench sees of a loss of this size.
+    a, b are 0.2, 0.2 in Niemann, Schlenk and ISO/TR 14179-2, and -0.4, 0.7 in ISO/TR 14179-1.
+    Benedict & Kelley's logarithm lies between a steep fall with speed and none; teeth that bend or
+    tilt lose in proportion to load. Viscosity has 0.3 of the speed's exponent in both standards:
+    less than a bench sees of a loss of this size.
     """
 
     name = "gear_mesh"
