@@ -65,15 +65,22 @@ EFFICIENCY_CHANNEL = Channel("efficiency", "points", 100.0, 2, PAPER_EFFICIENCY_
 OUTPUT_SPEED_CHANNEL = Channel("output_speed", "rad/s", 1.0, 2, 0.001, relative=True,
                                field_spreads=(0.001, 0.004, 0.016), step_spreads=(0.01, 0.03),
                                misfit_spread=0.0004)
+# ISO 4409: 0.5 % of the reading in class A; near zero a gauge of 40 MPa resolves little more.
+PRESSURE_CHANNEL = Channel("pressure", "MPa", 1e-6, 2, 0.005, relative=False,
+                           field_spreads=(1e5, 4e5, 1.6e6), step_spreads=(4e5, 1.2e6), misfit_spread=5e4,
+                           least=5e4)
+CHANNELS = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL, PRESSURE_CHANNEL)
 
 _ASSUMED = "assumed, 1.12 % (paper, eq. (3))"
 _LEAST_DEVIATION = 1e-5  # of the efficiency: a meter resolves no less
 _POINT = tuple(axis.name for axis in AXES)
 
-# Further part of the power lost in each gear pair. No bench knows it within the scatter of
-# production, 0.0005, and the systematic gain of its torque meters (0.12 %: paper, section 2.2) over
-# the three or four pairs of a path, the same curve; six times that is another gear train.
-_GEAR_LOSS, _MOST_GEAR = 0.0006, 6.0
+# What no bench knows better, one deviation of each: a further part of the power lost in each gear
+# pair (scatter of production 0.0005; the systematic gain of the torque meters, 0.12 % by section 2.2
+# of the paper, is the same curve); of the pressure gain (gauge and effective displacement: ISO 4409,
+# ISO 8426) and zero [Pa]. Six times that is another machine.
+_TOLERANCES = {"gear_loss": 0.0006, "pressure_gain": 0.01, "pressure_zero": 1e5}
+_FURTHEST = 6.0
 
 # Possible tests: strokes, speeds and loads.
 _GRID = (9, 6, 6)
@@ -88,34 +95,41 @@ class Transmission:
     """
 
     axes: tuple[Axis, ...] = (*AXES, OIL_TEMPERATURE)
-    channels: tuple[Channel, ...] = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL)
-    base = BaseParameters(
-        (*PARAMETER_NAMES, "gear_loss"), np.append(PRIOR_MEAN, 0.0), np.append(PRIOR_SPREAD, 1.0),
-        *(np.append(to_scaled(np.array([getattr(limits, end) for limits in PARAMETER_RANGES])),
-                    most) for end, most in (("low", -_MOST_GEAR), ("high", _MOST_GEAR))),
-        lambda base: np.append(from_scaled(base[:3]), _GEAR_LOSS * base[3]))
+    channels: tuple[Channel, ...] = CHANNELS
     refusal = "ask for a load that the model cannot carry"
     advice = "check load_torque, which is output power / engine speed, and the stage"
 
-    def __init__(self, model: EfficiencyModel) -> None:
+    def __init__(self, model: EfficiencyModel, pressure: bool = False) -> None:
         if model.formulation != "power_balance":
             raise InputError("diagnosis needs formulation power_balance, "
                              f"not {model.formulation!r}")
         self.model = model
+        tolerances = np.ones(len(_TOLERANCES) if pressure else 1)
+        low, high = (to_scaled(np.array([getattr(limits, end) for limits in PARAMETER_RANGES]))
+                     for end in ("low", "high"))
+        self.base = BaseParameters(
+            (*PARAMETER_NAMES, *_TOLERANCES)[:3 + len(tolerances)],
+            np.append(PRIOR_MEAN, 0.0 * tolerances), np.append(PRIOR_SPREAD, tolerances),
+            np.append(low, -_FURTHEST * tolerances), np.append(high, _FURTHEST * tolerances),
+            _base_values)
         present = {(effect.name, effect.form) for effect in model.effects}
         self.library: tuple[AnyEffect, ...] = tuple(
             kind() for kind in library() if (kind.name, kind.form) not in present)
 
     def _refitted(self, base: Array, effects: Sequence[AnyEffect]) -> EfficiencyModel:
-        *parameters, gear_loss = self.base.values(base).tolist()
+        *parameters, gear_loss = self.base.values(base)[:4].tolist()
         return replace(
             self.model, stage=_with_gear_loss(self.model.stage, gear_loss),
             parameters=HydraulicParameters(*parameters),
             effects=(*self.model.effects, *cast("Sequence[Effect]", effects)))
 
     def predict(self, base: Array, effects: Sequence[AnyEffect], points: Points) -> Array:
-        """Return efficiency [-] and output speed [rad/s] as the bench reads them, (2, n)."""
-        return np.stack(self._refitted(base, effects).answer_at(OperatingPoints(**points)))
+        """Return efficiency [-], output speed [rad/s] and pressure [Pa] as read, (3, n)."""
+        found = self._refitted(base, effects).readings_at(OperatingPoints(**points))
+        if len(base) > 4:
+            gain, zero = self.base.values(base)[4:].tolist()
+            found[2] = found[2] * (1.0 + gain) + zero
+        return found
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return the working range of engine and campaign, as far as it can be carried."""
@@ -160,6 +174,11 @@ class Transmission:
         return tuple(filter(None, remarks))
 
 
+def _base_values(base: Array) -> Array:
+    return np.append(from_scaled(base[:3]),
+                     list(_TOLERANCES.values())[:len(base) - 3] * base[3:])
+
+
 # A refit moves the gears in one of its steps, the rest in the others.
 _with_gear_loss = lru_cache(maxsize=8)(Stage.with_gear_loss)
 
@@ -183,12 +202,11 @@ def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
     first, source = reading_of(
         EFFICIENCY_CHANNEL, samples.efficiency, noise,
         None if stated is None else np.maximum(stated, _LEAST_DEVIATION), axes, points)
-    readings = [first]
-    if (speed := samples.output_speed) is not None:
-        readings.append(Reading(OUTPUT_SPEED_CHANNEL, speed,
-                                OUTPUT_SPEED_CHANNEL.uncertainty * speed, TRUST_ASSUMED))
-    return Observations(axes, points, tuple(readings), samples, np.arange(len(samples)),
-                        source or _ASSUMED, source is None)
+    others = [Reading(channel, values, channel.deviation(values), TRUST_ASSUMED)
+              for channel in CHANNELS[1:]
+              if (values := getattr(samples, channel.name)) is not None]
+    return Observations(axes, points, (first, *others), samples, np.arange(len(samples)),
+                        source or _ASSUMED, source is None, channels=CHANNELS)
 
 
 def diagnose(
@@ -218,7 +236,7 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    system, notes = Transmission(model), []
+    system, notes = _bench_of(model, samples), []
     told = list(zip(_rows(samples, [item.name for item in BENCH_COLUMNS]),
                     *samples.extra.values(), strict=True))
     # The first of equal rows. A copy says nothing new, least of all about the noise, as readings
@@ -231,6 +249,10 @@ def diagnose(
                      "column and were left out")
     held = None if holdout is None else _fresh(holdout, samples, notes)
     return diagnose_system(system, observed, held, notes=notes, seed=seed, progress=progress)
+
+
+def _bench_of(model: EfficiencyModel, samples: BenchSamples) -> Transmission:
+    return Transmission(model, samples.pressure is not None)
 
 
 def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
@@ -269,12 +291,13 @@ def separable(
             and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
-    system, observed, fuller = Transmission(model), observe(plan, noise), None
+    system, observed, fuller = _bench_of(model, plan), observe(plan, noise), None
     if plan.output_speed is None:
         speed = model.answer_at(OperatingPoints(**observed.points)).output_speed
         fuller = observe(replace(plan, output_speed=speed), noise)
     return isolability(
-        system, observed, np.append(to_scaled(model.parameters.to_array()), 0.0), fuller)
+        system, observed, np.append(
+            to_scaled(model.parameters.to_array()), np.zeros(len(system.base) - 3)), fuller)
 
 
 def read_plan(

@@ -153,12 +153,15 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
     rivals = [_foretold(rival, pool) for rival, _ in labels.values()]
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
-    order = np.argsort(-p)[:2]
-    first, second = (rivals[i] for i in order)
     names = list(labels)
-    if max(first.against(second), second.against(first)) * _MANY / len(pool) < _DECISIVE:
-        remedy = [effect.remedy for i in order for effect in labels[names[i]][0].fit.effects
-                  if names[i] is not None and effect.remedy]
+    order = np.argsort(-p)
+    # A larger set of the same effects gives way to more samples, wherever they are.
+    first, second = order[0], next((i for i in order[1:] if not set(names[order[0]] or ()) < set(
+        names[i] or ())), order[1])
+    if max(rivals[first].against(rivals[second]),
+           rivals[second].against(rivals[first])) * _MANY / len(pool) < _DECISIVE:
+        remedy = [effect.remedy for i in (first, second) if names[i] is not None
+                  for effect in labels[names[i]][0].fit.effects if effect.remedy]
         if remedy:
             return answer("cannot be settled by tests", measure="; or ".join(dict.fromkeys(remedy)))
     tests = []

@@ -70,11 +70,11 @@ def as_measured(base: Fit, points: Points) -> Observations:
     In every channel of the campaign.
     """
     observed, system = base.observed, base.hypothesis.system
-    predicted = system.predict(base.base, (), points)
+    predicted = observed.read(system.predict(base.base, (), points))
     readings, each = [], np.sqrt(observed.count)
     for i, reading in enumerate(observed.readings):
         values, channel = predicted[i], reading.channel
-        deviation = channel.uncertainty * np.abs(values) if channel.relative else np.full(
+        deviation = channel.deviation(values) if i else np.full(
             len(values), np.median(observed.scale[i] * each))
         readings.append(Reading(channel, values, deviation * np.sqrt(base.noise[i]), 1.0))
     return replace(observed, points=points, readings=tuple(readings),

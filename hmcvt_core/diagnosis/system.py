@@ -56,12 +56,13 @@ class Channel:
         name: as in files.
         unit: in which it is told, `factor` times the value with so many decimals.
         uncertainty: standard deviation taken until somebody states it or the data tell: a part of
-            the reading.
+            the reading, and `least` besides.
         relative: whether an unlisted loss in it counts as a part of the reading.
         field_spreads: prior standard deviations of such a loss that varies smoothly over the axes,
             equally likely; in the channel's unit, or relative.
         step_spreads: the same for one inside a region.
         misfit_spread: the same for a smooth misfit of the base model that is no cause.
+        least: standard deviation of a reading of zero, in the channel's unit.
     """
 
     name: str
@@ -73,6 +74,11 @@ class Channel:
     field_spreads: tuple[float, ...]
     step_spreads: tuple[float, ...]
     misfit_spread: float
+    least: float = 0.0
+
+    def deviation(self, reading: Array) -> Array:
+        """Standard deviation of readings that nobody states, same shape."""
+        return np.hypot(self.uncertainty * reading, self.least)
 
 
 @dataclass(frozen=True, eq=False)
