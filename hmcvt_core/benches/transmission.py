@@ -12,7 +12,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis import Diagnosis, Isolability, diagnose_system, isolability
+from ..diagnosis import Advice, Diagnosis, Isolability, diagnose_system, isolability
+from ..diagnosis import next_test as next_test_of_system
 from ..diagnosis.observations import TRUST_ASSUMED, Observations, Reading, reading_of
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..diagnosis.system import Effect as AnyEffect
@@ -67,8 +68,8 @@ OUTPUT_SPEED_CHANNEL = Channel("output_speed", "rad/s", 1.0, 2, 0.001, relative=
                                misfit_spread=0.0004)
 # ISO 4409: 0.5 % of the reading in class A; near zero a gauge of 40 MPa resolves little more.
 PRESSURE_CHANNEL = Channel("pressure", "MPa", 1e-6, 2, 0.005, relative=False,
-                           field_spreads=(1e5, 4e5, 1.6e6), step_spreads=(4e5, 1.2e6), misfit_spread=5e4,
-                           least=5e4)
+                           field_spreads=(1e5, 4e5, 1.6e6), step_spreads=(4e5, 1.2e6),
+                           misfit_spread=5e4, least=5e4)
 CHANNELS = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL, PRESSURE_CHANNEL)
 
 _ASSUMED = "assumed, 1.12 % (paper, eq. (3))"
@@ -76,9 +77,9 @@ _LEAST_DEVIATION = 1e-5  # of the efficiency: a meter resolves no less
 _POINT = tuple(axis.name for axis in AXES)
 
 # What no bench knows better, one deviation of each: a further part of the power lost in each gear
-# pair (scatter of production 0.0005; the systematic gain of the torque meters, 0.12 % by section 2.2
-# of the paper, is the same curve); of the pressure gain (gauge and effective displacement: ISO 4409,
-# ISO 8426) and zero [Pa]. Six times that is another machine.
+# pair (scatter of production 0.0005; the systematic gain of the torque meters, 0.12 % by section
+# 2.2 of the paper, is the same curve); gain (gauge and effective displacement: ISO 4409, ISO 8426)
+# and zero of the pressure [Pa]. Six times that is another machine.
 _TOLERANCES = {"gear_loss": 0.0006, "pressure_gain": 0.01, "pressure_zero": 1e5}
 _FURTHEST = 6.0
 
@@ -236,19 +237,50 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    system, notes = _bench_of(model, samples), []
+    notes: list[str] = []
+    observed = _distinct(samples, noise, notes)
+    held = None if holdout is None else _fresh(holdout, samples, notes)
+    return diagnose_system(_bench_of(model, samples), observed, held, notes=notes, seed=seed,
+                           progress=progress)
+
+
+def next_test(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    *,
+    noise: float | None = None,
+    possible: BenchSamples | None = None,
+) -> Advice:
+    """Choose the test that tells most about what is still open, or say why to stop.
+
+    Args:
+        model, samples, noise: as of `diagnose`.
+        possible: the tests that can be run (their efficiency is not used); None for the working
+            range of engine and campaign.
+
+    Raises:
+        InputError: as `diagnose`.
+    """
+    system, observed = _bench_of(model, samples), _distinct(samples, noise, [])
+    points = None if possible is None else {
+        axis.name: getattr(possible, axis.name) if getattr(possible, axis.name, None) is not None
+        else np.full(len(possible), np.median(observed.points[axis.name]))
+        for axis in observed.axes}
+    return next_test_of_system(system, observed, points)
+
+
+def _distinct(samples: BenchSamples, noise: float | None, notes: list[str]) -> Observations:
+    """Observations without rows that copy another one, which are noted."""
     told = list(zip(_rows(samples, [item.name for item in BENCH_COLUMNS]),
                     *samples.extra.values(), strict=True))
     # The first of equal rows. A copy says nothing new, least of all about the noise, as readings
     # repeated at one point do.
     first = {row: i for i, row in reversed(list(enumerate(told)))}
     rows = np.array(sorted(first.values()))
-    observed = replace(observe(samples.select(rows), noise), number=rows)
     if len(rows) < len(samples):
         notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
                      "column and were left out")
-    held = None if holdout is None else _fresh(holdout, samples, notes)
-    return diagnose_system(system, observed, held, notes=notes, seed=seed, progress=progress)
+    return replace(observe(samples.select(rows), noise), number=rows)
 
 
 def _bench_of(model: EfficiencyModel, samples: BenchSamples) -> Transmission:

@@ -25,7 +25,7 @@ from .hypothesis import Fit
 from .observations import Observations
 from .ranking import Names, Ranking
 from .rivals import Rival
-from .system import Points
+from .system import Axis, Points
 
 Array = NDArray[np.float64]
 
@@ -102,6 +102,7 @@ class Advice:
             unlisted loss, and `no_gap` that of none.
         no_gap: probability that there is none, or none larger than a base that is a little off.
         tests_expected: how many more, by the first; 0 where no test helps.
+        axes: of the tests.
     """
 
     stop: bool
@@ -112,6 +113,7 @@ class Advice:
     alive: tuple[tuple[Names, float], ...]
     no_gap: float
     tests_expected: int
+    axes: tuple[Axis, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt next --json`."""
@@ -143,7 +145,7 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
     def answer(reason: str | None, tests: Sequence[Test] = (), measure: str | None = None,
                expected: int = 0) -> Advice:
         return Advice(reason is not None, reason, tuple(tests), channels, measure, alive, no_gap,
-                      expected)
+                      expected, base.observed.steered)
 
     if no_gap >= SETTLED:
         return answer("no gap worth a test")

@@ -143,8 +143,9 @@ class Fit:
         without effects.
         """
         scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
-        basis, _ = np.linalg.qr(np.concatenate([
-            scaled.reshape(-1, len(self.theta)), np.diag(1.0 / self.hypothesis.system.base.spread)]))
+        prior = np.diag(1.0 / self.hypothesis.system.base.spread)
+        basis, _ = np.linalg.qr(
+            np.concatenate([scaled.reshape(-1, len(self.theta)), prior]))
         return np.asarray(basis)
 
     def left(self, readings: Array, prior: Array | float = 0.0) -> Array:

@@ -18,7 +18,7 @@ from .gap_field import GapField, covering
 from .hypothesis import Fit, refit
 from .intake import admitted, listed_samples
 from .observations import FEW, Observations
-from .ranking import Names, Ranking, rank
+from .ranking import Ranking, rank
 from .regions import Regions, regions
 from .report import Diagnosis
 from .result import (
@@ -35,6 +35,7 @@ from .rivals import Rival
 from .shrinkage import cross_validated_errors, deals, shrinkage
 from .significance import Significance, significance
 from .system import Effect, Points, System
+from .words import named
 
 Array = NDArray[np.float64]
 
@@ -220,13 +221,10 @@ def _sets(study: _Study) -> tuple[CauseSet, ...]:
 
 
 def _next_tests(advice: Advice) -> tuple[NextTest, ...]:
-    def told(names: Names) -> str:
-        return " + ".join(names) or "something unlisted"
-
-    tests = [NextTest(item.point, (told(item.separates[0]), told(item.separates[1])),
+    tests = [NextTest(item.point, (named(item.separates[0]), named(item.separates[1])),
                       item.information) for item in advice.tests]
     if advice.measure is not None and len(advice.alive) > 1:
-        tests.append(NextTest(None, (told(advice.alive[0][0]), told(advice.alive[1][0])), 0.0,
+        tests.append(NextTest(None, (named(advice.alive[0][0]), named(advice.alive[1][0])), 0.0,
                               advice.measure))
     return tuple(tests)
 

@@ -357,11 +357,11 @@ def local(bare: Rival, boxes: Regions) -> Rival | None:
             - math.log(len(reading.channel.step_spreads)))
     if not places:
         return None
-    channel, box = np.unravel_index(int(np.argmax(places)), (len(places), len(boxes)))
+    channel, box = divmod(int(np.argmax(places)), len(boxes))
     # An edge of the campaign is none of the place.
     ends = observed.place.min(axis=1), observed.place.max(axis=1)
     low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
     high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
-    found = _with_loss(bare, LocalLoss(int(channel), low, high), [
+    found = _with_loss(bare, LocalLoss(channel, low, high), [
         np.array([scale]) for scale in observed.readings[channel].channel.step_spreads])
     return replace(found, log=log_mean(np.ravel(places)))

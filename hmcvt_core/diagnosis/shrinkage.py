@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from .evidence import evidence, gram
 from .observations import Observations, replicate_groups
-from .rivals import Linear
 from .result import ShrinkageSummary
+from .rivals import Linear
 
 Array = NDArray[np.float64]
 FOLDS = 12

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from .hypothesis import Fit
 from .observations import FEW
-from .rivals import signatures
 from .regions import Regions
+from .rivals import signatures
 
 Array = NDArray[np.float64]
 REPLICATES = 999
