@@ -18,7 +18,7 @@ from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..files.columns import read_columns
-from ..model.agreement import output_speed_remark
+from ..model.agreement import gear_train_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
@@ -144,13 +144,13 @@ class Transmission:
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
-        """Say what is odd about the output speed, and what missing columns cost."""
-        remarks = [output_speed_remark(self.model.stage, samples)]
+        """Say what missing columns cost."""
+        remarks = []
         if samples.output_speed is None:
             remarks.append("without column output_speed, losses of flow and of torque look alike")
         if samples.oil_temperature is None:
             remarks.append("without column oil_temperature, viscosity cannot be judged")
-        return tuple(filter(None, remarks))
+        return tuple(remarks)
 
 
 def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
@@ -206,7 +206,8 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    system, notes = Transmission(model), []
+    system, kinematics = Transmission(model), gear_train_remark(model.stage, samples)
+    notes = [] if kinematics is None else [kinematics]
     told = list(zip(_rows(samples, [item.name for item in BENCH_COLUMNS]),
                     *samples.extra.values(), strict=True))
     # The first of equal rows. A copy says nothing new, least of all about the noise, as readings
