@@ -18,7 +18,7 @@ from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..files.columns import read_columns
-from ..model.agreement import gear_train_remark
+from ..model.agreement import gear_train_remark, pressure_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
@@ -206,8 +206,9 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    system, kinematics = Transmission(model), gear_train_remark(model.stage, samples)
-    notes = [] if kinematics is None else [kinematics]
+    system = Transmission(model)
+    remarks = gear_train_remark(model.stage, samples), pressure_remark(model, samples)
+    notes = [remark for remark in remarks if remark is not None]
     told = list(zip(_rows(samples, [item.name for item in BENCH_COLUMNS]),
                     *samples.extra.values(), strict=True))
     # The first of equal rows. A copy says nothing new, least of all about the noise, as readings

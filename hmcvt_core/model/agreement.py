@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..files.bench import BenchSamples
 from ..transmission.parameters import PRIOR_MEAN, from_scaled
 from ..transmission.ranges import OperatingPoints
-from ..transmission.stage import Stage, speed_ratio
+from ..transmission.stage import CM3_PER_REV, Stage, speed_ratio
 from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
@@ -20,6 +20,8 @@ _BENT = 0.01  # of the ratio: how far the losses bend the line
 # Of a full stroke: the most that an actuator is off, as `displacement_error` has it; what a dead
 # band and the damping of a leaky unit take from the slope.
 _OFFSET, _GAIN = 0.1, 0.35
+_LOADED = 1e6  # Pa
+_OTHER_MOTOR = 1.25  # losses that nobody modelled change the pressure by less
 
 
 def predicted_at(model: EfficiencyModel, samples: BenchSamples) -> Array:
@@ -65,6 +67,21 @@ class RelativeError(NamedTuple):
         answered = np.isfinite(errors)
         mean = float(errors[answered].mean()) if answered.any() else np.nan
         return cls(mean, int(np.sum(~answered)))
+
+
+def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None:
+    """Say that the pressure is not one of this motor under its load; None where it may be."""
+    if samples.pressure is None:
+        return None
+    expected = model.readings_at(samples.points)[2]
+    loaded = np.abs(expected) > _LOADED  # False for NaN
+    factor = float(np.median(samples.pressure[loaded] / expected[loaded])) if loaded.any() else 1.0
+    if 1.0 / _OTHER_MOTOR < factor < _OTHER_MOTOR:
+        return None
+    volume = model.stage.pump_motor.motor_displacement / CM3_PER_REV
+    return (f"the pressure is {factor:.2f} times that of a motor of {volume:.3g} cm3/r under this "
+            "load: check the displacement of the motor in the file, the unit of the pressure, and "
+            "that the low side is taken off")
 
 
 def gear_train_remark(stage: Stage, samples: BenchSamples) -> str | None:
