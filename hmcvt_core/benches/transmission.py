@@ -255,26 +255,28 @@ def separable(
 
     Args:
         model: formulation `power_balance`; supplies the base parameters.
-        plan: operating points; the efficiency in it is not used, the presence of output speed
-            and oil temperature is.
+        plan: operating points; the efficiency in it is not used, the presence of output speed,
+            pressure and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
     system, observed, fuller = Transmission(model), observe(plan, noise), None
-    if plan.output_speed is None:
-        speed = model.answer_at(OperatingPoints(**observed.points)).output_speed
-        fuller = observe(replace(plan, output_speed=speed), noise)
+    readings = system.predict(to_scaled(model.parameters.to_array()), (), observed.points)
+    for channel, row in zip(system.channels, readings, strict=True):
+        if getattr(plan, channel.name) is None:  # the first that a bench may read besides
+            fuller = observe(replace(plan, **{channel.name: row}), noise)
+            break
     return isolability(system, observed, to_scaled(model.parameters.to_array()), fuller)
 
 
 def read_plan(
-    path: str | os.PathLike[str], model: EfficiencyModel, output_speed: bool = False
+    path: str | os.PathLike[str], model: EfficiencyModel, channels: Sequence[str] = ()
 ) -> BenchSamples:
     """Read operating points and fill in what a model expects to be read there.
 
     Args:
         path: CSV as for `read_bench`; column `efficiency` may be missing and is not used.
-        model: supplies efficiency and output speed.
-        output_speed: whether the output speed will be read; a column of that name says so too.
+        model: supplies the readings.
+        channels: what will be read besides the efficiency; a column of that name says so too.
 
     Raises:
         InputError: as `read_bench`, or the model has no answer at a point.
@@ -282,11 +284,11 @@ def read_plan(
     known, extra, found = read_columns(path, _POINT)
     points = OperatingPoints(
         **{axis: known[axis] for axis in OperatingPoints._fields if axis in known})
-    known["efficiency"], read_speed = model.answer_at(points)
-    stalled = np.flatnonzero(np.isnan(known["efficiency"]))
+    expected = dict(zip((item.name for item in CHANNELS), model.readings_at(points), strict=True))
+    stalled = np.flatnonzero(np.isnan(expected["efficiency"]))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
                          f"{points.load_torque[stalled[0]]:g} cannot be carried there")
-    if output_speed or "output_speed" in known:
-        known["output_speed"] = read_speed
+    known.update({name: row for name, row in expected.items()
+                  if name in {"efficiency", *channels, *known}})
     return BenchSamples(**known, extra=extra, source=found.source, sha256=found.sha256)
