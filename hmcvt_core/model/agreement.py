@@ -79,7 +79,7 @@ def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None
     if 1.0 / _OTHER_MOTOR < factor < _OTHER_MOTOR:
         return None
     volume = model.stage.pump_motor.motor_displacement / CM3_PER_REV
-    return (f"the pressure is {factor:.2f} times that of a motor of {volume:.3g} cm3/r under this "
+    return (f"the pressure is {factor:.2g} times that of a motor of {volume:.3g} cm3/r under this "
             "load: check the displacement of the motor in the file, the unit of the pressure, and "
             "that the low side is taken off")
 

@@ -55,14 +55,11 @@ def test_any_of_the_channels_may_be_read(read):
 
 
 def test_pressure_tells_friction_of_the_motor_where_speed_is_not_read():
-    alone = campaign((PressureFrictionFull(0.04),), seed=1, speed_noise=None)
-    read = campaign((PressureFrictionFull(0.04),), seed=1, speed_noise=None, pressure_noise=GAUGE)
-    less, more = (hmcvt.diagnose(BASE, samples, noise=NOISE) for samples in (alone, read))
-    assert more.causes[0].effect == "pressure_friction"
-    assert more.causes[0].probability > 0.95
-    widths = [np.ptp(found.causes[0].parameters["coefficient"]["interval"])
-              for found in (less, more) if found.causes[0].effect == "pressure_friction"]
-    assert len(widths) == 1 or widths[1] < widths[0]
+    samples = campaign((PressureFrictionFull(0.04),), 1, speed_noise=None, pressure_noise=GAUGE)
+    found = hmcvt.diagnose(BASE, samples, noise=NOISE)
+    assert found.causes[0].effect == "pressure_friction"
+    assert found.causes[0].probability > 0.95
+    assert found.causes[0].parameters["coefficient"]["value"] == pytest.approx(0.04, rel=0.15)
 
 
 def test_a_gauge_within_its_class_is_no_gap_and_a_wrong_one_is_named():
@@ -79,5 +76,7 @@ def test_a_motor_of_another_size_is_told():
     samples = campaign(n=24, seed=1, pressure_noise=GAUGE)
     assert pressure_remark(BASE, samples) is None
     assert pressure_remark(BASE, replace(samples, pressure=None)) is None
-    assert pressure_remark(BASE, replace(samples, pressure=1.3 * samples.pressure)).startswith(
-        "the pressure is 1.30 times that of a motor of 55 cm3/r under this load")
+    for factor, words in ((1.3, "1.3"), (1e-5, "1e-05")):  # bar
+        wrong = replace(samples, pressure=factor * samples.pressure)
+        assert pressure_remark(BASE, wrong).startswith(
+            f"the pressure is {words} times that of a motor of 55 cm3/r under this load: check")
