@@ -20,7 +20,7 @@ from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..files.columns import read_columns
-from ..model.agreement import output_speed_remark
+from ..model.agreement import gear_train_remark, pressure_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
@@ -164,13 +164,13 @@ class Transmission:
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
-        """Say what is odd about the output speed, and what missing columns cost."""
-        remarks = [output_speed_remark(self.model.stage, samples)]
+        """Say what missing columns cost."""
+        remarks = []
         if samples.output_speed is None:
             remarks.append("without column output_speed, losses of flow and of torque look alike")
         if samples.oil_temperature is None:
             remarks.append("without column oil_temperature, viscosity cannot be judged")
-        return tuple(filter(None, remarks))
+        return tuple(remarks)
 
 
 def _base_values(base: Array) -> Array:
@@ -235,11 +235,12 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    notes: list[str] = []
+    remarks = gear_train_remark(model.stage, samples), pressure_remark(model, samples)
+    notes = [remark for remark in remarks if remark is not None]
     observed = _distinct(samples, noise, notes)
     held = None if holdout is None else _fresh(holdout, samples, notes)
-    return diagnose_system(_bench_of(model, samples), observed, held, notes=notes, seed=seed,
-                           progress=progress)
+    return diagnose_system(Transmission(model, samples.pressure is not None), observed, held,
+                           notes=notes, seed=seed, progress=progress)
 
 
 def next_test(
@@ -259,7 +260,8 @@ def next_test(
     Raises:
         InputError: as `diagnose`.
     """
-    system, observed = _bench_of(model, samples), _distinct(samples, noise, [])
+    system, observed = Transmission(model, samples.pressure is not None), _distinct(
+        samples, noise, [])
     points = None if possible is None else {
         axis.name: getattr(possible, axis.name) if getattr(possible, axis.name, None) is not None
         else np.full(len(possible), np.median(observed.points[axis.name]))
@@ -279,10 +281,6 @@ def _distinct(samples: BenchSamples, noise: float | None, notes: list[str]) -> O
         notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
                      "column and were left out")
     return replace(observe(samples.select(rows), noise), number=rows)
-
-
-def _bench_of(model: EfficiencyModel, samples: BenchSamples) -> Transmission:
-    return Transmission(model, samples.pressure is not None)
 
 
 def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
@@ -317,28 +315,29 @@ def separable(
 
     Args:
         model: formulation `power_balance`; supplies the base parameters.
-        plan: operating points; the efficiency in it is not used, the presence of output speed
-            and oil temperature is.
+        plan: operating points; the efficiency in it is not used, the presence of output speed,
+            pressure and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
-    system, observed, fuller = _bench_of(model, plan), observe(plan, noise), None
-    if plan.output_speed is None:
-        speed = model.answer_at(OperatingPoints(**observed.points)).output_speed
-        fuller = observe(replace(plan, output_speed=speed), noise)
-    return isolability(
-        system, observed, np.append(
-            to_scaled(model.parameters.to_array()), np.zeros(len(system.base) - 3)), fuller)
+    system, observed, fuller = Transmission(model, True), observe(plan, noise), None
+    base = np.append(to_scaled(model.parameters.to_array()), np.zeros(len(_TOLERANCES)))
+    readings = system.predict(base, (), observed.points)
+    for channel, row in zip(system.channels, readings, strict=True):
+        if getattr(plan, channel.name) is None:  # the first that a bench may read besides
+            fuller = observe(replace(plan, **{channel.name: row}), noise)
+            break
+    return isolability(system, observed, base, fuller)
 
 
 def read_plan(
-    path: str | os.PathLike[str], model: EfficiencyModel, output_speed: bool = False
+    path: str | os.PathLike[str], model: EfficiencyModel, channels: Sequence[str] = ()
 ) -> BenchSamples:
     """Read operating points and fill in what a model expects to be read there.
 
     Args:
         path: CSV as for `read_bench`; column `efficiency` may be missing and is not used.
-        model: supplies efficiency and output speed.
-        output_speed: whether the output speed will be read; a column of that name says so too.
+        model: supplies the readings.
+        channels: what will be read besides the efficiency; a column of that name says so too.
 
     Raises:
         InputError: as `read_bench`, or the model has no answer at a point.
@@ -346,11 +345,11 @@ def read_plan(
     known, extra, found = read_columns(path, _POINT)
     points = OperatingPoints(
         **{axis: known[axis] for axis in OperatingPoints._fields if axis in known})
-    known["efficiency"], read_speed = model.answer_at(points)
-    stalled = np.flatnonzero(np.isnan(known["efficiency"]))
+    expected = dict(zip((item.name for item in CHANNELS), model.readings_at(points), strict=True))
+    stalled = np.flatnonzero(np.isnan(expected["efficiency"]))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
                          f"{points.load_torque[stalled[0]]:g} cannot be carried there")
-    if output_speed or "output_speed" in known:
-        known["output_speed"] = read_speed
+    known.update({name: row for name, row in expected.items()
+                  if name in {"efficiency", *channels, *known}})
     return BenchSamples(**known, extra=extra, source=found.source, sha256=found.sha256)

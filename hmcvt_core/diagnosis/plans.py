@@ -165,8 +165,10 @@ def isolability(
     separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
                            for own in members])
     np.fill_diagonal(separation, detectability)
+    read = {reading.channel.name for reading in plan.readings}
+    further = [channel.name for channel in system.channels if channel.name not in read]
     return Isolability(
-        effects, detectability, separation, plan, system.channels[:len(plan.readings) + 1][-1].name,
+        effects, detectability, separation, plan, (further or [system.channels[-1].name])[0],
         {form.name: form.remedy for form, _ in found},
         None if fuller is None else isolability(system, fuller, base))
 

@@ -43,7 +43,6 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
 })
 """Size of the units of every quantity in the one that hmcvt keeps it in, which is the first."""
 
-_LEAST_PRESSURE = 1e4  # Pa, 0.1 bar: the largest of any campaign is more
 _KEPT = {column.name: column for column in BENCH_COLUMNS}
 _RANGES = {**_KEPT, **{name: Range(name, 0.1, 20_000.0, "N m", "positive in forward driving")
                        for name in ("engine_torque", "output_torque")}}
@@ -130,16 +129,7 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
             doubled, or a value is not a number or outside its range; file, row and field are named.
     """
     values, extra, cells = read_columns(path, REQUIRED_COLUMNS)
-    _require_pascal(values, cells)
     return BenchSamples(**values, extra=extra, source=cells.source, sha256=cells.sha256)
-
-
-def _require_pascal(values: Mapping[str, Array], cells: Cells) -> None:
-    """Refuse a column of pressures in a larger unit, which is within the range of every sample."""
-    highest = np.abs(values.get("pressure", np.inf)).max()
-    if highest < _LEAST_PRESSURE:
-        raise InputError(f"{cells.source}: pressure = {highest:g} Pa is the largest, less than the "
-                         f"{_LEAST_PRESSURE:g} Pa that any bench reaches (is it in bar?)")
 
 
 def read_raw_bench(
@@ -181,7 +171,6 @@ def read_raw_bench(
             values[quantity], _RANGES[quantity], f"; column {name!r} is taken as {unit}: another "
             f"unit is written {name}:UNIT, one of {', '.join(UNITS[quantity])}")
     _derive(values, cells)
-    _require_pascal(values, cells)
     extra = {name if column_name(name) not in _KEPT else f"raw {name}": tuple(column)
              for name, column in cells.columns.items() if name not in names}
     return BenchSamples(**{name: values[name] for name in _KEPT if name in values}, extra=extra,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import IdentificationError
 from ..files import data_path
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, output_speed_remark
+from ..model.agreement import RelativeError, gear_train_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
@@ -211,6 +211,8 @@ def identify(
         stage = stage.with_gear_efficiency(gear_efficiency)
     model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], formulation, tuple(effects))
     problem = Problem(model, samples)
+    kinematics = gear_train_remark(model.stage, samples)
+    told = [] if kinematics is None else [kinematics]
     schedule = SCHEDULES[formulation] if schedule is None else schedule
     roots: list[HydraulicRoots] = []
     start = None
@@ -224,13 +226,11 @@ def identify(
     if not np.isfinite(value):
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
-            "sample: check stage, units and load torque")
+            f"sample: {'; '.join([*told, 'check stage, units and load torque'])}")
     standard_errors, correlation = precision(problem, scaled)
     predicted = problem.predict(scaled)
     fit_error = RelativeError.of(predicted, samples.efficiency).mean
-    remark = output_speed_remark(model.stage, samples)
-    warnings = [*findings(samples, scaled, standard_errors, correlation),
-                *([] if remark is None else [remark])]
+    warnings = [*told, *findings(samples, scaled, standard_errors, correlation)]
     provenance: dict[str, Any] = {
         **origin("identify", samples, seed),
         "objective": OBJECTIVES[formulation],

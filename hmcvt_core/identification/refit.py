@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, carried_at, output_speed_remark, predicted_at
+from ..model.agreement import RelativeError, carried_at, gear_train_remark, predicted_at
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_NAMES, to_scaled
@@ -132,8 +132,9 @@ def refit(
         np.array([carried_at(part, grid) for part in parts if campaign.prior.stated]), grid, drift,
         limit), "")
     expected, aside = campaign.predicted(fit), np.flatnonzero(~belongs)
-    remark = output_speed_remark(served.stage, samples)
+    kinematics = gear_train_remark(served.stage, samples)
     warnings = [
+        *([] if kinematics is None else [kinematics]),
         *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
           f"{expected[i]:.4g}" for i in aside[:_NAMED]),
         *([] if len(aside) <= _NAMED else [
@@ -143,7 +144,6 @@ def refit(
             f"limit is {100 * limit:.3g}"]),
         *findings(used.problem.samples, to_scaled(model.parameters.to_array()),
                   model.standard_errors, np.asarray(model.correlation)),
-        *([] if remark is None else [remark]),
         *([] if held_back is not None else [
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
     errors = [RelativeError.of(predicted_at(each, samples), measured).mean

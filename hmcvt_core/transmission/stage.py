@@ -24,7 +24,7 @@ from .ranges import Range
 
 MEMBERS = ("sun", "ring", "carrier")
 _PATHS = ("mechanical", "pump", "motor", "output")
-_CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
+CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
 
 
 @dataclass(frozen=True)
@@ -216,8 +216,8 @@ class Stage:
             "gear_efficiency": {pair.name: pair.efficiency for pair in self.gear_pairs},
             "planetary_rows": {"k": self.planetary_constant},
             "pump_motor": {
-                "pump_displacement_cm3_per_rev": _round(units.pump_displacement / _CM3_PER_REV),
-                "motor_displacement_cm3_per_rev": _round(units.motor_displacement / _CM3_PER_REV),
+                "pump_displacement_cm3_per_rev": _round(units.pump_displacement / CM3_PER_REV),
+                "motor_displacement_cm3_per_rev": _round(units.motor_displacement / CM3_PER_REV),
                 "pump_friction": units.pump_friction,
                 "motor_friction": units.motor_friction,
             },
@@ -255,7 +255,7 @@ def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: st
 
 
 def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
-    pump, motor = (number(data, f"{unit}_displacement_cm3_per_rev", "pump_motor.") * _CM3_PER_REV
+    pump, motor = (number(data, f"{unit}_displacement_cm3_per_rev", "pump_motor.") * CM3_PER_REV
                    for unit in ("pump", "motor"))
     return PumpMotor(pump, motor, **{
         name: number(data, name, "pump_motor.")
