@@ -105,7 +105,7 @@ def mechanic(found: Outcome) -> str:
         return "Bench and model agree: nothing to look for."
     if found.misfit > found.unlisted / 2.0 > 0.25:
         return "The model is slightly off, smoothly: too little to blame any part."
-    watts = abs(float(f"{found.lost_power:.1g}"))
+    watts = abs(float(f"{found.lost_power:.2g}"))
     cost = f"about {watts:.0f} W {'lost' if found.lost_power > 0.0 else 'gained'} on average"
     if found.named is None:
         place = region_words(found.where[0], found) if found.where else ""
@@ -191,7 +191,7 @@ def _removed(found: Outcome) -> str:
         return "How far the gap would shrink cannot be told from these samples."
     lead = found.causes[0]
     held_out = found.shrinkage.on == "holdout"
-    place = ("On the samples held out, with the first cause added," if held_out else
+    place = ("On the samples held out, with the leading set added," if held_out else
              "On samples left out, with the effect picked anew without them each time,")
     if fraction <= 0.0:
         return f"{place} the gap does not shrink yet."
