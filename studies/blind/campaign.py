@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from hmcvt_core.errors import InputError
-from studies.blind.catalogue import SizedEffect, draw_effect, size_effect
-from studies.blind.effect import FloatArray
+from studies.blind.catalogue import draw_effect, size_effect
+from studies.blind.effect import Effect, FloatArray
 from studies.blind.plans import LOAD_TORQUE, plan_points
 from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 
@@ -24,6 +24,8 @@ BASE_RANGES = {
 }
 #: Independent random streams of one seed.
 _BASE, _EFFECTS, _PLAN, _NOISE = 1, 2, 3, 4
+_MISFIT = 9  # place of the misfit behind the effects
+_MEAN_OF_NORMAL = 0.8  # mean absolute value of a normal variable over its root mean square
 #: A stalled point is measured again at this share of its load, as an operator would.
 _LOAD_RELIEF = 0.85
 
@@ -33,8 +35,10 @@ class CampaignOptions:
     """How a campaign is measured.
 
     `efficiency_noise` is a standard deviation in units of efficiency; `output_speed_noise` one
-    relative to the speed, None leaves the column out. `vary_temperature` adds the column
-    oil_temperature, 60 deg C +- `temperature_swing`, uniform. `stated_noise_factor` x noise stands
+    relative to the speed, None leaves the column out; `pressure_noise` the same for the loop
+    pressure. `vary_temperature` adds the column oil_temperature, 60 deg C +- `temperature_swing`,
+    uniform. `misfit` is the root mean square of the smooth field by which the efficiency of the
+    base differs from its form (misfit.BaseMisfit). `stated_noise_factor` x noise stands
     in the column efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3
     degrees of freedom at the same standard deviation. `outliers` samples are off by 6 to 12
     standard deviations. `session_gain_std` is the relative gain error of the engine's torque
@@ -45,6 +49,8 @@ class CampaignOptions:
     samples: int = 96
     efficiency_noise: float = 0.004
     output_speed_noise: float | None = 0.001
+    pressure_noise: float | None = None
+    misfit: float = 0.0
     plan: str = "random"
     vary_temperature: bool = False
     temperature_swing: float = 25.0
@@ -56,7 +62,7 @@ class CampaignOptions:
     base_off: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("efficiency_noise", "session_gain_std", "temperature_swing"):
+        for name in ("efficiency_noise", "session_gain_std", "temperature_swing", "misfit"):
             if getattr(self, name) < 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}, must not be below 0")
         if not 0 <= self.outliers <= self.samples:
@@ -71,32 +77,50 @@ class CampaignOptions:
 
 
 @dataclass(frozen=True)
-class Label:
-    """What is hidden in a campaign; empty `effects` means no effect."""
+class Bench:
+    """A plant on a bench: the base, what is hidden in it, what its base form misses, its meters."""
 
-    plant_seed: int
-    sample_seed: int
-    effects: tuple[SizedEffect, ...]
     base: BaseTruth
+    effects: tuple[Effect, ...]
     options: CampaignOptions
+    misfit: tuple[Effect, ...] = ()
+
+    def plant(self, *effects: Effect) -> Plant:
+        """Return the plant with some of the effects."""
+        return Plant(self.base, (*effects, *self.misfit))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects, without variants."""
-        return tuple(sized.effect.name for sized in self.effects)
+        return tuple(effect.name for effect in self.effects)
+
+    def measure(self, seed: int, wanted: OperatingPoints | None = None) -> Campaign:
+        """Measure at operating points, of the plan unless some are wanted, with noise of a seed."""
+        options = self.options
+        if wanted is None:
+            rng = np.random.default_rng([seed, _PLAN])
+            wanted = plan_points(options.plan, options.samples, rng, options.swing)
+        points, read, plain = _carry(self.plant(*self.effects), self.plant(), wanted)
+        noise = np.random.default_rng([seed, _NOISE])
+        samples, outlier, session = _samples(points, read, options, noise)
+        truth = {
+            "efficiency": read.efficiency, "efficiency_plain": plain.efficiency,
+            "output_speed": read.output_speed, "load_torque": points.load_torque,
+            "oil_temperature": points.oil_temperature, "outlier": outlier, "session": session}
+        return Campaign(samples, truth, self)
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Samples by contract column, arrays of truth without noise, and the label; shape (n,) each.
+    """Samples by contract column, arrays of truth without noise, and their bench; shape (n,) each.
 
     `truth` holds efficiency (with meter error, without noise), efficiency_plain (same points, no
-    effect), output_speed, outlier, session.
+    effect), output_speed, load_torque, oil_temperature, outlier, session.
     """
 
     samples: dict[str, FloatArray]
     truth: dict[str, FloatArray]
-    label: Label
+    bench: Bench
 
 
 def make_campaign(
@@ -111,47 +135,32 @@ def make_campaign(
     """
     chosen = CampaignOptions(**options)
     base = draw_base(np.random.default_rng([seed, _BASE]), chosen.base_off)
-    sized = []
-    for place, (name, target) in enumerate(effects):
+
+    def hidden(name: str, target: float, place: int) -> Effect:
         effect = draw_effect(name, np.random.default_rng([seed, _EFFECTS, place]))
         if effect.name == "oil_temperature" and chosen.swing <= 0.0:
             raise InputError("effect 'oil_temperature' needs vary_temperature")
-        sized.append(size_effect(base, effect, target, chosen.swing))
-    return _measure(Label(seed, seed, tuple(sized), base, chosen))
+        return size_effect(base, effect, target, chosen.swing)
+
+    sized = tuple(hidden(*each, place) for place, each in enumerate(effects))
+    off = [("base_misfit", _MEAN_OF_NORMAL * chosen.misfit, _MISFIT)] if chosen.misfit else []
+    return Bench(base, sized, chosen, tuple(hidden(*each) for each in off)).measure(seed)
 
 
-def fresh(campaign: Campaign, seed: int) -> Campaign:
-    """Measure a campaign of the same plant and options with new operating points and new noise."""
-    return _measure(replace(campaign.label, sample_seed=seed))
+def fresh(campaign: Campaign, seed: int, **options: Any) -> Campaign:
+    """Measure the same plant anew: other operating points, other noise; options may be others."""
+    bench = replace(campaign.bench, options=replace(campaign.bench.options, **options))
+    return bench.measure(seed)
 
 
 def draw_base(rng: np.random.Generator, off: bool = False) -> BaseTruth:
     """Draw base parameters within BASE_RANGES, or each beyond its range by a factor 1.2 to 2."""
     values = {}
     for name, (low, high) in BASE_RANGES.items():
-        share, factor, above = rng.uniform(), rng.uniform(1.2, 2.0), rng.uniform() < 0.5
-        inside = low * (high / low) ** share
+        part, factor, above = rng.uniform(), rng.uniform(1.2, 2.0), rng.uniform() < 0.5
         outside = high * factor if above else low / factor
-        values[name] = float(outside if off else inside)
+        values[name] = float(outside if off else low * (high / low) ** part)
     return BaseTruth(**values)
-
-
-def _measure(label: Label) -> Campaign:
-    options = label.options
-    plant = Plant(label.base, tuple(sized.effect for sized in label.effects))
-    rng = np.random.default_rng([label.sample_seed, _PLAN])
-    wanted = plan_points(options.plan, options.samples, rng, options.swing)
-    points, read, plain = _carry(plant, Plant(label.base), wanted)
-    noise = np.random.default_rng([label.sample_seed, _NOISE])
-    samples, outlier, session = _samples(points, read, options, noise)
-    truth = {
-        "efficiency": read.efficiency,
-        "efficiency_plain": plain.efficiency,
-        "output_speed": read.output_speed,
-        "outlier": outlier,
-        "session": session,
-    }
-    return Campaign(samples, truth, label)
 
 
 def _carry(
@@ -194,6 +203,9 @@ def _samples(
     if options.output_speed_noise is not None:
         factor = 1.0 + options.output_speed_noise * speed_scatter
         samples["output_speed"] = read.output_speed * factor
+    if options.pressure_noise is not None:
+        factor = 1.0 + options.pressure_noise * rng.standard_normal(count)
+        samples["pressure"] = read.state[0] * factor
     if options.vary_temperature:
         samples["oil_temperature"] = points.oil_temperature
     if options.stated_noise_factor is not None:

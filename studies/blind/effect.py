@@ -4,13 +4,29 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+def drawn(default: Any, draw: Callable[[np.random.Generator], Any]) -> Any:
+    """Declare a parameter of a form that every plant draws anew."""
+    return field(default=default, metadata={"draw": draw})
+
+
+def between(low: float, high: float) -> Any:
+    """Declare one that lies between the ends of what the source of the form spans."""
+    return drawn(0.5 * (low + high), lambda rng: float(rng.uniform(low, high)))
+
+
+def either_sign() -> Any:
+    """Declare one that is +1 or -1."""
+    return drawn(1.0, lambda rng: float(rng.choice([-1.0, 1.0])))
 
 
 @dataclass(frozen=True)
@@ -79,6 +95,13 @@ class Effect:
 
     def __init_subclass__(cls) -> None:
         cls.name = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+
+    def drawn(self, rng: np.random.Generator) -> Effect:
+        """Return one of random shape, and of a random variant where none is chosen yet."""
+        shape = {item.name: item.metadata["draw"](rng) for item in fields(self) if item.metadata}
+        if self.variants and not self.variant:
+            shape["variant"] = str(rng.choice(self.variants))
+        return replace(self, **shape)
 
     @property
     def box(self) -> Box | None:

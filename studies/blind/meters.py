@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from studies.blind.effect import Effect, MeterReadings
+from studies.blind.effect import Effect, MeterReadings, either_sign
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,9 @@ class TorqueSensor(Effect):
     variants: ClassVar[tuple[str, ...]] = (
         "engine_zero", "engine_gain", "output_zero", "output_gain")
     limit: ClassVar[float] = 12.0
-    sense: float = 1.0
+    sense: float = either_sign()
 
     def read(self, readings: MeterReadings) -> MeterReadings:
-        """Return the readings with the error of one meter."""
         engine, output = readings.engine_torque, readings.output_torque
         zero = self.sense * 2.0 * self.size
         gain = self.sense * 0.01 * self.size

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from studies.blind.effect import Effect, FloatArray
+from studies.blind.effect import Effect, FloatArray, between
 
 #: Temperature at which the base parameters hold, deg C.
 NOMINAL_TEMPERATURE = 60.0
@@ -46,13 +46,11 @@ class OilTemperature(Effect):
     """
 
     limit: ClassVar[float] = 1.5
-    film_share: float = 0.85
+    film_share: float = between(0.6, 1.0)
 
     def gap_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
-        """Return the viscosity at the sump's temperature."""
         return relative_viscosity(oil_temperature, self.size)
 
     def film_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
-        """Return the viscosity at the film's temperature."""
         moved = NOMINAL_TEMPERATURE + self.film_share * (oil_temperature - NOMINAL_TEMPERATURE)
         return relative_viscosity(moved, self.size)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from studies.blind.effect import Box, Conditions, Effect, FloatArray
+from studies.blind.effect import Box, Conditions, Effect, FloatArray, between, either_sign
 
 
 def _rise(value: FloatArray, edge: float, width: float) -> FloatArray:
@@ -23,8 +23,8 @@ class TorsionalResonance(Effect):
     Power ~ the squared magnification of a single mode with damping ratio `damping`.
     """
 
-    centre: float = 150.0
-    damping: float = 0.04
+    centre: float = between(105.0, 200.0)
+    damping: float = between(0.03, 0.05)
 
     @property
     def box(self) -> Box:
@@ -33,7 +33,6 @@ class TorsionalResonance(Effect):
         return Box(engine_speed=(self.centre - half, self.centre + half))
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
-        """Return the power lost, at the engine shaft."""
         ratio = at.engine_speed / self.centre
         twice = 2.0 * self.damping
         magnified = twice**2 / ((1.0 - ratio**2) ** 2 + (twice * ratio) ** 2)
@@ -45,9 +44,9 @@ class TorsionalResonance(Effect):
 class CasingDeflection(Effect):
     """The casing yields at high load and large stroke of one sign and misaligns the gears."""
 
-    stroke_edge: float = 0.45
-    load_edge: float = 300.0
-    sense: float = 1.0
+    stroke_edge: float = between(0.35, 0.6)
+    load_edge: float = between(270.0, 340.0)
+    sense: float = either_sign()
 
     @property
     def box(self) -> Box:
@@ -57,7 +56,6 @@ class CasingDeflection(Effect):
         return Box(displacement_ratio=side, load_torque=(self.load_edge, 600.0))
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
-        """Return the power lost, at the engine shaft."""
         large = _rise(self.sense * at.command, self.stroke_edge, 0.05)
         heavy = _rise(at.load_torque, self.load_edge, 20.0)
         return np.asarray(self.size * 0.02 * at.load_torque * at.engine_speed * large * heavy)
@@ -71,8 +69,14 @@ class SwashChatter(Effect):
     """
 
     variants: ClassVar[tuple[str, ...]] = ("torque", "flow")
-    centre: float = 0.4
-    half_width: float = 0.15
+    side: float = either_sign()
+    distance: float = between(0.3, 0.75)
+    half_width: float = between(0.12, 0.18)
+
+    @property
+    def centre(self) -> float:
+        """Displacement ratio in the middle of the band."""
+        return self.side * self.distance
 
     @property
     def box(self) -> Box:
@@ -86,14 +90,12 @@ class SwashChatter(Effect):
         return np.asarray(low - _rise(command, self.centre + self.half_width, 0.02))
 
     def pump_drag(self, at: Conditions) -> FloatArray:
-        """Return the torque of the chatter."""
         if self.variant != "torque":
             return np.zeros_like(at.pressure)
         torque = 2.0 + 0.05 * np.abs(at.pressure) * at.pump_displacement
         return np.asarray(self.size * torque * self._band(at.command))
 
     def lost_flow(self, at: Conditions) -> FloatArray:
-        """Return the flow lost to cavitation."""
         if self.variant != "flow":
             return np.zeros_like(at.pressure)
         flow = 0.02 * at.pump_displacement * at.pump_speed
@@ -105,7 +107,7 @@ class ClutchMicroslip(Effect):
     """The closed clutch of the mechanical path creeps above its torque capacity."""
 
     limit: ClassVar[float] = 20.0
-    capacity: float = 380.0
+    capacity: float = between(330.0, 420.0)
 
     @property
     def box(self) -> Box:
@@ -113,6 +115,5 @@ class ClutchMicroslip(Effect):
         return Box(load_torque=(self.capacity, 600.0))
 
     def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
-        """Return the creep beyond capacity."""
         excess = np.logaddexp(0.0, (load_torque - self.capacity) / 15.0) * 15.0
         return np.asarray(np.minimum(self.size * 1e-4 * excess, 0.5))
