@@ -25,9 +25,10 @@ BASE_RANGES = {
 #: Independent random streams of one seed.
 _BASE, _EFFECTS, _PLAN, _NOISE = 1, 2, 3, 4
 _MISFIT = 9  # place of the misfit behind the effects
-_MEAN_OF_NORMAL = 0.8  # mean absolute value of a normal variable over its root mean square
+_MEAN_OF_NORMAL = 1.25  # of a normal variable: its mean square over its mean absolute value and rms
 #: A stalled point is measured again at this share of its load, as an operator would.
 _LOAD_RELIEF = 0.85
+_SESSIONS = 4
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class CampaignOptions:
     in the column efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3
     degrees of freedom at the same standard deviation. `outliers` samples are off by 6 to 12
     standard deviations. `session_gain_std` is the relative gain error of the engine's torque
-    meter, one draw for each of `sessions` blocks of rows. `base_off` draws the base parameters
+    meter, one draw for each quarter of the rows. `base_off` draws the base parameters
     outside their ranges.
     """
 
@@ -58,7 +59,6 @@ class CampaignOptions:
     heavy_tails: bool = False
     outliers: int = 0
     session_gain_std: float = 0.0
-    sessions: int = 1
     base_off: bool = False
 
     def __post_init__(self) -> None:
@@ -67,8 +67,6 @@ class CampaignOptions:
                 raise InputError(f"{name} is {getattr(self, name)}, must not be below 0")
         if not 0 <= self.outliers <= self.samples:
             raise InputError(f"outliers is {self.outliers}, must be 0..{self.samples}")
-        if not 1 <= self.sessions <= self.samples:
-            raise InputError(f"sessions is {self.sessions}, must be 1..{self.samples}")
 
     @property
     def swing(self) -> float:
@@ -183,16 +181,13 @@ def _samples(
 ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
     """Contract columns with noise; which samples are outliers; the session of each."""
     count, sigma = len(points), options.efficiency_noise
-    if options.heavy_tails:
-        scatter = rng.standard_t(3.0, count) / np.sqrt(3.0)
-    else:
-        scatter = rng.standard_normal(count)
+    scatter = (rng.standard_t(3.0, count) / np.sqrt(3.0) if options.heavy_tails
+               else rng.standard_normal(count))
     speed_scatter = rng.standard_normal(count)
-    outlier = np.zeros(count)
-    outlier[rng.permutation(count)[: options.outliers]] = 1.0
+    outlier = 1.0 * (rng.permutation(count) < options.outliers)
     far = rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
-    session = np.floor(np.arange(count) * options.sessions / count)
-    gain = (options.session_gain_std * rng.standard_normal(options.sessions))[session.astype(int)]
+    session = np.arange(count) * _SESSIONS // count
+    gain = (options.session_gain_std * rng.standard_normal(_SESSIONS))[session]
     efficiency = read.efficiency / (1.0 + gain) + sigma * (scatter + far * outlier)
     samples = {
         "displacement_ratio": points.displacement_ratio,

@@ -9,29 +9,17 @@ import numpy as np
 from scipy.optimize import brentq
 
 from hmcvt_core.errors import InputError
-from studies.blind import drag, hydrostatics, meters, misfit, oil, unknown
-from studies.blind.effect import Box, Effect
+from studies.blind import drag, hydrostatics, meters, misfit, oil, unknown  # noqa: F401
+from studies.blind.effect import Effect, FloatArray
 from studies.blind.plans import reference_points
 from studies.blind.twin import BaseTruth, Plant
 
-_KNOWN: tuple[type[Effect], ...] = (
-    drag.ChargePump, drag.Churning, drag.ClutchDrag, drag.GearMesh, drag.PlanetaryMesh,
-    hydrostatics.PressureLeakage, drag.PressureFriction, hydrostatics.Compressibility,
-    hydrostatics.DisplacementError, oil.OilTemperature, meters.TorqueSensor,
-    hydrostatics.OrificeLeakage, hydrostatics.StrokeLeakage, drag.BearingDrag,
-    drag.OutputChurning, hydrostatics.PortPressureDrop,
-)
-_UNKNOWN: tuple[type[Effect], ...] = (
-    unknown.TorsionalResonance, unknown.CasingDeflection, unknown.SwashChatter,
-    unknown.ClutchMicroslip,
-)
-_ALL: tuple[type[Effect], ...] = (*_KNOWN, *_UNKNOWN, misfit.BaseMisfit)
-_BY_NAME = {kind.name: kind for kind in _ALL}
-
-#: Effects that the diagnosis contract names, and the further ones it lists.
-KNOWN_EFFECTS = tuple(kind.name for kind in _KNOWN)
-#: Effects in nobody's library.
-UNKNOWN_EFFECTS = tuple(kind.name for kind in _UNKNOWN)
+_BY_NAME = {kind.name: kind for kind in Effect.__subclasses__()}
+#: Effects in nobody's library, and those that the diagnosis lists.
+UNKNOWN_EFFECTS = tuple(name for name, kind in _BY_NAME.items()
+                        if kind.__module__ == unknown.__name__)
+KNOWN_EFFECTS = tuple(name for name in _BY_NAME
+                      if name not in (*UNKNOWN_EFFECTS, misfit.BaseMisfit.name))
 #: Losses that the base may overstate, and the largest size that leaves a loss: named with a minus.
 TURNED_EFFECTS = {"-pressure_leakage": 0.45, "-stroke_leakage": 0.7, "-churning": 2.5,
                   "-output_churning": 2.5}
@@ -55,19 +43,25 @@ def draw_effect(name: str, rng: np.random.Generator) -> Effect:
     return kind(variant=variant, size=sign).drawn(rng)
 
 
+def mean_shift(moved: FloatArray) -> float:
+    """Mean absolute value, weighted by itself."""
+    size = np.nan_to_num(np.abs(moved))
+    return float(np.sum(size**2) / max(np.sum(size), 1e-300))
+
+
 def size_effect(
     base: BaseTruth, effect: Effect, target: float, temperature_swing: float = 0.0
 ) -> Effect:
     """Scale an effect, alone in the plant, until efficiency shifts by `target` (a fraction).
 
-    The shift is the mean absolute one on a fixed reference plan with oil at 60 deg C +-
-    `temperature_swing`, within the effect's box when it has one; points that stall count not. Stops
+    The shift is that on a fixed reference plan with oil at 60 deg C +- `temperature_swing`, where
+    the effect acts: the mean of its size, weighted by itself. Points that stall do not count. Stops
     within 0.5 % of the target, or at the effect's limit, or just before the plant stalls on more
     than a tenth of the plan. Raises InputError for a target not above 0.
     """
     if not target > 0.0:
         raise InputError(f"effect {effect.name!r}: target shift is {target}, must be above 0")
-    points = reference_points(effect.box or Box(), temperature_swing)
+    points = reference_points(temperature_swing)
     points = points.select(Plant(base).read(points).settled)
     plain = Plant(base).read(points)
 
@@ -78,7 +72,7 @@ def size_effect(
         read = Plant(base, (sized(size),)).read(points, start=plain.state)
         if np.mean(read.settled) < 1.0 - _MOST_STALLED:
             return float("nan")
-        return float(np.nanmean(np.abs(read.efficiency - plain.efficiency))) - target
+        return mean_shift(read.efficiency - plain.efficiency) - target
 
     top = effect.limit if effect.size > 0.0 else TURNED_EFFECTS[f"-{effect.name}"]
     low, high, stalls = 0.0, min(top, 1.0), False

@@ -28,7 +28,7 @@ STRESS: dict[str, dict[str, Any]] = {
     "noise not stated": {"stated_noise_factor": None},
     "heavy tails": {"heavy_tails": True},
     "one outlier": {"outliers": 1},
-    "session gain 0.3 %": {"session_gain_std": 0.003, "sessions": 4},
+    "session gain 0.3 %": {"session_gain_std": 0.003},
     "base parameters out of range": {"base_off": True},
     "factorial plan": {"plan": "factorial"},
     "constant power": {"plan": "constant_power"},

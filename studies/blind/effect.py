@@ -30,23 +30,6 @@ def either_sign() -> Any:
 
 
 @dataclass(frozen=True)
-class Box:
-    """Where an effect lies: closed intervals of the operating range (rad/s, N m)."""
-
-    displacement_ratio: tuple[float, float] = (-1.0, 1.0)
-    engine_speed: tuple[float, float] = (78.5, 230.0)
-    load_torque: tuple[float, float] = (40.0, 600.0)
-
-    def contains(
-        self, displacement_ratio: FloatArray, engine_speed: FloatArray, load_torque: FloatArray
-    ) -> npt.NDArray[np.bool_]:
-        """Tell which operating points lie inside; shape (n,)."""
-        points = np.stack([displacement_ratio, engine_speed, load_torque], axis=-1)
-        low, high = np.transpose([self.displacement_ratio, self.engine_speed, self.load_torque])
-        return np.all((points >= low) & (points <= high), axis=-1)
-
-
-@dataclass(frozen=True)
 class Conditions:
     """State of the stage that an effect sees; arrays of one shape (..., n), SI units.
 
@@ -68,14 +51,6 @@ class Conditions:
     pump_displacement: float
     motor_displacement: float
     leakage: float
-
-
-@dataclass(frozen=True)
-class MeterReadings:
-    """What the two torque meters show (N m); shape (n,)."""
-
-    engine_torque: FloatArray
-    output_torque: FloatArray
 
 
 @dataclass(frozen=True)
@@ -102,11 +77,6 @@ class Effect:
         if self.variants and not self.variant:
             shape["variant"] = str(rng.choice(self.variants))
         return replace(self, **shape)
-
-    @property
-    def box(self) -> Box | None:
-        """The region it is confined to, None when it acts everywhere."""
-        return None
 
     def true_stroke(self, command: FloatArray, pressure: FloatArray) -> FloatArray:
         """Displacement ratio that the swash plate really takes."""
@@ -158,6 +128,8 @@ class Effect:
         """Share of the rolling power lost between sun and ring; speed is sun less carrier."""
         return np.zeros_like(ring_torque)
 
-    def read(self, readings: MeterReadings) -> MeterReadings:
-        """Return what the meters show instead of the truth."""
-        return readings
+    def read(
+        self, engine_torque: FloatArray, output_torque: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the two torque meters show of the true torques, N m."""
+        return engine_torque, output_torque

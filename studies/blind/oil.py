@@ -12,14 +12,9 @@ from studies.blind.effect import Effect, FloatArray, between
 
 #: Temperature at which the base parameters hold, deg C.
 NOMINAL_TEMPERATURE = 60.0
-#: Walther's constants of a tractor transmission oil with 60 mm2/s at 40 and 9.5 at 100 deg C.
-_POINTS = ((40.0, 60.0), (100.0, 9.5))
-
-
-def _walther_slope() -> float:
-    (cool, thick), (hot, thin) = _POINTS
-    rise = np.log10(np.log10(thick + 0.7)) - np.log10(np.log10(thin + 0.7))
-    return float(rise / (np.log10(hot + 273.15) - np.log10(cool + 273.15)))
+#: lg lg(nu + 0.7) at 40 and 100 deg C of a tractor transmission oil with 60 and 9.5 mm2/s there.
+_COOL, _HOT = np.log10(np.log10(np.array([60.0, 9.5]) + 0.7))
+_STEEPNESS = (_COOL - _HOT) / np.log10(373.15 / 313.15)
 
 
 def relative_viscosity(temperature: FloatArray, slope: float = 1.0) -> FloatArray:
@@ -28,13 +23,10 @@ def relative_viscosity(temperature: FloatArray, slope: float = 1.0) -> FloatArra
     Walther's equation (ASTM D341): lg lg(nu + 0.7) falls linearly with lg T. `slope` scales the
     fall: below 1 an oil of higher viscosity index.
     """
-    thick = _POINTS[0][1]
-    level = np.log10(np.log10(thick + 0.7))
-    steep = _walther_slope()
-    nominal = level - steep * np.log10((NOMINAL_TEMPERATURE + 273.15) / (_POINTS[0][0] + 273.15))
-    at_60 = 10.0 ** (10.0**nominal) - 0.7
-    drop = slope * steep * np.log10((temperature + 273.15) / (NOMINAL_TEMPERATURE + 273.15))
-    return np.asarray((10.0 ** (10.0 ** (nominal - drop)) - 0.7) / at_60)
+    nominal = NOMINAL_TEMPERATURE + 273.15
+    level = _COOL - _STEEPNESS * np.log10(nominal / 313.15)
+    drop = slope * _STEEPNESS * np.log10((temperature + 273.15) / nominal)
+    return np.asarray((10.0 ** 10.0 ** (level - drop) - 0.7) / (10.0 ** 10.0**level - 0.7))
 
 
 @dataclass(frozen=True)

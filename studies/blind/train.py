@@ -12,9 +12,8 @@ from studies.blind.effect import FloatArray
 DISPLACEMENT_PER_RADIAN = 55e-6 / (2.0 * 3.141592653589793)
 
 
-def _table_1() -> dict[int, float]:
-    """Gear pairs (figure 1): mechanical path 2, 3; pump 4; motor 5; output 6, 11."""
-    return {2: 0.969, 3: 1.484, 4: 0.678, 5: 1.96, 6: 0.982, 11: 0.823}
+#: Gear pairs (Table 1, figure 1): mechanical path 2, 3; pump 4; motor 5; output 6, 11.
+_TABLE_1 = {2: 0.969, 3: 1.484, 4: 0.678, 5: 1.96, 6: 0.982, 11: 0.823}
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class GearTrain:
     and beta_e of eq. (13). These four are assumed; no steady state depends on them.
     """
 
-    ratios: Mapping[int, float] = field(default_factory=_table_1)
+    ratios: Mapping[int, float] = field(default_factory=lambda: _TABLE_1)
     k1: float = 2.56
     gear_efficiency: float = 0.98
     pump_displacement: float = DISPLACEMENT_PER_RADIAN

@@ -110,10 +110,10 @@ def _elsewhere(campaign: Campaign, found: hmcvt.Diagnosis, seed: int) -> dict[st
     told, _ = found.gap_at(*(there.samples[axis] for axis in AXES))
     usable = np.isfinite(before) & np.isfinite(after) & np.isfinite(told)
     before, after, told = before[usable], after[usable], told[usable]
-    spread = float(np.std(told) * np.std(before))
-    covariance = float(np.mean((told - np.mean(told)) * (before - np.mean(before))))
+    with np.errstate(invalid="ignore"):  # nothing told is a correlation of zero
+        correlation = np.nan_to_num(np.corrcoef(told, before)[0, 1])
     return {
-        "correlation": covariance / spread if spread > 0.0 else 0.0,
+        "correlation": float(correlation),
         "true_gap": float(np.sqrt(np.mean(before**2))),
         "true_left": float(np.sqrt(np.mean(after**2))),
         "met": 1.0 - float(np.mean(after**2) / np.mean(before**2)),

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from studies.blind.effect import Conditions, Effect, FloatArray, MeterReadings
+from studies.blind.effect import Conditions, Effect, FloatArray
 from studies.blind.steady import settle
 from studies.blind.train import GearTrain
 
@@ -118,14 +118,13 @@ class Plant:
         # On its relief valves or at a stand it has stalled.
         settled = settled & (state[0] < _RELIEF) & (balance.output_speed > _STALL)
         output_power = points.load_torque * points.engine_speed
-        shown = MeterReadings(
-            balance.input_power / points.engine_speed, output_power / balance.output_speed
-        )
+        engine, output = (
+            balance.input_power / points.engine_speed, output_power / balance.output_speed)
         for effect in self.effects:
-            shown = effect.read(shown)
-        load = shown.output_torque * balance.output_speed / points.engine_speed
+            engine, output = effect.read(engine, output)
+        load = output * balance.output_speed / points.engine_speed
         return Readings(
-            settled, np.where(settled, load / shown.engine_torque, np.nan), load,
+            settled, np.where(settled, load / engine, np.nan), load,
             balance.output_speed, balance.input_power, output_power, balance.losses, state)
 
     def guess(self, points: OperatingPoints) -> FloatArray:

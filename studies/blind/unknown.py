@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Effects that are in nobody's library, each confined to a region that its `box` states."""
+"""Effects that are in nobody's library, each confined to a region."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from studies.blind.effect import Box, Conditions, Effect, FloatArray, between, either_sign
+from studies.blind.effect import Conditions, Effect, FloatArray, between, either_sign
 
 
 def _rise(value: FloatArray, edge: float, width: float) -> FloatArray:
@@ -26,12 +26,6 @@ class TorsionalResonance(Effect):
     centre: float = between(105.0, 200.0)
     damping: float = between(0.03, 0.05)
 
-    @property
-    def box(self) -> Box:
-        """Return the region of the loss."""
-        half = 2.0 * self.damping * self.centre
-        return Box(engine_speed=(self.centre - half, self.centre + half))
-
     def engine_drag_power(self, at: Conditions) -> FloatArray:
         ratio = at.engine_speed / self.centre
         twice = 2.0 * self.damping
@@ -47,13 +41,6 @@ class CasingDeflection(Effect):
     stroke_edge: float = between(0.35, 0.6)
     load_edge: float = between(270.0, 340.0)
     sense: float = either_sign()
-
-    @property
-    def box(self) -> Box:
-        """Return the region of the loss."""
-        edge = self.stroke_edge
-        side = (edge, 1.0) if self.sense > 0 else (-1.0, -edge)
-        return Box(displacement_ratio=side, load_torque=(self.load_edge, 600.0))
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
         large = _rise(self.sense * at.command, self.stroke_edge, 0.05)
@@ -73,21 +60,9 @@ class SwashChatter(Effect):
     distance: float = between(0.3, 0.75)
     half_width: float = between(0.12, 0.18)
 
-    @property
-    def centre(self) -> float:
-        """Displacement ratio in the middle of the band."""
-        return self.side * self.distance
-
-    @property
-    def box(self) -> Box:
-        """Return the region of the loss."""
-        return Box(
-            displacement_ratio=(self.centre - self.half_width, self.centre + self.half_width)
-        )
-
     def _band(self, command: FloatArray) -> FloatArray:
-        low = _rise(command, self.centre - self.half_width, 0.02)
-        return np.asarray(low - _rise(command, self.centre + self.half_width, 0.02))
+        distance = np.abs(command - self.side * self.distance)
+        return 1.0 - _rise(distance, self.half_width, 0.02)
 
     def pump_drag(self, at: Conditions) -> FloatArray:
         if self.variant != "torque":
@@ -108,11 +83,6 @@ class ClutchMicroslip(Effect):
 
     limit: ClassVar[float] = 20.0
     capacity: float = between(330.0, 420.0)
-
-    @property
-    def box(self) -> Box:
-        """Return the region of the loss."""
-        return Box(load_torque=(self.capacity, 600.0))
 
     def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
         excess = np.logaddexp(0.0, (load_torque - self.capacity) / 15.0) * 15.0
