@@ -36,25 +36,24 @@ class CampaignOptions:
     """How a campaign is measured.
 
     `efficiency_noise` is a standard deviation in units of efficiency; `output_speed_noise` one
-    relative to the speed, None leaves the column out; `pressure_noise` the same for the loop
-    pressure. `vary_temperature` adds the column oil_temperature, 60 deg C +- `temperature_swing`,
-    uniform. `misfit` is the root mean square of the smooth field by which the efficiency of the
-    base differs from its form (misfit.BaseMisfit). `stated_noise_factor` x noise stands
-    in the column efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3
-    degrees of freedom at the same standard deviation. `outliers` samples are off by 6 to 12
-    standard deviations. `session_gain_std` is the relative gain error of the engine's torque
-    meter, one draw for each quarter of the rows. `base_off` draws the base parameters
-    outside their ranges.
+    relative to the speed, None leaves the column out. `pressure_gauge` is gain - 1 and zero (Pa) of
+    the gauge of the loop pressure, None leaves the column out.
+    `temperature_swing` adds the column oil_temperature, uniform in 60 deg C +- swing.
+    `misfit` is the root mean square of the smooth field by which the efficiency of the base differs
+    from its form (misfit.BaseMisfit). `stated_noise_factor` x noise stands in the column
+    efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3 degrees of freedom at
+    the same standard deviation. `outliers` samples are off by 6 to 12 standard deviations.
+    `session_gain_std` is the relative gain error of the engine's torque meter, one draw for each
+    quarter of the rows. `base_off` draws the base parameters outside their ranges.
     """
 
     samples: int = 96
     efficiency_noise: float = 0.004
     output_speed_noise: float | None = 0.001
-    pressure_noise: float | None = None
+    pressure_gauge: tuple[float, float] | None = None
     misfit: float = 0.0
     plan: str = "random"
-    vary_temperature: bool = False
-    temperature_swing: float = 25.0
+    temperature_swing: float | None = None
     stated_noise_factor: float | None = 1.0
     heavy_tails: bool = False
     outliers: int = 0
@@ -62,16 +61,15 @@ class CampaignOptions:
     base_off: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("efficiency_noise", "session_gain_std", "temperature_swing", "misfit"):
-            if getattr(self, name) < 0.0:
-                raise InputError(f"{name} is {getattr(self, name)}, must not be below 0")
         if not 0 <= self.outliers <= self.samples:
             raise InputError(f"outliers is {self.outliers}, must be 0..{self.samples}")
+        if min(self.efficiency_noise, self.session_gain_std, self.misfit, self.swing) < 0.0:
+            raise InputError("noise, gain, misfit and swing must not be below 0")
 
     @property
     def swing(self) -> float:
         """Temperature swing in force, deg C."""
-        return self.temperature_swing if self.vary_temperature else 0.0
+        return self.temperature_swing or 0.0
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,7 @@ def make_campaign(
     `effects` are (name, target shift) pairs, "name:variant" fixing the variant; each is sized
     alone to its target (catalogue.size_effect). `options` are fields of CampaignOptions. Equal
     arguments give equal campaigns. Raises InputError for unknown names or plans, bad numbers, or
-    the effect oil_temperature without vary_temperature.
+    the effect oil_temperature without temperature_swing.
     """
     chosen = CampaignOptions(**options)
     base = draw_base(np.random.default_rng([seed, _BASE]), chosen.base_off)
@@ -137,7 +135,7 @@ def make_campaign(
     def hidden(name: str, target: float, place: int) -> Effect:
         effect = draw_effect(name, np.random.default_rng([seed, _EFFECTS, place]))
         if effect.name == "oil_temperature" and chosen.swing <= 0.0:
-            raise InputError("effect 'oil_temperature' needs vary_temperature")
+            raise InputError("effect 'oil_temperature' needs temperature_swing")
         return size_effect(base, effect, target, chosen.swing)
 
     sized = tuple(hidden(*each, place) for place, each in enumerate(effects))
@@ -149,6 +147,11 @@ def fresh(campaign: Campaign, seed: int, **options: Any) -> Campaign:
     """Measure the same plant anew: other operating points, other noise; options may be others."""
     bench = replace(campaign.bench, options=replace(campaign.bench.options, **options))
     return bench.measure(seed)
+
+
+def pressure_noise(pressure: FloatArray) -> FloatArray:
+    """Standard deviation of a gauge of class A (ISO 4409), Pa: 0.5 %, and what it resolves."""
+    return np.asarray(np.hypot(0.005 * pressure, 4e4))
 
 
 def draw_base(rng: np.random.Generator, off: bool = False) -> BaseTruth:
@@ -184,11 +187,11 @@ def _samples(
     scatter = (rng.standard_t(3.0, count) / np.sqrt(3.0) if options.heavy_tails
                else rng.standard_normal(count))
     speed_scatter = rng.standard_normal(count)
-    outlier = 1.0 * (rng.permutation(count) < options.outliers)
+    outlier = np.where(rng.permutation(count) < options.outliers, 1.0, 0.0)
     far = rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
     session = np.arange(count) * _SESSIONS // count
-    gain = (options.session_gain_std * rng.standard_normal(_SESSIONS))[session]
-    efficiency = read.efficiency / (1.0 + gain) + sigma * (scatter + far * outlier)
+    meter = (options.session_gain_std * rng.standard_normal(_SESSIONS))[session]
+    efficiency = read.efficiency / (1.0 + meter) + sigma * (scatter + far * outlier)
     samples = {
         "displacement_ratio": points.displacement_ratio,
         "engine_speed": points.engine_speed,
@@ -198,12 +201,13 @@ def _samples(
     if options.output_speed_noise is not None:
         factor = 1.0 + options.output_speed_noise * speed_scatter
         samples["output_speed"] = read.output_speed * factor
-    if options.pressure_noise is not None:
-        factor = 1.0 + options.pressure_noise * rng.standard_normal(count)
-        samples["pressure"] = read.state[0] * factor
-    if options.vary_temperature:
+    if options.pressure_gauge is not None:
+        gain, zero = options.pressure_gauge
+        scatter = pressure_noise(read.state[0]) * rng.standard_normal(count)
+        samples["pressure"] = read.state[0] * (1.0 + gain) + zero + scatter
+    if options.temperature_swing is not None:
         samples["oil_temperature"] = points.oil_temperature
     if options.stated_noise_factor is not None:
         stated = max(sigma * options.stated_noise_factor, 1e-6)
         samples["efficiency_std"] = np.full(count, stated)
-    return samples, outlier, session
+    return samples, outlier, session.astype(float)

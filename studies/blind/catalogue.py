@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from hmcvt_core.errors import InputError
-from studies.blind import drag, hydrostatics, meters, misfit, oil, unknown  # noqa: F401
+from studies.blind import drag, hydrostatics, meters, misfit, unknown  # noqa: F401
 from studies.blind.effect import Effect, FloatArray
 from studies.blind.plans import reference_points
 from studies.blind.twin import BaseTruth, Plant

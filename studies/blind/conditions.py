@@ -47,7 +47,8 @@ _FAINT = 0.3  # times that
 _MISFITS = (0.001, 0.002)
 _MISFIT_SHARE, _TEMPERATURE_SHARE, _SPEED_SHARE, _PRESSURE_SHARE = 1 / 3, 0.5, 0.9, 0.5
 _SWINGS, _SWEPT = (3.0, 25.0), 10.0  # deg C; at least so much where viscosity is the effect
-_SPEED_NOISE, _PRESSURE_NOISE = 0.001, 0.005  # relative
+_SPEED_NOISE = 0.001  # relative
+_GAUGE = (0.005, 5e4)  # standard deviations of gain and zero of a gauge of pressure
 _HAS_PRESSURE = "pressure" in {field.name for field in fields(BenchSamples)}
 _ATTEMPTS = 100
 
@@ -114,8 +115,7 @@ def draw(case: Case) -> Campaign:
         rng = np.random.default_rng([case.seed, attempt, 17])
         effects, options = _effects(case, rng), _options(case, rng)
         if any(name == "oil_temperature" for name, _ in effects):
-            swing = max(options["temperature_swing"], _SWEPT)
-            options |= {"vary_temperature": True, "temperature_swing": swing}
+            options["temperature_swing"] = max(options["temperature_swing"] or 0.0, _SWEPT)
         try:
             campaign = make_campaign(_ATTEMPTS * case.seed + attempt, effects, **options)
         except InputError:  # it stalls
@@ -140,13 +140,13 @@ def _options(case: Case, rng: np.random.Generator) -> dict[str, Any]:
     """Columns and misfit are drawn whatever the effect: they must not give it away."""
     temperature, speed, pressure, off = rng.random(4)
     misfit, swing = _between(_MISFITS, rng), _between(_SWINGS, rng)
+    gauge = tuple(rng.normal(0.0, _GAUGE).tolist())
     exact = case.kind == "none" or (case.kind != "base off" and off > _MISFIT_SHARE)
     return {
         "efficiency_noise": _noise(case),
         "output_speed_noise": _SPEED_NOISE if speed < _SPEED_SHARE else None,
-        "pressure_noise": _PRESSURE_NOISE if _HAS_PRESSURE and pressure < _PRESSURE_SHARE else None,
-        "vary_temperature": temperature < _TEMPERATURE_SHARE,
-        "temperature_swing": swing,
+        "pressure_gauge": gauge if _HAS_PRESSURE and pressure < _PRESSURE_SHARE else None,
+        "temperature_swing": swing if temperature < _TEMPERATURE_SHARE else None,
         "misfit": 0.0 if exact else misfit,
         **STRESS.get(case.condition, {}),
     }

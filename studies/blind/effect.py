@@ -86,13 +86,9 @@ class Effect:
         """Relative loss of speed in the mechanical path."""
         return np.zeros_like(load_torque)
 
-    def gap_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
-        """Relative viscosity in leakage gaps."""
-        return np.ones_like(oil_temperature)
-
-    def film_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
-        """Relative viscosity in bearing and sliding films."""
-        return np.ones_like(oil_temperature)
+    def viscosity(self, oil_temperature: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Relative viscosity in leakage gaps, and in bearing and sliding films."""
+        return np.ones_like(oil_temperature), np.ones_like(oil_temperature)
 
     def lost_flow(self, at: Conditions) -> FloatArray:
         """Flow lost from the high-pressure side, m3/s."""

@@ -15,7 +15,7 @@ import hmcvt_core as hmcvt
 from studies.blind.campaign import Campaign, fresh
 from studies.blind.conditions import LOOP, Case, draw
 from studies.blind.effect import FloatArray
-from studies.blind.oil import NOMINAL_TEMPERATURE
+from studies.blind.hydrostatics import NOMINAL_TEMPERATURE
 from studies.blind.trial import AXES, bench_samples, hidden, score, served
 from studies.blind.twin import OperatingPoints
 
@@ -43,18 +43,18 @@ def _end(run: Iterator[tuple[float, Any]], case: Case, campaign: Campaign) -> di
     """Follow a run until it is told to stop."""
     advice: Any = None
     for tests, advice in run:
-        made = tests if advice.stop else MOST
-        if advice.stop:
+        made = tests if advice["test"] is None else MOST
+        if advice["test"] is None:
             break
-    alive = [(sorted(each["effects"]), each["probability"]) for each in advice.alive[:3]]
-    settled = advice.reason == "settled"
-    return {"tests": made, "reason": advice.reason, "alive": alive, "settled": settled,
+    alive = [(sorted(each["effects"]), each["probability"]) for each in advice["alive"][:3]]
+    settled = advice["reason"] == "settled"
+    return {"tests": made, "reason": advice["reason"], "alive": alive, "settled": settled,
             "right": settled and case.listed and alive[0][0] == sorted(campaign.bench.names)}
 
 
 def _advice(campaign: Campaign) -> Any:
-    return hmcvt.next_test(served(), bench_samples(campaign),
-                           noise=campaign.bench.options.efficiency_noise)
+    noise = campaign.bench.options.efficiency_noise
+    return hmcvt.next_test(served(), bench_samples(campaign), noise=noise).to_dict()
 
 
 def _asked(
@@ -67,7 +67,7 @@ def _asked(
         advice = _advice(campaign)
         seconds.append(time.process_time() - start)
         yield tests, advice
-        stroke, speed, torque = (np.array([advice.test[axis]]) for axis in AXES)
+        stroke, speed, torque = (np.array([advice["test"][axis]]) for axis in AXES)
         warm = NOMINAL_TEMPERATURE + campaign.bench.options.swing * rng.uniform(-1.0, 1.0, 1)
         point = OperatingPoints(stroke, speed, torque, warm)
         test = campaign.bench.measure(int(rng.integers(2**62)), point)

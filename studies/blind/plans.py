@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from hmcvt_core.errors import InputError
 from studies.blind.effect import FloatArray
-from studies.blind.oil import NOMINAL_TEMPERATURE
+from studies.blind.hydrostatics import NOMINAL_TEMPERATURE
 from studies.blind.twin import OperatingPoints
 
 #: Working range of the bench: engine speed (rad/s), load power (W), load torque (N m).

@@ -64,15 +64,10 @@ def settle(
         norm = np.sqrt(np.sum(value * value, axis=0)) + 1e-300
         step = np.clip(step * _growth(before / norm, norm), 1e-4, _LAST_STEP)
         before = norm
-    return state, rests & ~lost & _stable(slopes, rests)
-
-
-def _stable(slopes: FloatArray, rests: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Tell which points return to rest when pushed: a saddle or a stick-slip cycle does not."""
-    stable = rests.copy()
-    growth: FloatArray = np.max(np.linalg.eigvals(slopes[rests]).real, axis=1)
-    stable[rests] = growth < 0.0
-    return stable
+    # A saddle or a stick-slip cycle does not return to rest when pushed.
+    slopes[~rests] = -identity
+    stable = np.max(np.linalg.eigvals(slopes).real, axis=1) < 0.0
+    return state, rests & ~lost & stable
 
 
 def _growth(fallen: FloatArray, norm: FloatArray) -> FloatArray:

@@ -107,7 +107,8 @@ def _elsewhere(campaign: Campaign, found: hmcvt.Diagnosis, seed: int) -> dict[st
     """Ask on a fresh campaign of the same plant, against its readings without noise."""
     there = fresh(campaign, _FRESH_SEED + seed, samples=_FRESH_SAMPLES)
     before, after = _left_over(there, found.base), _left_over(there, found.model)
-    told, _ = found.gap_at(*(there.samples[axis] for axis in AXES))
+    recorded = {name: there.samples[name] for name in ("oil_temperature",) if name in there.samples}
+    told, _ = found.gap_at(*(there.samples[axis] for axis in AXES), **recorded)
     usable = np.isfinite(before) & np.isfinite(after) & np.isfinite(told)
     before, after, told = before[usable], after[usable], told[usable]
     with np.errstate(invalid="ignore"):  # nothing told is a correlation of zero

@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.blind.campaign import Campaign
+from studies.blind.campaign import Campaign, pressure_noise
 from studies.blind.effect import FloatArray
 from studies.blind.meters import TorqueSensor
 from studies.blind.twin import OperatingPoints, Plant
 
 _STEP = 0.05  # relative, of each base parameter
-_METER_GAIN, _GEAR_LOSS = 0.0015, 0.0005  # one deviation of the errors that no bench is free of
+# One deviation of the errors that no bench is free of; of the gauge: gain, and zero in Pa.
+_METER_GAIN, _GEAR_LOSS, _GAUGE = 0.0015, 0.0005, (0.01, 1e5)
 
 
 class Visible(NamedTuple):
@@ -48,8 +49,8 @@ def visible(campaign: Campaign) -> Visible:
         channels = [read.efficiency / options.efficiency_noise]
         if options.output_speed_noise is not None:
             channels.append(np.log(read.output_speed) / options.output_speed_noise)
-        if options.pressure_noise is not None:
-            channels.append(read.state[0] / (options.pressure_noise * samples["pressure"]))
+        if "pressure" in samples:
+            channels.append(read.state[0] / pressure_noise(samples["pressure"]))
         return np.concatenate(channels)
 
     bare = rows(plain, shown)
@@ -58,8 +59,14 @@ def visible(campaign: Campaign) -> Visible:
     gear = plain.train.gear_efficiency - _GEAR_LOSS
     others.append(replace(plain, train=replace(plain.train, gear_efficiency=gear)))
     columns = [rows(other, shown) - bare for other in others]
-    columns.append(np.where(np.arange(len(bare)) < len(true), _METER_GAIN * bare, 0.0))
-    prior = np.diag([0.0] * (len(columns) - 2) + [1.0, 1.0])
+    blocks = [np.zeros_like(bare) for _ in range(3)]
+    count = len(true)
+    blocks[0][:count] = _METER_GAIN * bare[:count]
+    if "pressure" in samples:
+        blocks[1][-count:] = _GAUGE[0] * bare[-count:]
+        blocks[2][-count:] = _GAUGE[1] / pressure_noise(samples["pressure"])
+    columns += blocks
+    prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     absorbed, _ = np.linalg.qr(np.vstack([np.nan_to_num(np.transpose(columns)), prior]))
     # An error of the output's meter moves the load at which everything else is read.
     signs = rows(bench.plant(*effects), true)[:, None] - np.transpose([

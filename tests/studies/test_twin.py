@@ -21,10 +21,9 @@ from studies.blind.catalogue import (
     mean_shift,
     size_effect,
 )
-from studies.blind.oil import relative_viscosity
+from studies.blind.hydrostatics import relative_viscosity
 from studies.blind.plans import LOAD_TORQUE, PLANS, plan_points, reference_points
-from studies.blind.train import DISPLACEMENT_PER_RADIAN
-from studies.blind.twin import BaseTruth, OperatingPoints, Plant
+from studies.blind.twin import DISPLACEMENT_PER_RADIAN, BaseTruth, OperatingPoints, Plant
 from studies.blind.visible import visible
 
 BASE = BaseTruth(leakage=2e-11, motor_damping=0.12, pump_damping=0.08)
@@ -303,11 +302,11 @@ def test_noise_is_what_the_options_say():
 
 def test_a_varying_temperature_alone_changes_nothing():
     still = make_campaign(4, samples=30, efficiency_noise=0.0)
-    varied = make_campaign(4, samples=30, efficiency_noise=0.0, vary_temperature=True)
+    varied = make_campaign(4, samples=30, efficiency_noise=0.0, temperature_swing=25.0)
     assert "oil_temperature" not in still.samples
     assert np.ptp(varied.samples["oil_temperature"]) > 30.0
     assert np.array_equal(still.samples["efficiency"], varied.samples["efficiency"])
-    with pytest.raises(InputError, match="vary_temperature"):
+    with pytest.raises(InputError, match="temperature_swing"):
         make_campaign(4, [("oil_temperature", 0.01)])
 
 
@@ -347,4 +346,4 @@ def test_the_twin_shares_no_physics_with_the_served_model():
             inside = name.removeprefix("studies.blind.").partition(".")[0]
             if inside != name and (folder / f"{inside}.py").exists() and inside not in seen:
                 waiting.append(inside)
-    assert {"twin", "steady", "train", "hydrostatics", "drag", "unknown"} <= seen
+    assert {"twin", "steady", "hydrostatics", "drag", "unknown"} <= seen
