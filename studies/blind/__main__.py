@@ -23,11 +23,7 @@ KEPT_BACK = 500_000_000
 """Seeds from here on are for the page alone: nothing is developed on them."""
 
 
-@click.command("blind", epilog="""\b
-Examples:
-  python -m studies.blind --quick
-  python -m studies.blind --quick --part "0.1 %" --seed-base 1
-  python -m studies.blind --seeds 12 --seed-base 500000000 --out docs/blind.md""")
+@click.command("blind")
 @click.option("--seeds", type=click.IntRange(1, 900), default=12, show_default=True,
               help="Campaigns per single effect at either noise.")
 @click.option("--seed-base", type=click.IntRange(0), default=0, show_default=True,

@@ -18,10 +18,7 @@ from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 #: Ranges from which base parameters are drawn, log-uniformly: m3/(s Pa), N m s/rad twice. A fit
 #: of the base plant to Table 2 lies inside (1.8e-11, 0.185, 0.101).
 BASE_RANGES = {
-    "leakage": (1e-11, 4e-11),
-    "motor_damping": (0.06, 0.25),
-    "pump_damping": (0.05, 0.25),
-}
+    "leakage": (1e-11, 4e-11), "motor_damping": (0.06, 0.25), "pump_damping": (0.05, 0.25)}
 #: Independent random streams of one seed.
 _BASE, _EFFECTS, _PLAN, _NOISE = 1, 2, 3, 4
 _MISFIT = 9  # place of the misfit behind the effects
@@ -124,10 +121,9 @@ def make_campaign(
 ) -> Campaign:
     """Measure a campaign on a plant drawn from `seed`.
 
-    `effects` are (name, target shift) pairs, "name:variant" fixing the variant; each is sized
-    alone to its target (catalogue.size_effect). `options` are fields of CampaignOptions. Equal
-    arguments give equal campaigns. Raises InputError for unknown names or plans, bad numbers, or
-    the effect oil_temperature without temperature_swing.
+    `effects` are (name, target shift) pairs for `draw_effect` and `size_effect` of the catalogue;
+    `options` are fields of CampaignOptions. Equal arguments give equal campaigns. Raises InputError
+    for unknown names or plans, bad numbers, or oil_temperature without temperature_swing.
     """
     chosen = CampaignOptions(**options)
     base = draw_base(np.random.default_rng([seed, _BASE]), chosen.base_off)
@@ -193,11 +189,8 @@ def _samples(
     meter = (options.session_gain_std * rng.standard_normal(_SESSIONS))[session]
     efficiency = read.efficiency / (1.0 + meter) + sigma * (scatter + far * outlier)
     samples = {
-        "displacement_ratio": points.displacement_ratio,
-        "engine_speed": points.engine_speed,
-        "load_torque": read.load_torque,
-        "efficiency": np.clip(efficiency, 0.011, 0.999),
-    }
+        "displacement_ratio": points.displacement_ratio, "engine_speed": points.engine_speed,
+        "load_torque": read.load_torque, "efficiency": np.clip(efficiency, 0.011, 0.999)}
     if options.output_speed_noise is not None:
         factor = 1.0 + options.output_speed_noise * speed_scatter
         samples["output_speed"] = read.output_speed * factor
@@ -208,6 +201,5 @@ def _samples(
     if options.temperature_swing is not None:
         samples["oil_temperature"] = points.oil_temperature
     if options.stated_noise_factor is not None:
-        stated = max(sigma * options.stated_noise_factor, 1e-6)
-        samples["efficiency_std"] = np.full(count, stated)
+        samples["efficiency_std"] = np.full(count, max(sigma * options.stated_noise_factor, 1e-6))
     return samples, outlier, session.astype(float)

@@ -9,17 +9,16 @@ import numpy as np
 from scipy.optimize import brentq
 
 from hmcvt_core.errors import InputError
-from studies.blind import drag, hydrostatics, meters, misfit, unknown  # noqa: F401
+from studies.blind import drag, hydrostatics, meters, unknown  # noqa: F401
 from studies.blind.effect import Effect, FloatArray
 from studies.blind.plans import reference_points
 from studies.blind.twin import BaseTruth, Plant
 
 _BY_NAME = {kind.name: kind for kind in Effect.__subclasses__()}
-#: Effects in nobody's library, and those that the diagnosis lists.
-UNKNOWN_EFFECTS = tuple(name for name, kind in _BY_NAME.items()
-                        if kind.__module__ == unknown.__name__)
-KNOWN_EFFECTS = tuple(name for name in _BY_NAME
-                      if name not in (*UNKNOWN_EFFECTS, misfit.BaseMisfit.name))
+#: Effects that the diagnosis lists, and those in nobody's library.
+KNOWN_EFFECTS = tuple(name for name, kind in _BY_NAME.items()
+                      if kind.__module__ != unknown.__name__)
+UNKNOWN_EFFECTS = tuple(sorted(_BY_NAME.keys() - {*KNOWN_EFFECTS, unknown.BaseMisfit.name}))
 #: Losses that the base may overstate, and the largest size that leaves a loss: named with a minus.
 TURNED_EFFECTS = {"-pressure_leakage": 0.45, "-stroke_leakage": 0.7, "-churning": 2.5,
                   "-output_churning": 2.5}

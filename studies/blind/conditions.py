@@ -42,6 +42,11 @@ _KINDS = (*KNOWN_EFFECTS, *UNKNOWN_EFFECTS, *TURNED_EFFECTS, *_SETS, "none", "ba
 _COUNTS = {"pair": 5, "triple": 3, "none": 8, "base off": 8, "faint": 2}
 """Campaigns of a kind for each one of a single effect."""
 
+_GROUPS = {**dict.fromkeys(KNOWN_EFFECTS, "single"), **dict.fromkeys(UNKNOWN_EFFECTS, "unlisted"),
+           **dict.fromkeys(TURNED_EFFECTS, "wrong sign")}
+LISTED = ("single", *_SETS)
+"""Groups in which listed effects, and nothing else, are to be found."""
+
 _SHIFTS = (0.007, 0.03)  # of the efficiency, drawn evenly in its logarithm
 _FAINT = 0.3  # times that
 _MISFITS = (0.001, 0.002)
@@ -74,17 +79,8 @@ class Case:
 
     @property
     def group(self) -> str:
-        """What it is scored among."""
-        if self.kind in KNOWN_EFFECTS:
-            return "single"
-        if self.kind in TURNED_EFFECTS:
-            return "wrong sign"
-        return "unlisted" if self.kind in UNKNOWN_EFFECTS else self.kind
-
-    @property
-    def listed(self) -> bool:
-        """Whether listed effects, and nothing else, are to be found."""
-        return self.kind in (*KNOWN_EFFECTS, *_SETS)
+        """What it is scored among: `single`, `unlisted`, `wrong sign`, or its kind."""
+        return _GROUPS.get(self.kind, self.kind)
 
 
 def cases(first: int, seeds: int, parts: Sequence[str] = PARTS) -> list[Case]:

@@ -13,10 +13,10 @@ import numpy as np
 
 import hmcvt_core as hmcvt
 from studies.blind.campaign import Campaign, fresh
-from studies.blind.conditions import LOOP, Case, draw
+from studies.blind.conditions import LISTED, LOOP, Case, draw
 from studies.blind.effect import FloatArray
 from studies.blind.hydrostatics import NOMINAL_TEMPERATURE
-from studies.blind.trial import AXES, bench_samples, hidden, score, served
+from studies.blind.trial import AXES, at_hand, hidden, score
 from studies.blind.twin import OperatingPoints
 
 FEW = 24
@@ -47,14 +47,14 @@ def _end(run: Iterator[tuple[float, Any]], case: Case, campaign: Campaign) -> di
         if advice["test"] is None:
             break
     alive = [(sorted(each["effects"]), each["probability"]) for each in advice["alive"][:3]]
-    settled = advice["reason"] == "settled"
+    settled, truth = advice["reason"] == "settled", sorted(campaign.bench.names)
     return {"tests": made, "reason": advice["reason"], "alive": alive, "settled": settled,
-            "right": settled and case.listed and alive[0][0] == sorted(campaign.bench.names)}
+            "right": settled and case.group in LISTED and alive[0][0] == truth}
 
 
 def _advice(campaign: Campaign) -> Any:
     noise = campaign.bench.options.efficiency_noise
-    return hmcvt.next_test(served(), bench_samples(campaign), noise=noise).to_dict()
+    return hmcvt.next_test(*at_hand(campaign), noise=noise).to_dict()
 
 
 def _asked(

@@ -37,13 +37,12 @@ _TABLE_1 = {2: 0.969, 3: 1.484, 4: 0.678, 5: 1.96, 6: 0.982, 11: 0.823}
 
 @dataclass(frozen=True)
 class GearTrain:
-    """Stage HM4 (Table 1) with its pump and motor.
+    """Stage HM4 (Table 1) with its pump and motor; SI units.
 
-    `ratios` are driving speed / driven speed of each pair in the direction engine to output;
-    `k1` is ring teeth / sun teeth; displacements are m3/rad; inertias (kg m2) are those given
-    below eq. (15); `engine_inertia` is that of the engine at the pump shaft, `load_inertia`
-    that of the dynamometer at the motor shaft; `oil_volume` (m3) and `bulk_modulus` (Pa) are V0
-    and beta_e of eq. (13). These four are assumed; no steady state depends on them.
+    `ratios` are driving / driven speed of each pair in the direction engine to output; `k1` is
+    ring teeth / sun teeth; inertias are those given below eq. (15). `engine_inertia` (at the pump
+    shaft), `load_inertia` (at the motor shaft), V0 and beta_e of eq. (13) are assumed; no steady
+    state depends on them.
     """
 
     ratios: Mapping[int, float] = field(default_factory=lambda: _TABLE_1)
@@ -106,9 +105,8 @@ class Readings:
     """A steady plant; shape (n,) each.
 
     `settled` is false where it stalled: there `efficiency` is nan and the rest means nothing.
-    `efficiency` and `load_torque` are what the torque meters make of it; `input_power`,
-    `output_power` and `losses` (W, by place) are true. The losses are added up place by place, not
-    taken from the difference of powers.
+    `efficiency` and `load_torque` are what the torque meters make of it; powers and `losses` (W,
+    added up place by place) are true.
     """
 
     settled: npt.NDArray[np.bool_]

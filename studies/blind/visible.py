@@ -33,8 +33,7 @@ class Visible(NamedTuple):
 def visible(campaign: Campaign) -> Visible:
     """Tell what of the effects in a campaign can be seen.
 
-    Linear in the base parameters, with the plant itself in place of any model; the noise is the
-    true one. Empty without effects.
+    Linear in the base parameters, with the plant itself in place of any model; with the true noise.
     """
     bench, samples, truth = campaign.bench, campaign.samples, campaign.truth
     effects, options, plain = bench.effects, bench.options, bench.plant()
@@ -59,13 +58,12 @@ def visible(campaign: Campaign) -> Visible:
     gear = plain.train.gear_efficiency - _GEAR_LOSS
     others.append(replace(plain, train=replace(plain.train, gear_efficiency=gear)))
     columns = [rows(other, shown) - bare for other in others]
-    blocks = [np.zeros_like(bare) for _ in range(3)]
     count = len(true)
-    blocks[0][:count] = _METER_GAIN * bare[:count]
+    columns += [np.zeros_like(bare) for _ in range(3)]
+    columns[-3][:count] = _METER_GAIN * bare[:count]
     if "pressure" in samples:
-        blocks[1][-count:] = _GAUGE[0] * bare[-count:]
-        blocks[2][-count:] = _GAUGE[1] / pressure_noise(samples["pressure"])
-    columns += blocks
+        columns[-2][-count:] = _GAUGE[0] * bare[-count:]
+        columns[-1][-count:] = _GAUGE[1] / pressure_noise(samples["pressure"])
     prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     absorbed, _ = np.linalg.qr(np.vstack([np.nan_to_num(np.transpose(columns)), prior]))
     # An error of the output's meter moves the load at which everything else is read.
