@@ -116,10 +116,13 @@ class Diagnosis(Outcome):
             "component": self.component,
             "verdict": self.verdict,
             "causes": [_fields(cause) for cause in self.causes],
+            "sets": [_fields(each) for each in self.sets],
             "unlisted_probability": self.unlisted,
             "shrinkage": _fields(self.shrinkage),
+            "delivered": _fields(self.delivered),
             "next_tests": [{**(test.point or nowhere), **_fields(test)}
                            for test in self.next_tests],
+            "advice": self.advice.to_dict(),
             "notes": self.notes,
         }
         return dict(json.loads(json.dumps(data)))

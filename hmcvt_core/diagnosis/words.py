@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from .advice import Advice
 from .result import REGION_SIGNIFICANCE, Outcome, Region
 
 MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
@@ -76,6 +77,26 @@ def listed(names: Sequence[str], last: str = "or") -> str:
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def named(effects: Sequence[str]) -> str:
+    """Return a set of effects in words."""
+    return " + ".join(map(plain, effects)) or "something unlisted"
+
+
+def advice(found: Advice) -> str:
+    """Return which test to run next, or why to stop, and what is alive."""
+    told = [f"{named(effects)} ({probability(p)})" for effects, p in found.alive]
+    lines = [f"stop: {found.reason}"]
+    if not found.stop:
+        place = ", ".join(axis.told.format(found.tests[0].point[axis.name],
+                                           axis.second * found.tests[0].point[axis.name])
+                          for axis in found.axes)
+        lines = [f"next test: {place}; read {listed(found.channels, 'and')}",
+                 f"about {found.tests_expected} more until it is settled"]
+    if found.measure is not None:
+        lines.append(f"measure: {found.measure}")
+    return "\n".join([*lines, f"alive: {', '.join(told)}, no gap ({probability(found.no_gap)})"])
 
 
 def verdict(found: Outcome) -> str:

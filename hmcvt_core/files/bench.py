@@ -39,9 +39,11 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
     "efficiency_std": _PART,
     "oil_temperature": {"deg C": 1.0, "degC": 1.0, "C": 1.0, "\N{DEGREE SIGN}C": 1.0},
     "stamp": {"s": 1.0, "ms": 1e-3},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757},
 })
 """Size of the units of every quantity in the one that hmcvt keeps it in, which is the first."""
 
+_LEAST_PRESSURE = 1e4  # Pa, 0.1 bar: the largest of any campaign is more
 _KEPT = {column.name: column for column in BENCH_COLUMNS}
 _RANGES = {**_KEPT, **{name: Range(name, 0.1, 20_000.0, "N m", "positive in forward driving")
                        for name in ("engine_torque", "output_torque")}}
@@ -60,6 +62,8 @@ class BenchSamples:
         oil_temperature: [deg C], or None.
         efficiency_std: standard deviation of `efficiency` [-], or None.
         stamp: time of the sample [s], or None.
+        pressure: over the motor, high minus low side, positive where it drives the output forward
+            [Pa], or None.
         extra: columns that hmcvt does not know, as text.
         source: where they come from, for messages and provenance.
         sha256: of the file they were read from; empty when not from a file.
@@ -76,6 +80,7 @@ class BenchSamples:
     oil_temperature: Array | None = None
     efficiency_std: Array | None = None
     stamp: Array | None = None
+    pressure: Array | None = None
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     source: str = "samples"
     sha256: str = ""
@@ -125,7 +130,16 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
             doubled, or a value is not a number or outside its range; file, row and field are named.
     """
     values, extra, cells = read_columns(path, REQUIRED_COLUMNS)
+    _require_pascal(values, cells)
     return BenchSamples(**values, extra=extra, source=cells.source, sha256=cells.sha256)
+
+
+def _require_pascal(values: Mapping[str, Array], cells: Cells) -> None:
+    """Refuse a column of pressures in a larger unit, which is within the range of every sample."""
+    highest = np.abs(values.get("pressure", np.inf)).max()
+    if highest < _LEAST_PRESSURE:
+        raise InputError(f"{cells.source}: pressure = {highest:g} Pa is the largest, less than the "
+                         f"{_LEAST_PRESSURE:g} Pa that any bench reaches (is it in bar?)")
 
 
 def read_raw_bench(
@@ -167,6 +181,7 @@ def read_raw_bench(
             values[quantity], _RANGES[quantity], f"; column {name!r} is taken as {unit}: another "
             f"unit is written {name}:UNIT, one of {', '.join(UNITS[quantity])}")
     _derive(values, cells)
+    _require_pascal(values, cells)
     extra = {name if column_name(name) not in _KEPT else f"raw {name}": tuple(column)
              for name, column in cells.columns.items() if name not in names}
     return BenchSamples(**{name: values[name] for name in _KEPT if name in values}, extra=extra,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -258,12 +258,18 @@ class EfficiencyModel:
 
     def answer_at(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed at checked points of one shape."""
-        shape, count = points.engine_speed.shape, points.engine_speed.size
-        flat = points.map(np.ravel)
-        parts = [self._solver.solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK]))
-                 for i in range(0, max(count, 1), _CHUNK)]
-        return Answer(*(np.concatenate(column).reshape(shape)
-                        for column in zip(*parts, strict=True)))
+        return Answer(*_in_chunks(self._solver.solve, points))
+
+    def readings_at(self, points: OperatingPoints) -> Array:
+        """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
+
+        Raises:
+            InputError: the formulation is not `power_balance`.
+        """
+        if self.formulation != "power_balance":
+            raise InputError("a pressure needs formulation power_balance")
+        solver = BalanceSolver(self.stage, self.parameters, self.effects)
+        return _in_chunks(solver.readings, points)
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with other parameters than the model's own, for many candidates at once [-].
@@ -354,6 +360,14 @@ class EfficiencyModel:
         physics["parameters"] = self.parameters.to_array().tolist()
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _in_chunks(solve: Callable[[OperatingPoints], Any], points: OperatingPoints) -> Array:
+    """Rows that `solve` gives at points, shape (rows, ...)."""
+    shape, flat = points.engine_speed.shape, points.map(np.ravel)
+    parts = [np.stack(solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK])))
+             for i in range(0, max(points.engine_speed.size, 1), _CHUNK)]
+    return np.concatenate(parts, axis=1).reshape(len(parts[0]), *shape)
 
 
 def _like(values: NDArray[Any], scalar: bool) -> Any:

@@ -85,14 +85,23 @@ class BalanceSolver(ArraySolver):
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed that a bench reads, through its meters."""
+        return Answer(*self.readings(points)[:2])
+
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def readings(self, points: OperatingPoints) -> Array:
+        """Efficiency [-], output speed [rad/s] and pressure [Pa] that a bench reads, shape (3, n).
+
+        The pressure is the difference over the motor, eq. (14).
+        """
         flow = self.flow(points)
-        state, speed = flow.state, flow.state.output_speed
+        state, speed, pressure = flow.state, flow.state.output_speed, flow.state.pressure
         efficiency = np.asarray(state.load_power / flow.engine_power)
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._given[-1]:
             efficiency = effect.reading(efficiency, state)
             speed = effect.output_speed_reading(speed)
-        return Answer(efficiency, speed)
+            pressure = effect.pressure_reading(pressure)
+        return np.stack([efficiency, speed, pressure])
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(self, points: OperatingPoints) -> PowerFlow:
@@ -274,6 +283,8 @@ class _Shafts(ArraySolver):
         drag = self._sum("motor_drag", state)
         pressure = self._pressure(motor[-1] + drag * direction, speed, direction)
         state = state._replace(pressure=pressure)
+        state = state._replace(
+            displacement_ratio=state.displacement_ratio - self._sum("stroke_lag", state))
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         lost = self.given.leakage * pressure + self._sum("leakage_flow", state)
         return PowerFlow(state, direction, power, pressure + self._sum("pressure_drop", state),
