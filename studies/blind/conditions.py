@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.files.bench import BenchSamples
 from studies.blind.campaign import Campaign, make_campaign
 from studies.blind.catalogue import KNOWN_EFFECTS, TURNED_EFFECTS, UNKNOWN_EFFECTS
 from studies.blind.visible import visible
@@ -54,7 +53,6 @@ _MISFIT_SHARE, _TEMPERATURE_SHARE, _SPEED_SHARE, _PRESSURE_SHARE = 1 / 3, 0.5, 0
 _SWINGS, _SWEPT = (3.0, 25.0), 10.0  # deg C; at least so much where viscosity is the effect
 _SPEED_NOISE = 0.001  # relative
 _GAUGE = (0.005, 5e4)  # standard deviations of gain and zero of a gauge of pressure
-_HAS_PRESSURE = "pressure" in {field.name for field in fields(BenchSamples)}
 _ATTEMPTS = 100
 
 
@@ -141,7 +139,7 @@ def _options(case: Case, rng: np.random.Generator) -> dict[str, Any]:
     return {
         "efficiency_noise": _noise(case),
         "output_speed_noise": _SPEED_NOISE if speed < _SPEED_SHARE else None,
-        "pressure_gauge": gauge if _HAS_PRESSURE and pressure < _PRESSURE_SHARE else None,
+        "pressure_gauge": gauge if pressure < _PRESSURE_SHARE else None,
         "temperature_swing": swing if temperature < _TEMPERATURE_SHARE else None,
         "misfit": 0.0 if exact else misfit,
         **STRESS.get(case.condition, {}),

@@ -83,7 +83,7 @@ def test_what_is_drawn_is_what_the_kind_says(kind):
 
 
 def test_columns_do_not_give_the_effect_away():
-    drawn = [draw(Case("0.4 %", "none", seed)) for seed in range(60)]
+    drawn = [draw(Case("0.4 %", "none", seed)) for seed in range(40)]
     share = {name: np.mean([name in campaign.samples for campaign in drawn])
              for name in ("oil_temperature", "output_speed")}
     assert 0.3 < share["oil_temperature"] < 0.7
