@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +51,8 @@ def command(
         path = Path(results or (os.devnull if quick else "blind-results.jsonl"))
         for record in recorded(pool, work, todo, path):
             records.append(record)
-            if sys.stderr.isatty() or len(records) % 50 == 0:
-                end = "\r" if sys.stderr.isatty() else "\n"
-                click.echo(f"{len(records)} of {len(todo)} campaigns{end}", err=True, nl=False)
+            if len(records) % 10 == 0:
+                click.echo(f"{len(records)} of {len(todo)} campaigns", err=True)
     chosen = "" if parts == PARTS else "".join(f' --part "{part}"' for part in parts)
     text = report(
         records, f"python -m studies.blind --seeds {seeds} --seed-base {seed_base}{chosen}",

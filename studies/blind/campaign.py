@@ -60,13 +60,8 @@ class CampaignOptions:
     def __post_init__(self) -> None:
         if not 0 <= self.outliers <= self.samples:
             raise InputError(f"outliers is {self.outliers}, must be 0..{self.samples}")
-        if min(self.efficiency_noise, self.session_gain_std, self.misfit, self.swing) < 0.0:
-            raise InputError("noise, gain, misfit and swing must not be below 0")
-
-    @property
-    def swing(self) -> float:
-        """Temperature swing in force, deg C."""
-        return self.temperature_swing or 0.0
+        if min(self.efficiency_noise, self.session_gain_std, self.misfit) < 0.0:
+            raise InputError("noise, gain and misfit must not be below 0")
 
 
 @dataclass(frozen=True)
@@ -92,15 +87,15 @@ class Bench:
         options = self.options
         if wanted is None:
             rng = np.random.default_rng([seed, _PLAN])
-            wanted = plan_points(options.plan, options.samples, rng, options.swing)
+            swing = options.temperature_swing or 0.0
+            wanted = plan_points(options.plan, options.samples, rng, swing)
         points, read, plain = _carry(self.plant(*self.effects), self.plant(), wanted)
-        noise = np.random.default_rng([seed, _NOISE])
-        samples, outlier, session = _samples(points, read, options, noise)
         truth = {
             "efficiency": read.efficiency, "efficiency_plain": plain.efficiency,
             "output_speed": read.output_speed, "load_torque": points.load_torque,
-            "oil_temperature": points.oil_temperature, "outlier": outlier, "session": session}
-        return Campaign(samples, truth, self)
+            "oil_temperature": points.oil_temperature}
+        noise = np.random.default_rng([seed, _NOISE])
+        return Campaign(_samples(points, read, options, noise), truth, self)
 
 
 @dataclass(frozen=True)
@@ -108,7 +103,7 @@ class Campaign:
     """Samples by contract column, arrays of truth without noise, and their bench; shape (n,) each.
 
     `truth` holds efficiency (with meter error, without noise), efficiency_plain (same points, no
-    effect), output_speed, load_torque, oil_temperature, outlier, session.
+    effect), output_speed, load_torque, oil_temperature.
     """
 
     samples: dict[str, FloatArray]
@@ -130,9 +125,9 @@ def make_campaign(
 
     def hidden(name: str, target: float, place: int) -> Effect:
         effect = draw_effect(name, np.random.default_rng([seed, _EFFECTS, place]))
-        if effect.name == "oil_temperature" and chosen.swing <= 0.0:
+        if effect.name == "oil_temperature" and not chosen.temperature_swing:
             raise InputError("effect 'oil_temperature' needs temperature_swing")
-        return size_effect(base, effect, target, chosen.swing)
+        return size_effect(base, effect, target, chosen.temperature_swing or 0.0)
 
     sized = tuple(hidden(*each, place) for place, each in enumerate(effects))
     off = [("base_misfit", _MEAN_OF_NORMAL * chosen.misfit, _MISFIT)] if chosen.misfit else []
@@ -177,17 +172,17 @@ def _carry(
 
 def _samples(
     points: OperatingPoints, read: Readings, options: CampaignOptions, rng: np.random.Generator
-) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
-    """Contract columns with noise; which samples are outliers; the session of each."""
+) -> dict[str, FloatArray]:
+    """Contract columns with noise."""
     count, sigma = len(points), options.efficiency_noise
     scatter = (rng.standard_t(3.0, count) / np.sqrt(3.0) if options.heavy_tails
                else rng.standard_normal(count))
     speed_scatter = rng.standard_normal(count)
-    outlier = np.where(rng.permutation(count) < options.outliers, 1.0, 0.0)
-    far = rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
+    outliers = rng.permutation(count) < options.outliers
+    scatter += outliers * rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
+    meter = options.session_gain_std * rng.standard_normal(_SESSIONS)
     session = np.arange(count) * _SESSIONS // count
-    meter = (options.session_gain_std * rng.standard_normal(_SESSIONS))[session]
-    efficiency = read.efficiency / (1.0 + meter) + sigma * (scatter + far * outlier)
+    efficiency = read.efficiency / (1.0 + meter[session]) + sigma * scatter
     samples = {
         "displacement_ratio": points.displacement_ratio, "engine_speed": points.engine_speed,
         "load_torque": read.load_torque, "efficiency": np.clip(efficiency, 0.011, 0.999)}
@@ -202,4 +197,4 @@ def _samples(
         samples["oil_temperature"] = points.oil_temperature
     if options.stated_noise_factor is not None:
         samples["efficiency_std"] = np.full(count, max(sigma * options.stated_noise_factor, 1e-6))
-    return samples, outlier, session.astype(float)
+    return samples

@@ -22,9 +22,8 @@ UNKNOWN_EFFECTS = tuple(sorted(_BY_NAME.keys() - {*KNOWN_EFFECTS, unknown.BaseMi
 #: Losses that the base may overstate, and the largest size that leaves a loss: named with a minus.
 TURNED_EFFECTS = {"-pressure_leakage": 0.45, "-stroke_leakage": 0.7, "-churning": 2.5,
                   "-output_churning": 2.5}
+_MOST_STALLED = 0.1  # share of the reference plan
 
-#: Share of the reference plan that an effect may bring to stall before it counts as too large.
-_MOST_STALLED = 0.1
 
 def draw_effect(name: str, rng: np.random.Generator) -> Effect:
     """Draw an effect of random shape and size 1; "gear_mesh:friction" fixes the variant.
@@ -38,8 +37,7 @@ def draw_effect(name: str, rng: np.random.Generator) -> Effect:
         raise InputError(f"effect {kind_name!r} does not exist, expected one of {sorted(_BY_NAME)}")
     if variant and variant not in kind.variants:
         raise InputError(f"effect {kind_name!r} has no variant {variant!r}, only {kind.variants}")
-    sign = -1.0 if name.startswith("-") else 1.0
-    return kind(variant=variant, size=sign).drawn(rng)
+    return kind(-1.0 if name.startswith("-") else 1.0, variant).drawn(rng)
 
 
 def mean_shift(moved: FloatArray) -> float:

@@ -14,10 +14,8 @@ from studies.blind.campaign import Campaign, make_campaign
 from studies.blind.catalogue import KNOWN_EFFECTS, TURNED_EFFECTS, UNKNOWN_EFFECTS
 from studies.blind.visible import visible
 
-DETECTABLE = 18.0
-"""Squared deviations that an effect must leave after the refit to count as detectable."""
-IMAGE = 0.9
-"""Squared cosine from which two effects are each other's image."""
+DETECTABLE, IMAGE = 18.0, 0.9
+"""Squared deviations that a detectable effect leaves; squared cosine of two that are images."""
 
 NOISES = {"0.4 %": 0.004, "0.1 %": 0.001}
 LOOP = "test by test"
@@ -38,20 +36,19 @@ PARTS = (*NOISES, "stress", LOOP)
 
 _SETS = {"pair": 2, "triple": 3}
 _KINDS = (*KNOWN_EFFECTS, *UNKNOWN_EFFECTS, *TURNED_EFFECTS, *_SETS, "none", "base off", "faint")
-_COUNTS = {"pair": 5, "triple": 3, "none": 8, "base off": 8, "faint": 2}
-"""Campaigns of a kind for each one of a single effect."""
+_COUNTS = {"pair": 5, "triple": 3, "none": 8, "base off": 8, "faint": 2}  # to each single effect
 
+_LEFT_OUT = {LOOP: ("base off", "faint"),
+             **dict.fromkeys(STRESS, (*TURNED_EFFECTS, "triple", "base off", "faint"))}
 _GROUPS = {**dict.fromkeys(KNOWN_EFFECTS, "single"), **dict.fromkeys(UNKNOWN_EFFECTS, "unlisted"),
            **dict.fromkeys(TURNED_EFFECTS, "wrong sign")}
-LISTED = ("single", *_SETS)
-"""Groups in which listed effects, and nothing else, are to be found."""
+LISTED = ("single", *_SETS)  # listed effects, and nothing else, are to be found
 
 _SHIFTS = (0.007, 0.03)  # of the efficiency, drawn evenly in its logarithm
 _FAINT = 0.3  # times that
 _MISFITS = (0.001, 0.002)
 _MISFIT_SHARE, _TEMPERATURE_SHARE, _SPEED_SHARE, _PRESSURE_SHARE = 1 / 3, 0.5, 0.9, 0.5
 _SWINGS, _SWEPT = (3.0, 25.0), 10.0  # deg C; at least so much where viscosity is the effect
-_SPEED_NOISE = 0.001  # relative
 _GAUGE = (0.005, 5e4)  # standard deviations of gain and zero of a gauge of pressure
 _ATTEMPTS = 100
 
@@ -86,17 +83,16 @@ def cases(first: int, seeds: int, parts: Sequence[str] = PARTS) -> list[Case]:
 
     Args:
         first: seed from which all others are counted.
-        seeds: campaigns per single effect at either noise; a quarter of it test by test, and a
-            twelfth in each stress, at least one.
+        seeds: campaigns per single effect at either noise; a twelfth of it, at least one, test by
+            test and in each stress.
         parts: which of `PARTS` to make.
     """
-    sizes = dict.fromkeys(NOISES, seeds) | {LOOP: max(1, seeds // 4)}
-    sizes |= {name: max(1, seeds // 12) for name in STRESS}
+    sizes = {**dict.fromkeys(NOISES, seeds), **dict.fromkeys((LOOP, *STRESS), max(1, seeds // 12))}
     chosen = [name for name in sizes if name in parts or (name in STRESS and "stress" in parts)]
     return [Case(condition, kind, first + 1000 * (len(_KINDS) * place + number) + i)
-            for place, condition in enumerate(sizes) for number, kind in enumerate(_KINDS)
-            for i in range(sizes[condition] * _COUNTS.get(kind, 1))
-            if condition in chosen and (condition != LOOP or kind not in ("base off", "faint"))]
+            for place, condition in enumerate(sizes) if condition in chosen
+            for number, kind in enumerate(_KINDS) if kind not in _LEFT_OUT.get(condition, ())
+            for i in range(sizes[condition] * _COUNTS.get(kind, 1))]
 
 
 def draw(case: Case) -> Campaign:
@@ -126,7 +122,8 @@ def _effects(case: Case, rng: np.random.Generator) -> list[tuple[str, float]]:
     if case.kind in _COUNTS:
         count = {"none": 0, "base off": 0, "faint": 1, **_SETS}[case.kind]
         names = [str(name) for name in rng.choice(KNOWN_EFFECTS, count, replace=False)]
-    factor = _FAINT * min(1.0, _noise(case) / 0.004) if case.kind == "faint" else 1.0
+    noise = NOISES.get(case.condition, 0.004)
+    factor = _FAINT * noise / 0.004 if case.kind == "faint" else 1.0
     return [(name, factor * _between(_SHIFTS, rng)) for name in names]
 
 
@@ -137,17 +134,13 @@ def _options(case: Case, rng: np.random.Generator) -> dict[str, Any]:
     gauge = tuple(rng.normal(0.0, _GAUGE).tolist())
     exact = case.kind == "none" or (case.kind != "base off" and off > _MISFIT_SHARE)
     return {
-        "efficiency_noise": _noise(case),
-        "output_speed_noise": _SPEED_NOISE if speed < _SPEED_SHARE else None,
+        "efficiency_noise": NOISES.get(case.condition, 0.004),
+        "output_speed_noise": 0.001 if speed < _SPEED_SHARE else None,
         "pressure_gauge": gauge if pressure < _PRESSURE_SHARE else None,
         "temperature_swing": swing if temperature < _TEMPERATURE_SHARE else None,
         "misfit": 0.0 if exact else misfit,
         **STRESS.get(case.condition, {}),
     }
-
-
-def _noise(case: Case) -> float:
-    return NOISES.get(case.condition, NOISES["0.4 %"])
 
 
 def _between(limits: tuple[float, float], rng: np.random.Generator) -> float:

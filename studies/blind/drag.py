@@ -86,10 +86,9 @@ class BearingDrag(Effect):
 class ClutchDrag(Effect):
     """Open wet clutches between a shaft that follows the output and one that follows the engine.
 
-    Shear of a full film up to the slip at which the film needs more oil than it is fed; beyond it
-    the wetted radius shrinks and drag falls (Yuan, Guo, Hu and Peng, J. Fluids Eng. 129 (2007)
-    923); at high slip the plates flutter and drag rises a little. The engine drives the pump that
-    feeds them: the faster it turns, the later the film breaks (Iqbal et al., Tribol. Int. 2013).
+    Shear of a full film up to the slip at which it needs more oil than it is fed; beyond it the
+    wetted radius shrinks (Yuan, Guo, Hu and Peng, J. Fluids Eng. 129 (2007) 923), until the plates
+    flutter. The faster the engine drives the feed pump, the later the film breaks (Iqbal 2013).
     """
 
     slip_ratio: float = between(0.6, 1.2)

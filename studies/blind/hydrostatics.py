@@ -129,8 +129,7 @@ class DisplacementError(Effect):
     `offset` also droops with loop pressure (compliant servo piston); `gain` is a scale error of
     the feedback; `dead_band` is the overlap of the servo valve, rounded by its clearance;
     `hysteresis` is play of the linkage, taken up as the swash moment grows with loop pressure (a
-    bench of a tractor transmission showed such a band: 10.1177/1687814016676943).
-    A positive size lowers the stroke; `sense` turns it round.
+    bench of a tractor transmission showed one: 10.1177/1687814016676943). `sense` +1 lowers it.
     """
 
     variants: ClassVar[tuple[str, ...]] = ("offset", "gain", "dead_band", "hysteresis")
@@ -157,8 +156,7 @@ class DisplacementError(Effect):
 def relative_viscosity(temperature: FloatArray, slope: float = 1.0) -> FloatArray:
     """Kinematic viscosity over that at 60 deg C; shape as `temperature` (deg C).
 
-    Walther's equation (ASTM D341): lg lg(nu + 0.7) falls linearly with lg T. `slope` scales the
-    fall: below 1 an oil of higher viscosity index.
+    Walther's equation (ASTM D341): lg lg(nu + 0.7) falls linearly with lg T, `slope` times as fast.
     """
     nominal = NOMINAL_TEMPERATURE + 273.15
     level = _COOL - _STEEPNESS * np.log10(nominal / 313.15)
@@ -175,7 +173,7 @@ class OilTemperature(Effect):
     """
 
     limit: ClassVar[float] = 1.5
-    film_share: float = between(0.6, 1.0)
+    film_share: float = between(0.75, 0.95)
 
     def viscosity(self, oil_temperature: FloatArray) -> tuple[FloatArray, FloatArray]:
         film = NOMINAL_TEMPERATURE + self.film_share * (oil_temperature - NOMINAL_TEMPERATURE)

@@ -19,10 +19,9 @@ from studies.blind.hydrostatics import NOMINAL_TEMPERATURE
 from studies.blind.trial import AXES, at_hand, hidden, score
 from studies.blind.twin import OperatingPoints
 
-FEW = 24
-MOST = 48
+FEW, MOST = 24, 48
 """Samples to begin with, and tests made beyond them before the loop counts as not settled."""
-_LOOKS = (0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, MOST)
+_LOOKS = (-1, 0, 2, 4, 7, 11, 16, 24, 34, MOST)
 _START, _RANDOM = 2**40, 2**41  # seeds of the first samples and of those at random
 
 
@@ -40,15 +39,11 @@ def play(case: Case) -> dict[str, Any]:
 
 
 def _end(run: Iterator[tuple[float, Any]], case: Case, campaign: Campaign) -> dict[str, Any]:
-    """Follow a run until it is told to stop."""
-    advice: Any = None
-    for tests, advice in run:
-        made = tests if advice["test"] is None else MOST
-        if advice["test"] is None:
-            break
+    """Follow a run to its end."""
+    *_, (tests, advice) = run
     alive = [(sorted(each["effects"]), each["probability"]) for each in advice["alive"][:3]]
     settled, truth = advice["reason"] == "settled", sorted(campaign.bench.names)
-    return {"tests": made, "reason": advice["reason"], "alive": alive, "settled": settled,
+    return {"tests": tests, "reason": advice["reason"], "alive": alive, "settled": settled,
             "right": settled and case.group in LISTED and alive[0][0] == truth}
 
 
@@ -67,20 +62,25 @@ def _asked(
         advice = _advice(campaign)
         seconds.append(time.process_time() - start)
         yield tests, advice
+        if advice["test"] is None:
+            return
         stroke, speed, torque = (np.array([advice["test"][axis]]) for axis in AXES)
-        warm = NOMINAL_TEMPERATURE + campaign.bench.options.swing * rng.uniform(-1.0, 1.0, 1)
+        swing = campaign.bench.options.temperature_swing or 0.0
+        warm = NOMINAL_TEMPERATURE + swing * rng.uniform(-1.0, 1.0, 1)
         point = OperatingPoints(stroke, speed, torque, warm)
         test = campaign.bench.measure(int(rng.integers(2**62)), point)
         campaign = _joined(campaign, test.samples)
 
 
 def _at_random(campaign: Campaign, seed: int) -> Iterator[tuple[float, Any]]:
-    """Make tests at random; look now and then, and count the middle between two looks."""
+    """Make tests at random till all is settled; count the middle between two looks."""
     more = fresh(campaign, seed + _RANDOM, samples=MOST)
-    yield 0, _advice(campaign)
     for before, tests in pairwise(_LOOKS):
         part = {name: values[:tests] for name, values in more.samples.items()}
-        yield 0.5 * (before + 1 + tests), _advice(_joined(campaign, part))
+        advice = _advice(_joined(campaign, part))
+        yield 0.5 * (before + 1 + tests), advice
+        if advice["reason"] == "settled":
+            return
 
 
 def _joined(campaign: Campaign, more: dict[str, FloatArray]) -> Campaign:

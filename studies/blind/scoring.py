@@ -72,7 +72,7 @@ def _miss(record: Record) -> float | None:
 # --- questions ----------------------------------------------------------------------------------
 
 
-class Question(NamedTuple):
+class _Question(NamedTuple):
     """One line of the goals: what is asked of the records of some groups; None is no answer.
 
     `sum_up` makes a figure of the answers; without it, it is their share.
@@ -86,18 +86,16 @@ class Question(NamedTuple):
     sum_up: Callable[[list[Any]], float] | None = None
 
     def answer(self, records: Sequence[Record]) -> tuple[float | None, str]:
-        """Return the figure, if there is one, and how it is told."""
         answers = [each for r in records if r["group"] in self.groups
                    if (each := self.ask(r)) is not None]
         if not answers:
             return None, ""
         if self.sum_up is None:
-            return float(np.mean(answers)), share(sum(map(bool, answers)), len(answers))
+            return float(np.mean(answers)), _share(sum(map(bool, answers)), len(answers))
         figure = self.sum_up(answers)
         return figure, f"{figure:.2f}"
 
     def cell(self, records: Sequence[Record]) -> str:
-        """Tell the answer, and whether it misses the goal."""
         figure, text = self.answer(records)
         missed = figure is not None and (
             figure > self.goal if self.at_most else figure < self.goal)
@@ -105,17 +103,16 @@ class Question(NamedTuple):
 
     @property
     def aim(self) -> str:
-        """The goal in words."""
         goal = f"{100 * self.goal:.0f} %" if self.sum_up is None else f"{self.goal:g}"
         return f"{'at most' if self.at_most else 'at least'} {goal}" if self.goal else ""
 
 
 def _worst_band(answers: list[tuple[float, bool]]) -> float:
-    return max((float(abs(np.mean(said) - np.mean(right))) for said, right in bands(answers)
+    return max((float(abs(np.mean(said) - np.mean(right))) for said, right in _bands(answers)
                 if len(said) >= _FEWEST), default=0.0)
 
 
-def bands(answers: Sequence[tuple[float, bool]]) -> list[tuple[list[float], list[bool]]]:
+def _bands(answers: Sequence[tuple[float, bool]]) -> list[tuple[list[float], list[bool]]]:
     """Sort probabilities, each with whether it was right, into bands."""
     return [([said for said, _ in answers if low <= said < high],
              [right for said, right in answers if low <= said < high])
@@ -130,41 +127,41 @@ def _said(record: Record) -> tuple[float, bool] | None:
 
 
 _EVERY = (*LISTED, *_STRANGE, "none", "base off", "faint")
-QUESTIONS = (
-    Question("single without a twin: first", 0.95, ["single"],
+_QUESTIONS = (
+    _Question("single without a twin: first", 0.95, ["single"],
              lambda r: None if _twinned(r) else _first(r)),
-    Question("single: in a set of at most three", 0.95, ["single"], _short),
-    Question("pair: exact set first", 0.70, ["pair"], _first),
-    Question("pair: among the best three sets", 0.90, ["pair"], _among),
-    Question("triple: exact set first", 0.50, ["triple"], _first),
-    Question("triple: among the best three sets", 0.80, ["triple"], _among),
-    Question("false alarms, exact base", 0.05, ["none"], _alarmed, at_most=True),
-    Question("cause named, base off by 0.1 to 0.2 points", 0.05, ["base off"], _named,
+    _Question("single: in a set of at most three", 0.95, ["single"], _short),
+    _Question("pair: exact set first", 0.70, ["pair"], _first),
+    _Question("pair: among the best three sets", 0.90, ["pair"], _among),
+    _Question("triple: exact set first", 0.50, ["triple"], _first),
+    _Question("triple: among the best three sets", 0.80, ["triple"], _among),
+    _Question("false alarms, exact base", 0.05, ["none"], _alarmed, at_most=True),
+    _Question("cause named, base off by 0.1 to 0.2 points", 0.05, ["base off"], _named,
              at_most=True),
-    Question("unlisted refused", 0.85, ["unlisted"], _refused),
-    Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
-    Question("place of unlisted and wrong signs found", 0.80, _STRANGE,
+    _Question("unlisted refused", 0.85, ["unlisted"], _refused),
+    _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
+    _Question("place of unlisted and wrong signs found", 0.80, _STRANGE,
              lambda r: r["place_found"]),
-    Question("listed refused", 0.05, LISTED, _refused, at_most=True),
-    Question("named rightly: 85 % of the squared gap gone", 0.85, LISTED,
+    _Question("listed refused", 0.05, LISTED, _refused, at_most=True),
+    _Question("named rightly: 85 % of the squared gap gone", 0.85, LISTED,
              lambda r: r["met"] >= 0.85 if _first(r) else None),
-    Question("gap told at least half of the true one", 0.95, LISTED,
+    _Question("gap told at least half of the true one", 0.95, LISTED,
              lambda r: r["told_gap"] >= 0.5 * r["true_gap"]),
-    Question("where: F1 of the regions told, listed", 0.65, LISTED, lambda r: r["f1"],
+    _Question("where: F1 of the regions told, listed", 0.65, LISTED, lambda r: r["f1"],
              sum_up=np.mean),
-    Question("where: F1 of naming everything", 0.0, LISTED, lambda r: r["f1_everything"],
+    _Question("where: F1 of naming everything", 0.0, LISTED, lambda r: r["f1_everything"],
              sum_up=np.mean),
-    Question("`gap_at`: median correlation with the true field", 0.95, LISTED,
+    _Question("`gap_at`: median correlation with the true field", 0.95, LISTED,
              lambda r: r["correlation"], sum_up=np.median),
-    Question("promised - met: median", 0.05, LISTED, _miss, at_most=True, sum_up=np.median),
-    Question("promised - met: 90th percentile", 0.15, LISTED, _miss, at_most=True,
+    _Question("promised - met: median", 0.05, LISTED, _miss, at_most=True, sum_up=np.median),
+    _Question("promised - met: 90th percentile", 0.15, LISTED, _miss, at_most=True,
              sum_up=lambda each: float(np.quantile(each, 0.9))),
-    Question("probability of the first set: worst band off by", 0.10, _EVERY, _said, at_most=True,
+    _Question("probability of the first set: worst band off by", 0.10, _EVERY, _said, at_most=True,
              sum_up=_worst_band),
-    Question("slowest diagnosis [s of processor time]", 5.0, _EVERY, lambda r: r["seconds"],
+    _Question("slowest diagnosis [s of processor time]", 5.0, _EVERY, lambda r: r["seconds"],
              at_most=True, sum_up=max),
 )
-_BESIDE = [QUESTIONS[i] for i in (0, 1, 2, 6, 8, 17)]
+_BESIDE = [_QUESTIONS[i] for i in (0, 1, 2, 6, 8, 17)]
 
 
 # --- tables -------------------------------------------------------------------------------------
@@ -193,7 +190,7 @@ def goals(records: Sequence[Record]) -> str:
     own = {name: [r for r in records if r["condition"] == name] for name in NOISES}
     own = {name: some for name, some in own.items() if some}
     return table(("", "goal", *(f"noise {name}" for name in own)), [
-        (each.what, each.aim, *map(each.cell, own.values())) for each in QUESTIONS])
+        (each.what, each.aim, *map(each.cell, own.values())) for each in _QUESTIONS])
 
 
 def misses(records: Sequence[Record]) -> str:
@@ -210,8 +207,7 @@ def misses(records: Sequence[Record]) -> str:
     return "\n".join(lines)
 
 
-def share(hits: int, total: int) -> str:
-    """Return hits / total, the rate and its interval."""
+def _share(hits: int, total: int) -> str:
     if total == 0:
         return ""
     low, high = binomtest(hits, total).proportion_ci(method="wilson")
@@ -238,8 +234,8 @@ def _calibration(records: Sequence[Record]) -> str:
     answers = [said for said in map(_said, records) if said is not None]
     return table(("probability of the first set", "mean said", "right"), [
         (f"{low:.2f} to {min(high, 1.0):.2f}", f"{np.mean(said):.2f}" if said else "",
-         share(sum(right), len(right)))
-        for (low, high), (said, right) in zip(pairwise(_BANDS), bands(answers), strict=True)])
+         _share(sum(right), len(right)))
+        for (low, high), (said, right) in zip(pairwise(_BANDS), _bands(answers), strict=True)])
 
 
 def _loop(records: Sequence[Record]) -> str:
@@ -258,10 +254,11 @@ def _loop(records: Sequence[Record]) -> str:
             ("right set settled", "", LISTED, lambda end: end["right"]),
             ("wrong set settled", "at most 5 %", (*LISTED, "none"), _wrong),
             ("unlisted or wrong sign: a listed one settled", "at most 10 %", _STRANGE, _wrong),
-            ("nothing hidden: ended", "", ("none",), lambda end: end["tests"] < MOST)):
+            ("nothing hidden: told to stop", "", ("none",),
+             lambda end: end["reason"] and not end["settled"])):
         own = [r for r in records if r["group"] in groups]
         rows.append((what, goal, *(
-            share(sum(bool(hit(r[arm])) for r in own), len(own)) for arm in _ARMS)))
+            _share(sum(bool(hit(r[arm])) for r in own), len(own)) for arm in _ARMS)))
     return table(("", "goal", "as asked", "at random"), rows)
 
 

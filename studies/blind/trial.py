@@ -37,6 +37,7 @@ def score(case: Case) -> dict[str, Any]:
     start = time.process_time()
     found = hmcvt.diagnose(model, samples)
     seconds, answer = time.process_time() - start, found.to_dict()
+    told = answer["delivered"]["rmse_before"]
     return {
         **hidden(case, campaign),
         "left": visible(campaign).left,
@@ -47,8 +48,7 @@ def score(case: Case) -> dict[str, Any]:
         "alternatives": [[cause["effect"], *cause["indistinguishable_from"]]
                          for cause in answer["causes"][:1]],
         "promised": answer["shrinkage"]["fraction"],
-        "told_gap": _above_noise(answer["delivered"]["rmse_before"], campaign),
-        "told_left": _above_noise(answer["delivered"]["rmse_after"], campaign),
+        "told_gap": max(0.0, told**2 - campaign.bench.options.efficiency_noise**2) ** 0.5,
         **_place(campaign, found, answer["where"]),
         **_elsewhere(campaign, found, case.seed),
     }
@@ -65,10 +65,6 @@ def hidden(case: Case, campaign: Campaign) -> dict[str, Any]:
                     if name in campaign.samples],
         "misfit": options.misfit,
     }
-
-
-def _above_noise(rmse: float, campaign: Campaign) -> float:
-    return float(np.sqrt(max(0.0, rmse**2 - campaign.bench.options.efficiency_noise**2)))
 
 
 def _left_over(campaign: Campaign, model: hmcvt.EfficiencyModel) -> FloatArray:
@@ -106,10 +102,9 @@ def _elsewhere(campaign: Campaign, found: hmcvt.Diagnosis, seed: int) -> dict[st
     usable = np.isfinite(before) & np.isfinite(after) & np.isfinite(told)
     before, after, told = before[usable], after[usable], told[usable]
     with np.errstate(invalid="ignore"):  # nothing told is a correlation of zero
-        correlation = np.nan_to_num(np.corrcoef(told, before)[0, 1])
+        correlation = float(np.nan_to_num(np.corrcoef(told, before)[0, 1]))
     return {
-        "correlation": float(correlation),
+        "correlation": correlation,
         "true_gap": float(np.sqrt(np.mean(before**2))),
-        "true_left": float(np.sqrt(np.mean(after**2))),
         "met": 1.0 - float(np.mean(after**2) / np.mean(before**2)),
     }

@@ -1,10 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The plant: stage HM4 with hidden effects, brought to rest and read by its meters.
 
-The dynamometer holds the output power, a governor holds the engine speed, and the pump, the loop
-and the motor follow eqs (13)-(15) in time with their inertias and the oil's compressibility.
-Friction always opposes motion, whichever way power flows; where the motor stands still, the sense
-of friction is smoothed with tanh.
+The dynamometer holds the output power, a governor the engine speed; pump, loop and motor follow eqs
+(13)-(15) in time with their inertias and the oil's compressibility. Friction opposes motion,
+whichever way power flows; where the motor stands still, its sense is smoothed with tanh.
 """
 
 from __future__ import annotations
