@@ -50,7 +50,7 @@ _MISFITS = (0.001, 0.002)
 _MISFIT_SHARE, _TEMPERATURE_SHARE, _SPEED_SHARE, _PRESSURE_SHARE = 1 / 3, 0.5, 0.9, 0.5
 _SWINGS, _SWEPT = (3.0, 25.0), 10.0  # deg C; at least so much where viscosity is the effect
 _GAUGE = (0.005, 5e4)  # standard deviations of gain and zero of a gauge of pressure
-_ATTEMPTS = 100
+_ATTEMPTS, _GROWTH = 100, 1.03
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,11 @@ def draw(case: Case) -> Campaign:
     """Draw campaigns of a kind from its seed on; return the first that is as it has to be.
 
     Every effect is detectable beside the others, and no two are each other's image; a faint one is
-    not detectable.
+    not detectable. Effects grow, and faint ones shrink, until that is so.
     """
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([case.seed, attempt, 17])
-        effects, options = _effects(case, rng), _options(case, rng)
+        effects, options = _effects(case, attempt, rng), _options(case, rng)
         if any(name == "oil_temperature" for name, _ in effects):
             options["temperature_swing"] = max(options["temperature_swing"] or 0.0, _SWEPT)
         try:
@@ -117,13 +117,14 @@ def draw(case: Case) -> Campaign:
     raise InputError(f"{case.key}: no campaign of {_ATTEMPTS} is as it has to be")
 
 
-def _effects(case: Case, rng: np.random.Generator) -> list[tuple[str, float]]:
+def _effects(case: Case, attempt: int, rng: np.random.Generator) -> list[tuple[str, float]]:
     names = [case.kind]
     if case.kind in _COUNTS:
         count = {"none": 0, "base off": 0, "faint": 1, **_SETS}[case.kind]
         names = [str(name) for name in rng.choice(KNOWN_EFFECTS, count, replace=False)]
-    noise = NOISES.get(case.condition, 0.004)
-    factor = _FAINT * noise / 0.004 if case.kind == "faint" else 1.0
+    factor: float = _GROWTH**attempt
+    if case.kind == "faint":
+        factor = _FAINT * NOISES.get(case.condition, 0.004) / 0.004 / factor
     return [(name, factor * _between(_SHIFTS, rng)) for name in names]
 
 

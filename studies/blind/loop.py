@@ -39,7 +39,6 @@ def play(case: Case) -> dict[str, Any]:
 
 
 def _end(run: Iterator[tuple[float, Any]], case: Case, campaign: Campaign) -> dict[str, Any]:
-    """Follow a run to its end."""
     *_, (tests, advice) = run
     alive = [(sorted(each["effects"]), each["probability"]) for each in advice["alive"][:3]]
     settled, truth = advice["reason"] == "settled", sorted(campaign.bench.names)
