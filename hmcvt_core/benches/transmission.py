@@ -149,11 +149,9 @@ class Transmission:
         usable = EFFICIENCY.contains(self.predict(base, (), possible)[0])
         return {name: values[usable] for name, values in possible.items()}
 
-    def lost_power(self, base: Array, points: Points, gap: Array) -> Array:
-        """Return the engine power that a gap in efficiency costs at points [W], (n,)."""
-        expected = self.predict(base, (), points)[0]
-        return points["load_torque"] * points["engine_speed"] * (
-            1.0 / (expected + gap) - 1.0 / expected)
+    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
+        """Return the engine power that an efficiency below the one expected costs [W], (n,)."""
+        return points["load_torque"] * points["engine_speed"] * (1.0 / real - 1.0 / expected)
 
     def model_of(
         self, base: Array, effects: Sequence[AnyEffect], samples: BenchSamples

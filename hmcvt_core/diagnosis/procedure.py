@@ -166,7 +166,7 @@ def diagnose_system(
         _sets(study) if study.significant else (), shrunk, delivered, _next_tests(advice),
         advice, ranking.unlisted if study.significant else 0.0,
         ranking.misfit if study.significant else 0.0,
-        float(np.average(system.lost_power(base.base, observed.points, expected), weights=count)),
+        _lost_power(study, verdict, expected),
         (*notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
         _model_of(base), field, observed.samples, residuals, judged.samples, before, after,
@@ -211,6 +211,19 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
              if len(names) == len(leading.names) and rival is not leading
              and rival.log > leading.log - _TWIN]
     return "cause_found" if probability >= FOUND and not twins else "ambiguous", []
+
+
+def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
+    """Mean over the samples, of the leading set [W]; where none is named, over where the gap is."""
+    fit = study.leading[0].fit if verdict in ("cause_found", "ambiguous") else study.base
+    system, points = fit.hypothesis.system, study.base.observed.points
+    expected, = system.predict(fit.base, (), points)[:1]
+    weight = study.base.observed.count
+    if fit is study.base:
+        real, weight = expected + gap, weight * (np.abs(gap) >= _rms(gap))
+    else:
+        real = fit.hypothesis.predict(fit.theta, points)[0]
+    return float(np.average(system.lost_power(points, expected, real), weights=weight))
 
 
 def _sets(study: _Study) -> tuple[CauseSet, ...]:

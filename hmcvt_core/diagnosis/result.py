@@ -178,7 +178,8 @@ class Outcome:
         verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
         unlisted: probability that listed effects are not all of the gap.
         misfit: of it, that a base model is a little off and nothing else.
-        lost_power: what the gap costs on average over the samples [W]; negative where it gains.
+        lost_power: what the leading set of causes costs on average over the samples [W], or the gap
+            where no cause is named.
         notes: plain sentences on the data and the search.
         base: the base model refitted to the samples, no effect added.
         field: the gap at any operating point.

@@ -155,8 +155,13 @@ class System(Protocol):
     def candidates(self, points: Points, base: Array) -> Points:
         """Return points at which a further test can be run, given those measured so far."""
 
-    def lost_power(self, base: Array, points: Points, gap: Array) -> Array:
-        """Return the power that a gap in the first channel costs at points [W], (n,)."""
+    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
+        """Return the power that is lost at points beyond what is expected [W], (n,).
+
+        Args:
+            points: where.
+            expected, real: the first channel, shape (n,).
+        """
 
     def model_of(self, base: Array, effects: Sequence[Effect], samples: Any) -> Any:
         """Return what is saved and served of a hypothesis fitted to samples."""
