@@ -31,21 +31,22 @@ KEPT_BACK = 500_000_000
               help="What to run; may be given more than once.  [default: all]")
 @click.option("--quick", is_flag=True,
               help="One campaign per effect at 0.4 %, or in the parts chosen: goals and misses.")
+@click.option("--only", default="", metavar="TEXT",
+              help="Only campaigns with this in their name, as pair in `0.4 %/pair/24001`.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1,
               show_default="cores", help="Diagnoses side by side.")
 @click.option("--results", type=OutputFile(), default=None, metavar="FILE",
-              help="Records so far; an interrupted trial goes on from here.  "
-                   "[default: blind-results.jsonl; with --quick none]")
+              help="Where an interrupted trial goes on.  [default: blind-results.jsonl, --quick none]")
 @click.option("--out", type=OutputFile(), default=None, metavar="REPORT.md",
               help="Write the report there too.")
 def command(
-    seeds: int, seed_base: int, parts: tuple[str, ...], quick: bool, jobs: int,
+    seeds: int, seed_base: int, parts: tuple[str, ...], quick: bool, only: str, jobs: int,
     results: str | None, out: str | None,
 ) -> None:
     """Run the blind trial: the diagnosis gets the bench columns of the twin's campaigns alone."""
     if quick:
         seeds, parts = 1, parts if parts != PARTS else PARTS[:1]
-    todo = {case.key: case for case in cases(seed_base, seeds, parts)}
+    todo = {case.key: case for case in cases(seed_base, seeds, parts) if only in case.key}
     records: list[dict[str, Any]] = []
     with workers(jobs) as pool:
         path = Path(results or (os.devnull if quick else "blind-results.jsonl"))

@@ -16,8 +16,7 @@ from studies.blind.effect import Conditions, Effect, FloatArray, between, drawn
 class ChargePump(Effect):
     """Charge pump on the pump shaft against its relief valve.
 
-    The valve's pressure rises with the flow left over after the loop's leakage is made up
-    (override); `size` 1 is 12 cm3/r.
+    The valve's pressure rises with the flow that the loop's leakage leaves; `size` 1 is 12 cm3/r.
     """
 
     limit: ClassVar[float] = 6.0
@@ -110,9 +109,8 @@ class ClutchDrag(Effect):
 class PressureFriction(Effect):
     """Sliding friction of pump and motor at full stroke.
 
-    The coefficient follows the Hersey number, viscosity x speed / pressure (Stribeck curve;
-    Manring, Fluid Power Pumps and Motors, 2013), above a Coulomb floor; the pump pays it at
-    zero stroke too.
+    The coefficient follows the Hersey number, viscosity x speed / pressure (Stribeck curve; Manring,
+    Fluid Power Pumps and Motors, 2013), above a Coulomb floor, in the pump at zero stroke too.
     """
 
     hersey: float = between(2e-7, 1.5e-6)

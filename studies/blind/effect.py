@@ -57,8 +57,7 @@ class Conditions:
 class Effect:
     """A loss or fault that the base plant lacks; every hook does nothing unless overridden.
 
-    `size` scales the effect and 0 switches it off; `limit` is the largest size that is still
-    physical.
+    `size` scales the effect, 0 switches it off; `limit` is the largest that is still physical.
     """
 
     name: ClassVar[str]

@@ -54,9 +54,8 @@ class PressureLeakage(Effect):
 class OrificeLeakage(Effect):
     """Leak through a short opening (valve plate groove, plug).
 
-    The discharge coefficient grows from the laminar to the turbulent regime with the flow number,
-    as McCloy and Martin (Control of Fluid Power, 1980) have it, so that flow is between dp and
-    dp^0.5.
+    The discharge coefficient grows with the flow number, from laminar to turbulent (McCloy and
+    Martin, Control of Fluid Power, 1980): flow is between dp and dp^0.5.
     """
 
     diameter: float = between(1.5e-4, 1e-3)
