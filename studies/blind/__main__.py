@@ -36,7 +36,7 @@ KEPT_BACK = 500_000_000
 @click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1,
               show_default="cores", help="Diagnoses side by side.")
 @click.option("--results", type=OutputFile(), default=None, metavar="FILE",
-              help="Where an interrupted trial goes on.  [default: blind-results.jsonl, --quick none]")
+              help="To go on after an interruption.  [default: blind-results.jsonl, --quick none]")
 @click.option("--out", type=OutputFile(), default=None, metavar="REPORT.md",
               help="Write the report there too.")
 def command(

@@ -109,7 +109,7 @@ class ClutchDrag(Effect):
 class PressureFriction(Effect):
     """Sliding friction of pump and motor at full stroke.
 
-    The coefficient follows the Hersey number, viscosity x speed / pressure (Stribeck curve; Manring,
+    The coefficient follows the Hersey number, viscosity x speed / pressure (Stribeck; Manring,
     Fluid Power Pumps and Motors, 2013), above a Coulomb floor, in the pump at zero stroke too.
     """
 
