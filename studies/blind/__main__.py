@@ -18,8 +18,7 @@ from .conditions import PARTS, cases
 from .loop import work
 from .scoring import goals, misses, report
 
-KEPT_BACK = 500_000_000
-"""Seeds from here on are for the page alone: nothing is developed on them."""
+KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
 
 
 @click.command("blind")
