@@ -10,7 +10,7 @@ which member each path meets comes from a mapping (YAML), never from code.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -163,9 +163,16 @@ class Stage:
 
     def with_gear_efficiency(self, efficiency: float) -> Stage:
         """Return the stage with the same efficiency in every gear pair."""
+        return self._with_gear_efficiencies(lambda pair: efficiency)
+
+    def with_gear_loss(self, loss: float) -> Stage:
+        """Return the stage with a further part of the power lost in every gear pair."""
+        return self._with_gear_efficiencies(lambda pair: min(pair.efficiency * (1.0 - loss), 1.0))
+
+    def _with_gear_efficiencies(self, efficiency: Callable[[GearPair], float]) -> Stage:
         renewed: dict[str, Any] = {
             name: replace(path, gear_pairs=tuple(
-                replace(pair, efficiency=efficiency) for pair in path.gear_pairs))
+                replace(pair, efficiency=efficiency(pair)) for pair in path.gear_pairs))
             for name, path in self.paths.items()}
         return replace(self, **renewed)
 

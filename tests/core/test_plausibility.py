@@ -87,9 +87,9 @@ def test_outliers_are_no_mistake_of_a_column(samples, hm4):
 
 def test_diagnosis_says_it_before_it_names_a_cause(samples):
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    few = samples.select(np.arange(32))
+    few = samples.select(np.arange(12))
     wrong = replace(few, output_speed=1.09 * few.output_speed,
-                    pressure=250.0 * np.ones(32))  # in bar
+                    pressure=250.0 * np.ones(12))  # in bar
     found = hmcvt.diagnose(model, wrong)
     assert found.notes[:2] == (gear_train_remark(model.stage, wrong), pressure_remark(model, wrong))
     assert found.notes[0] == found.to_dict()["notes"][0]
