@@ -239,8 +239,8 @@ def diagnose(
     notes = [remark for remark in remarks if remark is not None]
     observed = _distinct(samples, noise, notes)
     held = None if holdout is None else _fresh(holdout, samples, notes)
-    return diagnose_system(_bench_of(model, samples), observed, held, notes=notes, seed=seed,
-                           progress=progress)
+    return diagnose_system(Transmission(model, samples.pressure is not None), observed, held,
+                           notes=notes, seed=seed, progress=progress)
 
 
 def next_test(
@@ -260,7 +260,8 @@ def next_test(
     Raises:
         InputError: as `diagnose`.
     """
-    system, observed = _bench_of(model, samples), _distinct(samples, noise, [])
+    system, observed = Transmission(model, samples.pressure is not None), _distinct(
+        samples, noise, [])
     points = None if possible is None else {
         axis.name: getattr(possible, axis.name) if getattr(possible, axis.name, None) is not None
         else np.full(len(possible), np.median(observed.points[axis.name]))
@@ -280,10 +281,6 @@ def _distinct(samples: BenchSamples, noise: float | None, notes: list[str]) -> O
         notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
                      "column and were left out")
     return replace(observe(samples.select(rows), noise), number=rows)
-
-
-def _bench_of(model: EfficiencyModel, samples: BenchSamples) -> Transmission:
-    return Transmission(model, samples.pressure is not None)
 
 
 def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
@@ -322,15 +319,14 @@ def separable(
             pressure and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
-    system, observed, fuller = Transmission(model, pressure=True), observe(plan, noise), None
-    readings = model.readings_at(OperatingPoints(**observed.points))
-    for channel, row in zip(CHANNELS, readings, strict=True):
+    system, observed, fuller = Transmission(model, True), observe(plan, noise), None
+    base = np.append(to_scaled(model.parameters.to_array()), np.zeros(len(_TOLERANCES)))
+    readings = system.predict(base, (), observed.points)
+    for channel, row in zip(system.channels, readings, strict=True):
         if getattr(plan, channel.name) is None:  # the first that a bench may read besides
             fuller = observe(replace(plan, **{channel.name: row}), noise)
             break
-    return isolability(
-        system, observed, np.append(
-            to_scaled(model.parameters.to_array()), np.zeros(len(system.base) - 3)), fuller)
+    return isolability(system, observed, base, fuller)
 
 
 def read_plan(

@@ -29,7 +29,7 @@ More than any misfit, or refits to a large gap would hide the worst points where
 """
 
 _FIRST_SIZE = 0.1  # in typical sizes
-_PASSES, _STEPS = 20, 3  # estimates of the noise, and evaluations between two of them, at most
+_PASSES, _STEPS = 8, 3  # estimates of the noise, and evaluations between two of them, at most
 _TOLERANCE = 1e-4  # of the squares
 _NOISE_SETTLED = 2e-2
 _AT_BOUND = 1e-3  # in prior deviations or typical sizes
@@ -229,7 +229,7 @@ def _within(
     found = least_squares(
         lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
         (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
-        max_nfev=_STEPS)
+        max_nfev=_STEPS, method="dogbox")
     return whole(found.x), found.status > 0
 
 

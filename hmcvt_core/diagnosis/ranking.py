@@ -146,7 +146,8 @@ def search(base: Fit) -> tuple[list[tuple[Rival, float]], int]:
 
     def refitted(proposals: Sequence[Proposal]) -> None:
         for _, forms, price in proposals:
-            rival = explanation(base, forms)
+            smaller = found.get(tuple(sorted(effect.name for effect in forms[:-1])))
+            rival = explanation(smaller[0].fit if smaller else base, forms)
             if rival.names not in found or rival.log + price > found[rival.names][1]:
                 found[rival.names], price_of[rival.names] = (rival, rival.log + price), price
 
@@ -159,7 +160,10 @@ def search(base: Fit) -> tuple[list[tuple[Rival, float]], int]:
     for rival in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item[1][0].name in rival.names
                              and item[1] != rival.fit.hypothesis.effects]))
-    refitted(_promising(_distinct(screen(base, 2)))[:_SETS])
+    # Two that hold the leader are found from it, below.
+    first, = leaders(1, 1)
+    refitted([item for item in _promising(_distinct(screen(base, 2)))
+              if first.names[0] not in {effect.name for effect in item[1]}][:_SETS])
     for size in (1, 2):
         refitted(_distinct(sorted((
             (rival.log + gain, (*rival.fit.effects, *forms), price + price_of[rival.names])

@@ -215,17 +215,17 @@ def _sign(effect: Effect) -> float:
     return 1.0 if effect.sizes()[0].low >= 0.0 else 0.0
 
 
-def explanation(base: Fit, effects: tuple[Effect, ...], opposite: bool = False) -> Rival:
+def explanation(start: Fit, effects: tuple[Effect, ...], opposite: bool = False) -> Rival:
     """Refit a hypothesis exactly and weigh it, with its allowances.
 
     Args:
-        base: the refit without any effect, to start from.
-        effects: with the shapes to use.
+        start: the refit without any effect, or with some of them, to start from.
+        effects: with the shapes to use, and sizes to start from.
         opposite: whether they have the wrong sign.
     """
-    observed = base.observed
-    hypothesis = Hypothesis(base.hypothesis.system, effects, opposite)
-    fit = refit(hypothesis, observed, base.base)
+    observed = start.observed
+    hypothesis = Hypothesis(start.hypothesis.system, effects, opposite)
+    fit = refit(hypothesis, observed, start.base)
     shared, k = hypothesis.shared, len(fit.sizes)
     bends = smooth_functions(observed.place, _ALLOWED_DEGREE)[0][:, 1:]
     misfit, off = base_misfit(observed)
