@@ -49,7 +49,9 @@ def test_mistakes_are_the_first_thing_told(samples, hm4, change, words):
     remark = gear_train_remark(hm4, wrong)
     assert words in remark
     assert "check the stage" in remark
-    assert hmcvt.identify(wrong).warnings[0] == remark
+    found = hmcvt.identify(wrong)
+    assert found.warnings[0] == remark
+    assert found.report().startswith(f"{remark}\npower_balance, stage HM4")
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     assert refit(wrong, model, model).warnings[0] == remark
 
