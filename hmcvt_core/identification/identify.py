@@ -132,8 +132,10 @@ class Identification:
         Args:
             numbers: of the samples in their file; 1, 2, ... when left out.
         """
-        return "\n".join([*self._result_lines(), *self._sample_lines(numbers),
-                          *(f"  note: {sentence}" for sentence in self.warnings)])
+        kinematics = gear_train_remark(self.model.stage, self.samples)
+        first = [] if kinematics is None else [kinematics]
+        return "\n".join([*first, *self._result_lines(), *self._sample_lines(numbers),
+                          *(f"  note: {sentence}" for sentence in self.warnings[len(first):])])
 
     def _result_lines(self) -> Iterator[str]:
         model = self.model

@@ -49,7 +49,9 @@ def test_mistakes_are_the_first_thing_told(samples, hm4, change, words):
     remark = gear_train_remark(hm4, wrong)
     assert words in remark
     assert "check the stage" in remark
-    assert hmcvt.identify(wrong).warnings[0] == remark
+    found = hmcvt.identify(wrong)
+    assert found.warnings[0] == remark
+    assert found.report().startswith(f"{remark}\npower_balance, stage HM4")
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     assert refit(wrong, model, model).warnings[0] == remark
 
@@ -87,9 +89,9 @@ def test_outliers_are_no_mistake_of_a_column(samples, hm4):
 
 def test_diagnosis_says_it_before_it_names_a_cause(samples):
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    few = samples.select(np.arange(32))
+    few = samples.select(np.arange(12))
     wrong = replace(few, output_speed=1.09 * few.output_speed,
-                    pressure=250.0 * np.ones(32))  # in bar
+                    pressure=250.0 * np.ones(12))  # in bar
     found = hmcvt.diagnose(model, wrong)
     assert found.notes[:2] == (gear_train_remark(model.stage, wrong), pressure_remark(model, wrong))
     assert found.notes[0] == found.to_dict()["notes"][0]

@@ -88,9 +88,8 @@ def unspanned():
     moving = np.abs(motor) > 25.0  # no friction holds it: a jump would be all that one sees
     bench = observe(measure(points.map(lambda row: row[moving])), 0.004)
     system = Transmission(BASE)
-    base = to_scaled(BASE.parameters.to_array())
-    fit = linearise(Hypothesis(system), bench, np.append(base, np.zeros(len(system.nuisances))),
-                    np.ones(2))
+    base = np.append(to_scaled(BASE.parameters.to_array()), np.zeros(len(system.base) - 3))
+    fit = linearise(Hypothesis(system), bench, base, np.ones(2))
     here = bench.whiten(system.predict(base, (), bench.points))
 
     def signature(effect):

@@ -147,7 +147,7 @@ def test_pressure_tells_the_sides_of_the_motor_apart():
 def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():
     lossy = replace(BASE, parameters=hmcvt.HydraulicParameters(2e-11, 2.0, 2.5))
     system = Transmission(lossy)
-    base = np.array([np.log10(2e-11), 2.0, 2.5])
+    base = np.array([np.log10(2e-11), 2.0, 2.5, 0.0])
     measured = {name: values for name, values in random_points(1, 60)._asdict().items()
                 if values is not None}
     possible = system.candidates(measured, base)
