@@ -21,10 +21,10 @@ import yaml
 from rclpy.context import Context
 
 import hmcvt_core as hmcvt
+from examples.bench_player import BenchPlayer, bench_sample_to_message
 from hmcvt_ros.bench_log import rows_of
-from hmcvt_ros.bench_player import BenchPlayer
 from hmcvt_ros.inputs import Tally
-from hmcvt_ros.messages import bench_sample_from_message, bench_sample_to_message
+from hmcvt_ros.messages import bench_sample_from_message
 from hmcvt_ros.model_store import WAYS_BACK, ModelStore
 
 from . import processes

@@ -36,7 +36,7 @@ else:
     from ros_bench import command, send_table
 
     import hmcvt_core as hmcvt
-    from hmcvt_ros.bench_player import BenchPlayer, Reply
+    from examples.bench_player import BenchPlayer, Reply
     from hmcvt_ros.parameters import PARAMETERS
 
 _numbers = itertools.count(1)

@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 import hmcvt_core as hmcvt
-from hmcvt_ros.bench_player import bench_message as message
+from examples.bench_player import bench_message as message
 from hmcvt_ros.inputs import OperatingPoint
 
 __all__ = ["GOOD", "STALLED", "command", "message", "points", "send_table"]

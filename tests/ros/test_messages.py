@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from examples.bench_player import bench_sample_to_message
 from hmcvt_ros import messages
 from hmcvt_ros.inputs import Tally
 
@@ -16,7 +17,7 @@ from hmcvt_ros.inputs import Tally
 def shafts(**changes):
     values = {"displacement_ratio": -0.5, "engine_speed": 100.0, "engine_torque": 250.0,
               "output_speed": 80.0, "output_torque": 250.0, **changes}
-    return messages.bench_sample_to_message(**values)
+    return bench_sample_to_message(**values)
 
 
 def read(message, now):

@@ -273,7 +273,7 @@ def test_quality_of_service_can_be_overridden(run_node, connect, tmp_path):
 def test_python_example_runs(run_node, environment):
     run_node()
     result = subprocess.run([sys.executable, "-c", block("python")], env=dict(environment),
-                            capture_output=True, text=True, timeout=60)
+                            cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert "Reply(success=False, data={'error': 'no bench samples logged yet" in result.stdout, (
         result.stderr)
 

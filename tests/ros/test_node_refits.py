@@ -16,9 +16,9 @@ from ros_bench import GOOD, message, points, send_table
 from std_msgs.msg import Float64, String
 
 import hmcvt_core as hmcvt
+from examples.bench_player import bench_sample_to_message
 from hmcvt_core.identification.refit import refit
 from hmcvt_ros import jobs, qos
-from hmcvt_ros.messages import bench_sample_to_message
 
 
 def relative_error(node, table2):
