@@ -12,6 +12,8 @@ import pytest
 
 import hmcvt_core as hmcvt
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"
 

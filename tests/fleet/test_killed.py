@@ -18,6 +18,8 @@ from hmcvt_core.model.parameter_file import load_stage
 
 from .fleets import finish, results, start, wait_for, workers
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
 
 

@@ -13,6 +13,8 @@ from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 
 from .fleets import ROOT, results
 
+pytestmark = pytest.mark.slow
+
 NAMES = [f"{number:05d}" for number in range(3)]
 
 

@@ -22,6 +22,8 @@ from hmcvt_core.identification.refit import refit
 from hmcvt_ros.diagnostics import _LEVELS
 from hmcvt_ros.inputs import INPUT_RANGES
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
 OF_EVERY_NODE = {"/rosout", "/parameter_events"}

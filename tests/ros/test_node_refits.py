@@ -20,6 +20,8 @@ from examples.bench_player import bench_sample_to_message
 from hmcvt_core.identification.refit import refit
 from hmcvt_ros import jobs, qos
 
+pytestmark = pytest.mark.slow
+
 
 def relative_error(node, table2):
     answers = [node.player.hold(point, rounds=2).efficiency for point in points(table2)]

@@ -55,8 +55,8 @@ EXPECTED: dict[str, str | tuple[str, float]] = {
     "leakage from five tests [m3/(s Pa)]": "differs",
 }
 
-# `python -m studies.reproduce` but for most choices of 3, 4 and 6 tests, which no item speaks of, and
-# of 5, of which a third misses the paper's claim as all of them do.
+# `python -m studies.reproduce` but for most choices of 3, 4 and 6 tests, which no item speaks of,
+# and two thirds of those of 5: the rest misses the paper's claim as all do.
 START = """
 import runpy
 from studies.reproduce import paper, subsets
