@@ -8,6 +8,7 @@ import math
 import os
 import signal
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -215,6 +216,8 @@ def test_worker_is_kept_and_replaced_when_it_dies(node, table2):
     assert works()
     worker = node.worker()
     assert os.sched_getscheduler(worker) == os.SCHED_IDLE
+    # Where memory runs out, the kernel ends the job and not the node.
+    assert oom_score(worker) == 1000 and oom_score(node.process.pid) == oom_score("self") < 1000
     with open(f"/proc/{worker}/environ") as file:
         assert "OPENBLAS_NUM_THREADS=1" in file.read().split("\0")
 
@@ -258,6 +261,11 @@ def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, ta
     workers = again.children()
     again.stop(signal.SIGKILL)
     assert again.comes(lambda: not any(map(alive, workers)))
+
+
+def oom_score(pid):
+    """How much rather than others the kernel ends a process where memory runs out, to 1000."""
+    return int(Path(f"/proc/{pid}/oom_score_adj").read_text())
 
 
 def long_refit(node, table2):
