@@ -38,15 +38,15 @@ demo: $(VENV)/.ros
 	@$(BIN)/python examples/demo.py
 
 # Nodes mostly wait: there may be more of them than cores. The endurance trial counts milliseconds and
-# runs alone.
+# runs alone. The order is that of tests/conftest.py.
+SHARED = --dist loadfile --no-loadscope-reorder --numprocesses
 test: $(VENV)/.dev system
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile \
-		--ignore=tests/ros --ignore=tests/soak
+	$(BIN)/python -m pytest $(SHARED) auto --ignore=tests/ros --ignore=tests/soak
 ifneq ($(HMCVT_CORE_ONLY),1)
-	$(BIN)/python -m pytest --numprocesses $$(($$(nproc) + 1)) --dist loadfile tests/ros
+	$(BIN)/python -m pytest $(SHARED) $$((2 * $$(nproc))) tests/ros
 	$(BIN)/python -m pytest tests/soak
 endif
 endif

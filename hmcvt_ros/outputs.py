@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -37,7 +38,8 @@ class Outputs:
             (create_publisher(Float64, topic, qos.OUTPUT), Float64()) for topic in (
                 "efficiency", "optimal_displacement_ratio", "optimal_engine_speed"))
         self._advice = create_publisher(JointState, "advice", qos.OUTPUT)
-        self._best, self._best_of_advice = _Best(), _Best()
+        # Most often the question is the same as the last time, on the topics and in the advice.
+        self._best = functools.lru_cache(2)(_best)
 
     def answer(self, model: EfficiencyModel, point: OperatingPoint, settings: Settings) -> None:
         """Publish what the model says at an operating point."""
@@ -49,7 +51,7 @@ class Outputs:
             self.refusal = ""
         else:
             self.refusal = model.refusal(*point) or ""
-        stroke, speed = self._best.at(model, point, settings)
+        stroke, speed = self._best(*_asked(model, point, settings))
         _publish(self._stroke, stroke, settings)
         _publish(self._speed, speed, settings)
 
@@ -67,35 +69,27 @@ class Outputs:
             found = model.predict(*point)
             extrapolated = math.nan if model.domain is None else float(not found.inside_domain)
             values[:-1] = [found.efficiency, found.standard_error, extrapolated,
-                           model.power_loss(*point),
-                           *self._best_of_advice.at(model, point, settings)]
+                           model.power_loss(*point), *self._best(*_asked(model, point, settings))]
         answer = JointState(header=asked.header, name=list(ADVICE), position=values)
         answer.header.frame_id = f"{model.fingerprint}:{model.stage.name}"
         self._advice.publish(answer)
 
 
-class _Best:
-    """The optimum, remembered: most often the question is the same as the last time."""
+def _asked(model: EfficiencyModel, point: OperatingPoint, settings: Settings) -> tuple[Any, ...]:
+    """What the optimum depends on: the displacement ratio only where it tells the output speed."""
+    ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
+    return (model, point.engine_speed, point.load_torque, settings.optimum_hold, ratio,
+            settings.engine_speed_limits)
 
-    def __init__(self) -> None:
-        self._asked: tuple[Any, ...] | None = None
-        self._found = math.nan, math.nan
 
-    def at(
-        self, model: EfficiencyModel, point: OperatingPoint, settings: Settings
-    ) -> tuple[float, float]:
-        """Return the best displacement ratio [-] and its engine speed [rad/s]."""
-        ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
-        asked = (model, point.engine_speed, point.load_torque, ratio, settings.optimum_hold,
-                 settings.engine_speed_limits)
-        if asked != self._asked:
-            best = model.optimal_displacement_ratio(
-                point.engine_speed, point.load_torque, hold=settings.optimum_hold,
-                displacement_ratio=ratio, engine_speed_limits=settings.engine_speed_limits)
-            # An engine speed belongs to a displacement ratio, and there is none without it.
-            speed = best.engine_speed if math.isfinite(best.displacement_ratio) else math.nan
-            self._asked, self._found = asked, (best.displacement_ratio, speed)
-        return self._found
+def _best(model: EfficiencyModel, engine_speed: float, load_torque: float, hold: str,
+          ratio: float | None, limits: tuple[float, float]) -> tuple[float, float]:
+    """Return the best displacement ratio [-] and its engine speed [rad/s]."""
+    best = model.optimal_displacement_ratio(engine_speed, load_torque, hold=hold,
+                                            displacement_ratio=ratio, engine_speed_limits=limits)
+    # An engine speed belongs to a displacement ratio, and there is none without it.
+    found = math.isfinite(best.displacement_ratio)
+    return best.displacement_ratio, best.engine_speed if found else math.nan
 
 
 def _publish(output: tuple[Any, Float64], value: float, settings: Settings) -> None:
