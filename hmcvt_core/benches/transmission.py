@@ -236,10 +236,11 @@ def diagnose(
             nothing new, or the formulation is another.
     """
     remarks = gear_train_remark(model.stage, samples), pressure_remark(model, samples)
-    notes = [remark for remark in remarks if remark is not None]
+    notes: list[str] = []
     observed = _distinct(samples, noise, notes)
     held = None if holdout is None else _fresh(holdout, samples, notes)
     return diagnose_system(Transmission(model, samples.pressure is not None), observed, held,
+                           warnings=[each for each in remarks if each is not None],
                            notes=notes, seed=seed, progress=progress)
 
 

@@ -109,6 +109,7 @@ def diagnose_system(
     observed: Observations,
     held: Observations | None = None,
     *,
+    warnings: Sequence[str] = (),
     notes: Sequence[str] = (),
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
@@ -121,6 +122,7 @@ def diagnose_system(
         system: what stands on the bench.
         observed: at least five samples.
         held: samples to measure the shrinkage on; None for cross-validation.
+        warnings: why the readings may be of another machine; they go before everything.
         notes: on the samples, to go first.
         seed: of every random number.
         progress: called with a line of text before each step; may raise to cancel.
@@ -166,8 +168,8 @@ def diagnose_system(
         _sets(study) if study.significant else (), shrunk, delivered, _next_tests(advice),
         advice, ranking.unlisted if study.significant else 0.0,
         ranking.misfit if study.significant else 0.0,
-        _lost_power(study, verdict, expected),
-        (*notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
+        _lost_power(study, verdict, expected), tuple(warnings),
+        (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
         _model_of(base), field, observed.samples, residuals, judged.samples, before, after,
         observed.steered, extent, observed.readings[0].channel)

@@ -134,7 +134,7 @@ class Diagnosis(Outcome):
         gap, shrunk = self.gap, self.shrinkage
         before, after, noise, stated, error = (words.amount(self, value) for value in (
             shrunk.before, shrunk.after, gap.noise, gap.noise_stated, gap.rmse))
-        lines = [words.mechanic(self), "", words.verdict(self), "",
+        lines = [words.mechanic(self), "", *self.warnings, words.verdict(self), "",
                  f"gap        {gap.samples} samples, {before} rms beyond the noise, "
                  f"{words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
                  f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
@@ -142,6 +142,6 @@ class Diagnosis(Outcome):
         if shrunk.fraction is not None:
             lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}")
         lines += [*_where(self), *_causes(self), *_tests(self),
-                  *(f"note: {note}" for note in self.notes)]
+                  *(f"note: {note}" for note in self.notes[len(self.warnings):])]
         plain = (line.replace(words.MINUS, "-").replace(words.AT_MOST, "<=") for line in lines)
         return "\n".join(map(_wrapped, plain))

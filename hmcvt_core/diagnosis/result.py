@@ -180,7 +180,8 @@ class Outcome:
         misfit: of it, that a base model is a little off and nothing else.
         lost_power: what the leading set of causes costs on average over the samples [W], or the gap
             where no cause is named.
-        notes: plain sentences on the data and the search.
+        warnings: why the readings may be of another machine, in plain sentences.
+        notes: the same on the data and the search, the warnings first.
         base: the base model refitted to the samples, no effect added.
         field: the gap at any operating point.
         samples: what was diagnosed.
@@ -203,6 +204,7 @@ class Outcome:
     unlisted: float
     misfit: float
     lost_power: float
+    warnings: tuple[str, ...]
     notes: tuple[str, ...]
     base: Any
     field: GapField

@@ -101,6 +101,8 @@ def advice(found: Advice) -> str:
 
 def mechanic(found: Outcome) -> str:
     """Return what is probably wrong, what it costs and what to do, without a statistic."""
+    if found.warnings:
+        return "The readings do not fit this machine: settle what the next lines say first."
     if found.verdict == "no_gap":
         return "Bench and model agree: nothing to look for."
     if found.misfit > found.unlisted / 2.0 > 0.25:
