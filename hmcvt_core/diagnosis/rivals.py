@@ -336,32 +336,31 @@ def fields(rival: Rival) -> list[Rival]:
             for loss, reading in zip(losses, observed.readings, strict=True)]
 
 
-def local(bare: Rival, boxes: Regions) -> Rival | None:
-    """Weigh a loss inside any box; the answer holds the likeliest, `log` is over all of them."""
-    observed, model = bare.fit.observed, bare.plain
-    p, n = len(model.mean), len(observed)
-    keep, places = np.append(np.arange(p), p + 1), []
-    shared = gram(model.columns, model.target)
-    for channel, reading in enumerate(observed.readings if len(boxes) else ()):
-        column = boxes.members * reading.unit_loss
-        grams = np.zeros((len(boxes), len(shared), p + 2, p + 2))
-        grams[:, :, keep[:, None], keep] = shared
-        grams[:, channel, p, p] = np.sum(column**2, axis=1)
-        cross = column @ np.concatenate(
-            [model.columns[channel], model.target[channel][:, None]], axis=1)
-        grams[:, channel, p, keep] = cross
-        grams[:, channel, keep, p] = cross
-        places.append(np.logaddexp.reduce([
-            evidence(grams, n, np.broadcast_to(np.append(model.spread, scale), (len(boxes), p + 1)),
-                     observed.trusts).log for scale in reading.channel.step_spreads])
-            - math.log(len(reading.channel.step_spreads)))
-    if not places:
+def local(rival: Rival, boxes: Regions) -> Rival | None:
+    """Weigh a loss inside any box beside a rival; `log` is over all boxes, the rest of the best.
+
+    The boxes are compared at the noise that the rival leaves, the best is weighed in full.
+    """
+    observed, model = rival.fit.observed, rival.weighed
+    if not len(boxes):
         return None
-    channel, box = divmod(int(np.argmax(places)), len(boxes))
+    root, gains = np.sqrt(model.noise), []
+    left = model.target - model.columns @ model.mean
+    for i, reading in enumerate(observed.readings):
+        column = boxes.members * reading.unit_loss / root[i]
+        shadow = column @ model.columns[i] / root[i]
+        squares = np.sum(column**2, axis=1) - np.einsum(
+            "bp,pq,bq->b", shadow, model.covariance, shadow)
+        pull = column @ left[i] / root[i]
+        ratios = np.square(reading.channel.step_spreads)[:, None] * squares
+        gains.append(np.logaddexp.reduce(
+            0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios)))
+            - math.log(len(ratios)))
+    channel, box = divmod(int(np.argmax(gains)), len(boxes))
     # An edge of the campaign is none of the place.
     ends = observed.place.min(axis=1), observed.place.max(axis=1)
     low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
     high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
-    found = _with_loss(bare, LocalLoss(channel, low, high), [
+    found = _with_loss(rival, LocalLoss(channel, low, high), [
         np.array([scale]) for scale in observed.readings[channel].channel.step_spreads])
-    return replace(found, log=log_mean(np.ravel(places)))
+    return replace(found, log=found.log + log_mean(np.ravel(gains)) - float(np.max(gains)))
