@@ -18,10 +18,10 @@ import tempfile
 from pathlib import Path
 
 import rclpy
+from bench_player import BenchPlayer, bench_message
 from rclpy.signals import SignalHandlerOptions
 
 import hmcvt_core as hmcvt
-from hmcvt_ros.bench_player import BenchPlayer, bench_message
 from hmcvt_ros.inputs import OperatingPoint
 
 MODEL_FILE = "params/paper.yaml"

@@ -25,7 +25,7 @@ import hmcvt_core as hmcvt
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies are not installed
 
-from studies.blind.campaign import Campaign, CampaignOptions, Label, fresh
+from studies.blind.campaign import Bench, Campaign, CampaignOptions
 from studies.blind.catalogue import draw_effect, size_effect
 from studies.blind.twin import BaseTruth
 
@@ -48,8 +48,8 @@ def transmission(number: int, samples: int, seed: int) -> Campaign:
     if number % 5 == 2:
         effect = draw_effect(EFFECTS[number // 5 % len(EFFECTS)], rng)
         effects.append(size_effect(base, effect, SHIFT))
-    label = Label(number, seed, tuple(effects), base, CampaignOptions(samples))
-    return fresh(Campaign({}, {}, label), int(rng.integers(2**31)))
+    bench = Bench(base, tuple(effects), CampaignOptions(samples))
+    return bench.measure(int(rng.integers(2**31)))
 
 
 def main() -> None:
@@ -67,8 +67,8 @@ def main() -> None:
         campaign, name = transmission(number, options.samples, options.seed), f"{number:05d}"
         hmcvt.write_bench(options.folder / "logs" / f"{name}.csv",
                           hmcvt.BenchSamples(**campaign.samples))
-        label = campaign.label
-        hidden[name] = {"base": asdict(label.base), "effects": list(label.names)}
+        bench = campaign.bench
+        hidden[name] = {"base": asdict(bench.base), "effects": list(bench.names)}
     (options.folder / "hidden.json").write_text(json.dumps(hidden, indent=1), encoding="utf-8")
     print(f"{options.logs} logs in {options.folder / 'logs'}")
 

@@ -8,8 +8,8 @@
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
 """
 
-from .benches.transmission import diagnose, separable
-from .diagnosis import Diagnosis, Isolability
+from .benches.transmission import diagnose, next_test, separable
+from .diagnosis import Advice, Diagnosis, Isolability
 from .errors import HmcvtError, IdentificationError, InputError
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, read_raw_bench, write_bench
@@ -29,10 +29,11 @@ from .transmission.stage import GearPair, Path, PumpMotor, Stage
 from .version import __version__
 
 __all__ = [
-    "BenchSamples", "Breakdown", "Diagnosis", "Domain", "DriveOptimum", "Effect", "EfficiencyMap",
-    "EfficiencyModel", "Engine", "GearPair", "HmcvtError", "HydraulicParameters", "Identification",
-    "IdentificationError", "InputError", "Isolability", "Optimum", "Path", "Prediction",
-    "PumpMotor", "Schedule", "ShaftState", "Stage", "Value", "__version__", "data_path",
-    "diagnose", "identify", "load_engine", "load_model", "load_stage", "read_bench",
-    "read_raw_bench", "save_model", "separable", "shape", "size", "write_bench", "write_html",
+    "Advice", "BenchSamples", "Breakdown", "Diagnosis", "Domain", "DriveOptimum", "Effect",
+    "EfficiencyMap", "EfficiencyModel", "Engine", "GearPair", "HmcvtError", "HydraulicParameters",
+    "Identification", "IdentificationError", "InputError", "Isolability", "Optimum", "Path",
+    "Prediction", "PumpMotor", "Schedule", "ShaftState", "Stage", "Value", "__version__",
+    "data_path", "diagnose", "identify", "load_engine", "load_model", "load_stage", "next_test",
+    "read_bench", "read_raw_bench", "save_model", "separable", "shape", "size", "write_bench",
+    "write_html",
 ]

@@ -7,7 +7,6 @@ garbage without a word.
 
 from __future__ import annotations
 
-import math
 from array import array
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +21,7 @@ from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, HmcvtError,
 from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
 
 from .inputs import INPUT_RANGES, OperatingPoint, Tally, coasting, tolerated
-from .shafts import JOINTS, Shafts, read_shafts
+from .shafts import Shafts, read_shafts
 
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 RAW_LIMIT = 16_384
@@ -89,22 +88,6 @@ def _running(message: JointState, tally: Tally) -> Shafts:
         raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
     return shafts._replace(displacement_ratio=tolerated(
         DISPLACEMENT_RATIO, shafts.displacement_ratio, tally))
-
-
-def bench_sample_to_message(
-    displacement_ratio: float,
-    engine_speed: float,
-    engine_torque: float,
-    output_speed: float,
-    output_torque: float,
-) -> JointState:
-    """Return what a bench measures [-, rad/s, N m] as a message without a stamp."""
-    return JointState(
-        name=list(JOINTS),
-        position=[math.nan, math.nan, float(displacement_ratio)],
-        velocity=[float(engine_speed), float(output_speed), math.nan],
-        effort=[float(engine_torque), float(output_torque), math.nan],
-    )
 
 
 def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> String:

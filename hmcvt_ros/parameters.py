@@ -56,18 +56,18 @@ class Declaration:
 
     Attributes:
         default: also tells the type.
-        unit: empty where there is none.
         description: what it does, for a person.
         limits: closed interval of the value, or of each element of an array.
+        unit: empty where there is none.
         choices: what a text may be; empty when anything.
         read_only: settled at start.
         name: as in YAML; a dot stands for a level.
     """
 
     default: Any
-    unit: str
     description: str
     limits: tuple[float, float] | None = None
+    unit: str = ""
     choices: tuple[str, ...] = ()
     read_only: bool = False
     name: str = ""
@@ -118,8 +118,8 @@ def _parameter(*values: Any, **options: Any) -> Any:
 
 
 def _input_timeout(limits: Range) -> Any:
-    return _parameter(0.0, "s", f"Age at which {limits.name} is stale; 0 for input_timeout.",
-                      (0.0, LONGEST_TIMEOUT))
+    return _parameter(0.0, f"Age at which {limits.name} is stale; 0 for input_timeout.",
+                      (0.0, LONGEST_TIMEOUT), "s")
 
 
 @dataclass(frozen=True)
@@ -131,81 +131,66 @@ class Settings:
     """
 
     model_file: str = _parameter(
-        "", "",
-        "Parameter file of the model to start from; empty for the paper's stage, params/hm4.yaml. "
-        "A model refitted from it in an earlier run is taken up again from the state folder.",
-        read_only=True)
+        "", "Parameter file of the model to start from; empty for the paper's stage, "
+        "params/hm4.yaml. A model refitted from it in an earlier run is taken up again from the "
+        "state folder.", read_only=True)
     engine_file: str = _parameter(
-        default="", unit="", read_only=True,
-        description="Engine file (full-load curve and fuel map): fuel in advice, and with "
-        "optimum_hold output_speed the least fuel; empty for none.")
+        "", "Engine file (full-load curve and fuel map): fuel in advice, and with optimum_hold "
+        "output_speed the least fuel; empty for none.", read_only=True)
     state_folder: str = _parameter(
-        "", "",
-        "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else ~/.ros) "
-        "/ name of the node with its namespace.",
-        read_only=True)
+        "", "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else "
+        "~/.ros) / name of the node with its namespace.", read_only=True)
     samples_file: str = _parameter(
-        "", "",
-        "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for the "
-        "log of bench_sample.")
+        "", "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for "
+        "the log of bench_sample.")
     input_timeout: float = _parameter(
-        0.5, "s",
-        "Age of its last message at which an input is stale; there is no output before all three "
-        "are fresh.", (SHORTEST_TIMEOUT, LONGEST_TIMEOUT))
+        0.5, "Age of its last message at which an input is stale; there is no output before all "
+        "three are fresh.", (SHORTEST_TIMEOUT, LONGEST_TIMEOUT), "s")
     input_timeouts_displacement_ratio: float = _input_timeout(DISPLACEMENT_RATIO)
     input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
     input_timeouts_load_torque: float = _input_timeout(LOAD_TORQUE)
     max_input_skew: float = _parameter(
-        0.0, "s",
-        "Time between the oldest and the newest of the three inputs beyond which there is no "
+        0.0, "Time between the oldest and the newest of the three inputs beyond which there is no "
         "output: they do not belong together; 0 for no limit but their ages.",
-        (0.0, LONGEST_TIMEOUT))
+        (0.0, LONGEST_TIMEOUT), "s")
     invalid_output: str = _parameter(
-        SILENCE, "",
-        "What the outputs do while an input is missing, stale or refused, or the model has no "
-        "answer: silence, or nan for every arrival and ten times a second when none comes.",
+        SILENCE, "What the outputs do while an input is missing, stale or refused, or the model "
+        "has no answer: silence, or nan for every arrival and ten times a second when none comes.",
         choices=(SILENCE, NAN))
     max_output_rate: float = _parameter(
-        0.0, "Hz",
-        "Limit to the rate of the outputs by the wall clock, the last input is always answered; 0 "
-        "answers every arrival.", (0.0, 1000.0))
+        0.0, "Limit to the rate of the outputs by the wall clock, the last input is always "
+        "answered; 0 answers every arrival.", (0.0, 1000.0), "Hz")
     optimum_hold: str = _parameter(
-        HOLDS[0], "",
-        "What stays the same when the displacement ratio is optimised, besides the output power.",
-        choices=HOLDS)
+        HOLDS[0], "What stays the same when the displacement ratio is optimised, besides the "
+        "output power.", choices=HOLDS)
     engine_speed_limits: tuple[float, float] = _parameter(
-        [round(limit, 2) for limit in ENGINE_SPEED_LIMITS], "rad/s",
+        [round(limit, 2) for limit in ENGINE_SPEED_LIMITS],
         "Engine speeds that the optimum may use and the map covers.",
-        (ENGINE_SPEED.low, ENGINE_SPEED.high))
+        (ENGINE_SPEED.low, ENGINE_SPEED.high), "rad/s")
     map_load_torque_limits: tuple[float, float] = _parameter(
-        [50.0, 400.0], "N m", "Load torques that the map covers.",
-        (LOAD_TORQUE.low, LOAD_TORQUE.high), read_only=True)
+        [50.0, 400.0], "Load torques that the map covers.", (LOAD_TORQUE.low, LOAD_TORQUE.high),
+        "N m", read_only=True)
     map_points: tuple[int, int, int] = _parameter(
-        [41, 17, 15], "",
-        "Points of the map along displacement ratio, engine speed, load torque.", (2, 500),
-        read_only=True)
+        [41, 17, 15], "Points of the map along displacement ratio, engine speed, load torque.",
+        (2, 500), read_only=True)
     reidentify_min_samples: int = _parameter(
-        4, "", "Fewest samples that ~/reidentify accepts.", (1, 100_000))
+        4, "Fewest samples that ~/reidentify accepts.", (1, 100_000))
     reidentify_seed: int = _parameter(
-        0, "",
-        "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be repeated.",
-        (0, 2**31 - 1))
+        0, "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be "
+        "repeated.", (0, 2**31 - 1))
     reidentify_mode: str = _parameter(
-        ADOPT, "",
-        "What ~/reidentify does with a good refit: adopt puts it into service, stage writes it and "
-        "waits for ~/adopt.",
-        choices=(ADOPT, STAGE))
+        ADOPT, "What ~/reidentify does with a good refit: adopt puts it into service, stage "
+        "writes it and waits for ~/adopt.", choices=(ADOPT, STAGE))
     reidentify_max_drift: float = _parameter(
-        0.1, "",
-        "Largest mean difference between a refit and the model of model_file (the first refit, if "
-        "that states no errors), in efficiency within the domain, that ~/reidentify accepts.",
-        (0.0, 1.0))
+        0.1, "Largest mean difference between a refit and the model of model_file (the first "
+        "refit, if that states no errors), in efficiency within the domain, that ~/reidentify "
+        "accepts.", (0.0, 1.0))
     job_time_limit: float = _parameter(
-        300.0, "s", "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0))
+        300.0, "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0), "s")
     job_memory_limit: int = _parameter(
-        1024, "MiB", "Memory that a refit or a diagnosis may take.", (512, 1_048_576))
+        1024, "Memory that a refit or a diagnosis may take.", (512, 1_048_576), "MiB")
     bench_log_limit: int = _parameter(
-        100_000, "", "Samples that the bench log holds before it refuses more.", (1, 10_000_000),
+        100_000, "Samples that the bench log holds before it refuses more.", (1, 10_000_000),
         read_only=True)
 
     def __post_init__(self) -> None:

@@ -58,7 +58,7 @@ def recorded(
 
 
 def _read(path: Path) -> dict[str, Record]:
-    if not path.exists():
+    if not path.is_file():
         return {}
     text = path.read_bytes()
     # What stands behind the last line's end was being written at the interruption.

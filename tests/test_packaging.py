@@ -54,7 +54,7 @@ def test_file_that_does_not_ship_is_told():
 
 def third_party(*folders):
     """What the Python files of some folders import from elsewhere, under the names of rosdep."""
-    found, own = set(), {"hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"}
+    found, own = set(), {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"}
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         own |= {path.stem} | ({path.parent.name} if path.stem == "__init__" else set())
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

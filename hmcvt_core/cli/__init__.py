@@ -28,6 +28,7 @@ COMMANDS = {
     "map": "write the efficiency over displacement ratio, engine speed and load",
     "breakdown": "show where the watts go",
     "diagnose": "diagnose the gap between model and bench",
+    "next": "choose the bench test that tells most about a gap",
     "fleet": "identify and diagnose every bench log of a folder",
     "separable": "tell which effects a test plan can tell apart",
     "import-csv": "turn the table of your bench into bench samples",

@@ -19,6 +19,7 @@ _TEXTS = {
     "load_torque": "Output power / engine speed.",
     "efficiency_std": "Standard deviation of the efficiency.",
     "stamp": "Time of the test.",
+    "pressure": "Over the motor, high minus low side.",
 }
 
 

@@ -1,12 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Diagnosis of the gap between a model and a bench, whatever stands on it: see `system`."""
 
+from .advice import Advice
 from .plans import Isolability, isolability
-from .procedure import diagnose_system
+from .procedure import diagnose_system, next_test
 from .report import Diagnosis
-from .result import Cause, Gap, NextTest, Region, ShrinkageSummary
+from .result import Cause, CauseSet, Gap, NextTest, Region, ShrinkageSummary
 
 __all__ = [
-    "Cause", "Diagnosis", "Gap", "Isolability", "NextTest", "Region", "ShrinkageSummary",
-    "diagnose_system", "isolability",
+    "Advice", "Cause", "CauseSet", "Diagnosis", "Gap", "Isolability", "NextTest", "Region",
+    "ShrinkageSummary", "diagnose_system", "isolability", "next_test",
 ]

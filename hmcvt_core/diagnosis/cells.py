@@ -33,10 +33,10 @@ def condensed(base: Fit) -> Observations:
     cell = neighbourhoods(observed, LARGE)
     points = _mean_points(base, cell)
     both = {name: np.concatenate([row, points[name]]) for name, row in observed.points.items()}
-    predicted = base.hypothesis.predict(base.theta, both)
+    predicted = observed.read(base.hypothesis.predict(base.theta, both))
     smooth, _ = smooth_functions(np.stack(list(both.values())), _DEGREE)
     readings, shifts = [], []
-    for reading, foretold in zip(observed.readings, predicted, strict=False):
+    for reading, foretold in zip(observed.readings, predicted, strict=True):
         deviation, apart = reading.deviation, reading.measured - foretold[:n]
         field = smooth @ np.linalg.lstsq(smooth[:n] / deviation[:, None], apart / deviation)[0]
         rest, total = apart - field[:n], np.bincount(cell, deviation**-2.0).astype(float)

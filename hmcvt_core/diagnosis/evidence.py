@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_ROUNDS = 8
+_ROUNDS, _SETTLED = 8, 2e-3
 
 
 class Evidence(NamedTuple):
@@ -57,7 +57,7 @@ def gram(columns: Array, target: Array) -> Array:
 
 def evidence(
     grams: Array, count: int | NDArray[np.intp], spread: Array, trust: Array,
-    positive: int | None = None,
+    signs: Array | None = None,
 ) -> Evidence:
     """Weigh m linear models.
 
@@ -66,7 +66,8 @@ def evidence(
         count: samples per channel; shape (m, 1) where the models have different ones.
         spread: prior standard deviations of the coefficients, shape (m, p).
         trust: worth of the stated noise in samples, shape (channels,).
-        positive: index of a coefficient that can only be positive (half-normal prior).
+        signs: of coefficients that are sizes of effects, see `size_odds`; NaN for the others and
+            by default, shape (p,) or (m, p).
     """
     square, cross, total = grams[..., :-1, :-1], grams[..., :-1, -1], grams[..., -1, -1]
     precision = spread**-2.0
@@ -83,18 +84,70 @@ def evidence(
         residual = np.maximum(residual, 1e-12)
         # The part of the noise that the fitted coefficients hide.
         hidden = np.einsum("mij,mcji->mc", covariance, square)
-        noise = (trust + residual + hidden) / (trust + count)
+        noise, before = (trust + residual + hidden) / (trust + count), noise
+        if (np.abs(noise / before - 1.0) < _SETTLED).all():
+            break
     _, logdet = np.linalg.slogdet(matrix)
     log = -0.5 * (
         np.sum((count + trust) * np.log(noise) + (trust + residual) / noise, axis=1)
         + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=1)
     )
-    if positive is not None:
-        from scipy.special import log_ndtr
-
-        ratio = mean[:, positive] / np.sqrt(covariance[:, positive, positive])
-        log += np.log(2.0) + log_ndtr(ratio)
+    if signs is not None:
+        log += size_odds(mean, np.diagonal(covariance, axis1=1, axis2=2), spread, signs)
     return Evidence(log, mean, covariance, noise)
+
+
+def respread(
+    mean: Array, covariance: Array, spread: Array, others: Array, signs: Array
+) -> Array:
+    r"""Log evidence of a model under other priors of some coefficients, against the one it had.
+
+    The likelihood is what the posterior N(mean, covariance) has beside its prior; at the same
+    noise the evidence under another one is exact, whatever the correlations.
+
+    Args:
+        mean, covariance: posterior of these coefficients, shapes (k,) and (k, k).
+        spread: the prior they had, shape (k,).
+        others: prior standard deviations instead, shape (m, k).
+        signs: as `size_odds` takes them, shape (k,); in the model they have not been counted.
+    """
+    known = np.linalg.inv(covariance)
+    pull = known @ mean
+    precision = known - np.diag(spread**-2.0) + np.stack([np.diag(one**-2.0) for one in others])
+    narrower = np.linalg.inv(precision)
+    there = narrower @ pull
+    return np.asarray(
+        0.5 * (there @ pull - mean @ pull - np.linalg.slogdet(precision)[1]
+               + np.linalg.slogdet(known)[1]) + np.sum(np.log(spread / others), axis=1)
+        + size_odds(there, np.diagonal(narrower, axis1=1, axis2=2), others, signs))
+
+
+def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Array:
+    r"""Log of what evidence changes by when sizes have a prior that is none at zero.
+
+    An effect too small to matter is no cause: :math:`p(a) = a^2 / s^2 \; N(a; 0, s^2)` instead of
+    the normal (moment prior; Johnson & Rossell 2010, J. R. Stat. Soc. B 72, 143). Evidence against
+    an effect that is not there then grows with the samples as fast as evidence for one that is.
+
+    Args:
+        mean, variance: posterior under the normal prior, one by one, shapes (m, p).
+        spread: its standard deviations, the same shape.
+        signs: 1 or -1 for a size that has only that sign, 0 for one that may have either, NaN for
+            what is no size, shape (p,) or (m, p).
+
+    Returns:
+        The sum over the sizes, shape (m,).
+    """
+    from scipy.special import log_ndtr
+
+    deviation, one = np.sqrt(variance), np.nan_to_num(signs)
+    ratio = one * mean / deviation
+    log_part = log_ndtr(ratio)  # of the posterior that has the sign
+    hazard = np.exp(-0.5 * (ratio**2 + np.log(2.0 * np.pi)) - log_part)
+    squares = mean**2 + variance + one * mean * deviation * hazard
+    each = np.log(np.maximum(squares, 1e-300) / spread**2) + np.where(
+        one == 0.0, 0.0, np.log(2.0) + log_part)
+    return np.asarray(np.sum(np.where(np.isnan(signs), 0.0, each), axis=1))
 
 
 def log_mean(values: Sequence[float] | Array) -> float:

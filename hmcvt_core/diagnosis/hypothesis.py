@@ -4,8 +4,7 @@
 Every hypothesis is refitted together with the base parameters: a few free parameters swallow most
 of the signature of any effect, so a comparison at fixed base parameters would compare nothing.
 
-Parameters are theta = (base, nuisances, sizes): scaled base parameters, shared errors in prior
-deviations, sizes in typical ones.
+Parameters are theta = (base, sizes): scaled base parameters, and sizes in typical ones.
 """
 
 from __future__ import annotations
@@ -30,10 +29,9 @@ More than any misfit, or refits to a large gap would hide the worst points where
 """
 
 _FIRST_SIZE = 0.1  # in typical sizes
-_NUISANCE_LIMIT = 6.0
-_PASSES, _STEPS = 20, 3  # estimates of the noise, and evaluations between two of them, at most
-_TOLERANCE = 1e-6  # of the squares
-_NOISE_SETTLED = 1e-3
+_PASSES, _STEPS = 8, 3  # estimates of the noise, and evaluations between two of them, at most
+_TOLERANCE = 1e-4  # of the squares
+_NOISE_SETTLED = 2e-2
 _AT_BOUND = 1e-3  # in prior deviations or typical sizes
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 
@@ -45,26 +43,22 @@ class Hypothesis:
     Attributes:
         system: what stands on the bench.
         effects: with the shapes to use; their sizes are fitted.
+        opposite: whether sizes that cannot be negative are negative: effects that nobody listed.
     """
 
     system: System
     effects: tuple[Effect, ...] = ()
+    opposite: bool = False
 
     @property
     def prior_mean(self) -> Array:
         """Mean of theta; sizes are free and have zero."""
-        base = self.system.base
-        return np.append(base.mean, np.zeros(self.shared - len(base) + len(self._sizes)))
-
-    @property
-    def prior_spread(self) -> Array:
-        """Standard deviations of the parameters that every hypothesis has, shape (shared,)."""
-        return np.append(self.system.base.spread, np.ones(len(self.system.nuisances)))
+        return np.append(self.system.base.mean, np.zeros(len(self._sizes)))
 
     @property
     def shared(self) -> int:
-        """How many parameters every hypothesis has: base and nuisances."""
-        return len(self.system.base) + len(self.system.nuisances)
+        """How many parameters every hypothesis has."""
+        return len(self.system.base)
 
     @property
     def _sizes(self) -> list[Any]:
@@ -74,9 +68,19 @@ class Hypothesis:
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest theta."""
         base, sizes = self.system.base, self._sizes
-        nuisance = np.full(len(self.system.nuisances), _NUISANCE_LIMIT)
-        return (np.array([*base.low, *-nuisance, *(item.low / item.typical for item in sizes)]),
-                np.array([*base.high, *nuisance, *(item.high / item.typical for item in sizes)]))
+        ends = [(item.low / item.typical, item.high / item.typical) for item in sizes]
+        if self.opposite:
+            ends = [(-high, -max(low, 0.0)) for low, high in ends]
+        low, high = np.array(ends).reshape(-1, 2).T
+        return np.append(base.low, low), np.append(base.high, high)
+
+    @property
+    def signs(self) -> Array:
+        """1 or -1 for sizes that have one sign only, 0 for the others, NaN for the base, (p,)."""
+        low, high = self.bounds
+        one = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0))
+        one[:self.shared] = np.nan
+        return one
 
     def with_sizes(self, scaled: Array) -> tuple[Effect, ...]:
         """Return the effects at sizes given in typical ones."""
@@ -85,9 +89,9 @@ class Hypothesis:
                                          for item in effect.sizes()}) for effect in self.effects)
 
     def predict(self, theta: Array, points: Points) -> Array:
-        """Return every channel without the nuisances, shape (channels, n)."""
+        """Return every channel, shape (channels, n)."""
         effects = self.with_sizes(theta[self.shared:])
-        return self.system.predict(theta[:len(self.system.base)], effects, points)
+        return self.system.predict(theta[:self.shared], effects, points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +117,7 @@ class Fit:
     @property
     def base(self) -> Array:
         """Scaled base parameters."""
-        return self.theta[:len(self.hypothesis.system.base)]
+        return self.theta[:self.hypothesis.shared]
 
     @property
     def sizes(self) -> Array:
@@ -139,8 +143,9 @@ class Fit:
         without effects.
         """
         scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
-        basis, _ = np.linalg.qr(np.concatenate([
-            scaled.reshape(-1, len(self.theta)), np.diag(1.0 / self.hypothesis.prior_spread)]))
+        prior = np.diag(1.0 / self.hypothesis.system.base.spread)
+        basis, _ = np.linalg.qr(
+            np.concatenate([scaled.reshape(-1, len(self.theta)), prior]))
         return np.asarray(basis)
 
     def left(self, readings: Array, prior: Array | float = 0.0) -> Array:
@@ -155,20 +160,8 @@ class Fit:
         return np.asarray(whole - whole @ self.absorbed @ self.absorbed.T)
 
 
-def nuisance_columns(hypothesis: Hypothesis, theta: Array, observed: Observations) -> Array:
-    """Change of prediction / deviation by one prior deviation of each nuisance, (c, n, k)."""
-    system, base = hypothesis.system, theta[:len(hypothesis.system.base)]
-    effects = hypothesis.with_sizes(theta[hypothesis.shared:])
-    here = system.predict(base, effects, observed.points)
-    columns = np.zeros((*observed.scale.shape, len(system.nuisances)))
-    for i, nuisance in enumerate(system.nuisances):
-        moved = system.predict(base, (*effects, nuisance), observed.points)
-        columns[..., i] = observed.whiten(here) - observed.whiten(moved)
-    return np.nan_to_num(columns)
-
-
 def refit(hypothesis: Hypothesis, observed: Observations, base: Array | None = None) -> Fit:
-    """Fit base parameters, nuisances and sizes within their bounds.
+    """Fit base parameters and sizes within their bounds.
 
     Args:
         hypothesis: what is assumed.
@@ -176,20 +169,21 @@ def refit(hypothesis: Hypothesis, observed: Observations, base: Array | None = N
         base: scaled base parameters to start from; None for the middle of their prior.
     """
     theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
-    theta[shared:] = _FIRST_SIZE
+    first = -_FIRST_SIZE if hypothesis.opposite else _FIRST_SIZE
+    theta[shared:] = [effect.values()[item.name] / item.typical or first
+                      for effect in hypothesis.effects for item in effect.sizes()]
     if base is not None:
         theta[:len(base)] = base
     theta = theta.clip(*bounds)
-    columns = nuisance_columns(Hypothesis(hypothesis.system), theta[:shared], observed)
     # Sizes are held by their bounds alone; their prior enters when evidence is weighed.
-    spread = hypothesis.prior_spread
+    spread = hypothesis.system.base.spread
     prior = np.eye(shared, len(theta)) / spread[:, None]
     scale = np.concatenate([spread, np.ones(len(theta) - shared)])
 
     # A pass begins where the one before ended: nothing is predicted twice.
     @lru_cache(maxsize=2)
     def linear(at: bytes) -> tuple[Array, Array]:
-        return _linear(hypothesis, observed, columns, np.frombuffer(at))
+        return _linear(hypothesis, observed, np.frombuffer(at))
 
     def rows(at: Array) -> Array:
         return np.concatenate([(linear(at.tobytes())[0] / root).ravel(),
@@ -235,7 +229,7 @@ def _within(
     found = least_squares(
         lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
         (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
-        max_nfev=_STEPS)
+        max_nfev=_STEPS, method="dogbox")
     return whole(found.x), found.status > 0
 
 
@@ -243,26 +237,21 @@ def linearise(
     hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array
 ) -> Fit:
     """Return a fit as it stands at given parameters, also at points it was not fitted to."""
-    nuisance = nuisance_columns(hypothesis, theta, observed)
-    return Fit(hypothesis, observed, theta, *_linear(hypothesis, observed, nuisance, theta), noise)
+    return Fit(hypothesis, observed, theta, *_linear(hypothesis, observed, theta), noise)
 
 
-def _linear(
-    hypothesis: Hypothesis, observed: Observations, nuisance: Array, theta: Array
-) -> tuple[Array, Array]:
+def _linear(hypothesis: Hypothesis, observed: Observations, theta: Array) -> tuple[Array, Array]:
     """`whitened` and `jacobian` of a fit."""
-    first, shared, high = len(hypothesis.system.base), hypothesis.shared, hypothesis.bounds[1]
+    high = hypothesis.bounds[1]
 
     def whitened(at: Array) -> Array:
-        found = (observed.whiten(hypothesis.predict(at, observed.points))
-                 - nuisance @ at[first:shared])
+        found = observed.whiten(hypothesis.predict(at, observed.points))
         return np.where(np.isnan(found), REFUSED, found)
 
     here = whitened(theta)
     jacobian = np.empty((*here.shape, len(theta)))
-    jacobian[..., first:shared] = nuisance
-    for i in (*range(first), *range(shared, len(theta))):
-        step = _BASE_STEP if i < first else _SIZE_STEP
+    for i in range(len(theta)):
+        step = _BASE_STEP if i < hypothesis.shared else _SIZE_STEP
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= high[i] else -step
         jacobian[..., i] = (here - whitened(moved)) / (moved[i] - theta[i])

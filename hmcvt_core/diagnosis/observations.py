@@ -77,7 +77,7 @@ class Observations:
     Attributes:
         axes: of the points.
         points: values by axis.
-        readings: in the order of the system's channels, which may have more.
+        readings: of some of the channels.
         samples: the system's own record, with a length, `source` (for messages) and
             `select(index)`.
         number: of each sample in what was handed in, shape (n,).
@@ -85,6 +85,7 @@ class Observations:
         assumed: whether nobody stated it.
         gathered: the samples behind points that are means, to which `samples` then belongs; None
             where each point is one sample.
+        channels: all that the system predicts, in its order; empty where all of them are read.
     """
 
     axes: tuple[Axis, ...]
@@ -95,6 +96,7 @@ class Observations:
     noise_source: str
     assumed: bool = False
     gathered: Gathered | None = None
+    channels: tuple[Channel, ...] = ()
 
     def __len__(self) -> int:
         return len(self.number)
@@ -143,9 +145,15 @@ class Observations:
         return float(np.sqrt(np.mean(self.readings[0].deviation ** 2)))
 
     def whiten(self, predicted: Array) -> Array:
-        """(Measured - predicted) / deviation, (channels, n), for at least as many predicted."""
+        """(Measured - predicted) / deviation, (channels read, n), of every channel predicted."""
         return np.stack([(reading.measured - row) / reading.deviation
-                         for reading, row in zip(self.readings, predicted, strict=False)])
+                         for reading, row in zip(self.readings, self.read(predicted), strict=True)])
+
+    def read(self, predicted: Array) -> Array:
+        """The rows of what is predicted, (channels, ...), that are read."""
+        names = [channel.name for channel in self.channels]
+        return predicted[[names.index(item.channel.name) for item in self.readings]] if names \
+            else predicted[:len(self.readings)]
 
     def select(self, index: NDArray[np.intp]) -> Observations:
         """Return a subset of samples that are not gathered, with the same noise."""
@@ -192,7 +200,7 @@ def reading_of(
     elif (pure := pure_error(replicate_groups(axes, points), measured)) is not None:
         deviation, trust, source = np.full(n, pure[0]), pure[1], "repeated points"
     else:
-        deviation, trust = channel.uncertainty * np.abs(measured), TRUST_ASSUMED
+        deviation, trust = channel.deviation(measured), TRUST_ASSUMED
     if n < FEW:  # so few cannot correct a statement: it has to be believed
         trust = max(trust, _TRUST_FEW_ASSUMED if source is None else _TRUST_FEW)
     return Reading(channel, measured, deviation, trust), source

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""What operating points can tell apart: those of a plan, and those to measure next.
+r"""What the operating points of a plan can tell apart.
 
 For effects a, b of typical size with signatures d_a, d_b (in deviations of the readings, what the
 refit of the base parameters absorbs taken out):
@@ -8,46 +8,30 @@ refit of the base parameters absorbs taken out):
 
 L_a is how visible a is; L_ab how visible it stays when b may mimic it. Below nine (three standard
 deviations) it is not.
-
-What to measure next are the points at which the surviving causes disagree most.
-For two refitted causes f and g the gain of a set of points is what a test there would say against g
-if f were true, after g has bent its free parameters to the new readings too:
-
-.. math:: gain = \sum_i \frac{(f(x_i) - g_{i-1}(x_i))^2}{1 + v_{g,i-1}(x_i)}
-
-in squared deviations of the readings, g being conditioned on each point in turn (Buzzi-Ferraris &
-Forzatti 1983, with refit). Points are chosen one after another; both directions are averaged.
 """
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .hypothesis import Fit, Hypothesis, linearise
-from .observations import Observations, Reading
-from .ranking import Candidate, Ranking, screen
-from .result import NextTest
+from .hypothesis import Hypothesis, linearise
+from .observations import Observations
+from .rivals import signatures
 from .system import System
 from .words import plain
 
 Array = NDArray[np.float64]
 
-ALIVE = 0.03
-"""Causes less probable than this are not worth a test."""
-
 DECISIVE = 9.0
 """What settles a question: three standard deviations, squared."""
 
-_TESTS = 6
-_CAUSES = 4
-_CHANNEL_PAYS = 3.0
 _WIDTH = 100
 _MOST_RUNS = 20
 
@@ -166,12 +150,11 @@ def isolability(
         fuller: the same plan with a further channel read; None where there is none.
     """
     # Nothing is read yet to which base parameters could be fitted.
-    fit = linearise(Hypothesis(system), plan, np.append(base, np.zeros(len(system.nuisances))),
-                    np.ones(len(plan.readings)))
-    screened = screen(fit)
-    left = fit.left(np.stack([change for _, _, change in screened]))
-    effects = tuple(sorted({form.name for _, form, _ in screened}))
-    index = np.array([effects.index(form.name) for _, form, _ in screened])
+    fit = linearise(Hypothesis(system), plan, base, np.ones(len(plan.readings)))
+    found = signatures(fit)
+    left = fit.left(np.stack([change for _, change in found]))
+    effects = tuple(sorted({form.name for form, _ in found}))
+    index = np.array([effects.index(form.name) for form, _ in found])
     squares = np.sum(left**2, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.nan_to_num((left @ left.T) ** 2 / squares[None, :])
@@ -182,113 +165,14 @@ def isolability(
     separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
                            for own in members])
     np.fill_diagonal(separation, detectability)
+    read = {reading.channel.name for reading in plan.readings}
+    further = [channel.name for channel in system.channels if channel.name not in read]
     return Isolability(
-        effects, detectability, separation, plan, system.channels[:len(plan.readings) + 1][-1].name,
-        {form.name: form.remedy for _, form, _ in screened},
+        effects, detectability, separation, plan, (further or [system.channels[-1].name])[0],
+        {form.name: form.remedy for form, _ in found},
         None if fuller is None else isolability(system, fuller, base))
 
 
 def _listed(title: str, names: Iterable[str]) -> list[str]:
     return textwrap.wrap(title + (", ".join(names) or "none"), _WIDTH, subsequent_indent="      ",
                          break_on_hyphens=False)
-
-
-# --- what to measure next -------------------------------------------------------------------------
-
-
-class _Rival(NamedTuple):
-    """A cause on the pool of possible tests, linear in its free parameters.
-
-    Attributes:
-        predicted: in deviations of the readings, shape (points, channels).
-        columns: shape (points, channels, p).
-        covariance: of the free parameters, shape (p, p).
-    """
-
-    predicted: Array
-    columns: Array
-    covariance: Array
-
-    def gains(self, truth: Array) -> Array:
-        """Squared surprise at each point if `truth` is read there, shape (points,)."""
-        variance = np.einsum("icp,pq,ieq->ice", self.columns, self.covariance, self.columns)
-        variance += np.eye(truth.shape[1])
-        miss = truth - self.predicted
-        surprise = np.linalg.solve(variance, miss[..., None])[..., 0]
-        return np.asarray(np.einsum("ic,ic->i", miss, surprise))
-
-    def given(self, index: int, reading: Array) -> _Rival:
-        """Return the same conditioned on a reading at one point (Kalman update)."""
-        own = self.columns[index]
-        gain = self.covariance @ own.T @ np.linalg.inv(
-            own @ self.covariance @ own.T + np.eye(len(own)))
-        change = gain @ (reading - self.predicted[index])
-        return self._replace(predicted=self.predicted + self.columns @ change,
-                             covariance=self.covariance - gain @ own @ self.covariance)
-
-
-def next_tests(base: Fit, ranking: Ranking) -> tuple[NextTest, ...]:
-    """Choose tests that separate the leading cause from each other one alive."""
-    names = [name for name, p in ranking.probability.items() if p >= ALIVE][:_CAUSES]
-    if len(names) < 2:
-        return ()
-    pool = _pool(base)
-    rivals = {name: _rival(ranking.best[name], pool) for name in names}
-    read = len(base.observed.readings)
-    tests: list[NextTest] = []
-    for name in names[1:]:
-        pair, most = (names[0], name), _TESTS if name == names[1] else 2
-        both = [rivals[each] for each in pair]
-        chosen, measure = _choose([
-            each._replace(predicted=each.predicted[:, :read], columns=each.columns[:, :read])
-            for each in both], most), None
-        if read < len(pool.readings):
-            fuller = _choose(both, most)
-            if sum(fuller.values()) > _CHANNEL_PAYS * max(sum(chosen.values()), 1.0):
-                chosen = fuller
-                measure = ", ".join(item.channel.name for item in pool.readings[read:])
-        tests += [NextTest({axis.name: float(pool.points[axis.name][i]) for axis in pool.steered},
-                           pair, gain, measure)
-                  for i, gain in chosen.items() if gain > 0.1 * DECISIVE / most]
-        if sum(chosen.values()) < DECISIVE:
-            # No operating point decides: say what does.
-            remedies = {effect.remedy for each in pair for effect in ranking.best[each].fit.effects
-                        if effect.name == each}
-            tests += [NextTest(None, pair, 0.0, remedy) for remedy in sorted(remedies) if remedy]
-    return tuple(tests)
-
-
-def _pool(base: Fit) -> Observations:
-    """Possible tests, in every channel that there is, as if read with the present noise."""
-    observed, system = base.observed, base.hypothesis.system
-    points = system.candidates(observed.points, base.base)
-    predicted = system.predict(base.base, (), points)
-    readings, each = [], np.sqrt(observed.count)  # a test is one sample
-    for i, (channel, values) in enumerate(zip(system.channels, predicted, strict=True)):
-        deviation = channel.uncertainty * values if channel.relative else np.full(
-            len(values), np.median(observed.scale[i] * each) * np.sqrt(base.noise[i]))
-        readings.append(Reading(channel, values, deviation, 1.0))
-    return replace(observed, points=points, readings=tuple(readings),
-                   number=np.arange(predicted.shape[1]), gathered=None)
-
-
-def _rival(item: Candidate, pool: Observations) -> _Rival:
-    there = linearise(item.fit.hypothesis, pool, item.fit.theta, item.fit.noise)
-    p = len(item.fit.theta)
-    return _Rival(-there.whitened.T, np.moveaxis(there.jacobian, 0, 1),
-                  item.linear.covariance[:p, :p])
-
-
-def _choose(rivals: Sequence[_Rival], most: int) -> dict[int, float]:
-    """Pick points one after another; each with its mean gain over both directions."""
-    first, second = rivals
-    one, other = second, first  # each adapts itself to what the other one foretells
-    chosen: dict[int, float] = {}
-    for _ in range(most):
-        gains = (one.gains(first.predicted) + other.gains(second.predicted)) / 2.0
-        gains[list(chosen)] = -1.0
-        best = int(gains.argmax())
-        chosen[best] = float(gains[best])
-        one = one.given(best, first.predicted[best])
-        other = other.given(best, second.predicted[best])
-    return chosen

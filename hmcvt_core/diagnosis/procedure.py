@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,32 +13,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .advice import Advice, advise
+from .gap_field import GapField, covering
 from .hypothesis import Fit, refit
 from .intake import admitted, listed_samples
 from .observations import FEW, Observations
-from .plans import next_tests
-from .ranking import Linear, Ranking, pair_candidates, rank, single_candidates
+from .ranking import Ranking, rank
 from .regions import Regions, regions
 from .report import Diagnosis
-from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Cause, Gap, Region, ShrinkageSummary
+from .result import (
+    GAP_SIGNIFICANCE,
+    Cause,
+    CauseSet,
+    Delivered,
+    Gap,
+    NextTest,
+    Region,
+    ShrinkageSummary,
+)
+from .rivals import Rival
 from .shrinkage import cross_validated_errors, deals, shrinkage
 from .significance import Significance, significance
-from .system import Effect, System
-from .words import plain
+from .system import Effect, Points, System
+from .words import named
 
 Array = NDArray[np.float64]
 
-FOUND = 0.80  # probability from which one cause is called found
+FOUND = 0.80  # probability from which one set of causes is called found
 SET_PROBABILITY = 0.97  # with which the set that cannot be told apart holds a listed cause
-ADEQUATE = 0.5  # part of the gap that a named cause must remove; else the gap is unexplained
-# The same for the squared gap of a further channel: read only where it is much more exact.
-ADEQUATE_BESIDE = 0.8
-UNLISTED = 0.2  # probability of an unlisted effect from which a poor cause is not named
-LEFTOVER = 5.0  # log evidence from which something is left beside the leading cause
-_LARGE_REGION = 0.8  # discount of a region with most of the samples
+UNEXPLAINED = 0.5  # probability of an unlisted loss from which no cause is named
+_TWIN = math.log(FOUND / (1.0 - FOUND))  # evidence, forms aside: less does not tell two sets apart
 _MOST_REGIONS = 5
-_OVERLAP = 0.2
 _RIVALS = 12
+_TOLD_SETS = 5
 _ZERO = 1e-9
 
 
@@ -64,19 +72,30 @@ class _Study:
         return self.found.p_value <= GAP_SIGNIFICANCE
 
     @cached_property
+    def leading(self) -> tuple[Rival, float]:
+        """The most probable set of listed effects."""
+        return next(iter(self.ranking.sets.values()))
+
+    @cached_property
     def before(self) -> Array:
         """Errors of the base model at samples left out, shape (n,)."""
-        return self.errors([self.ranking.nothing])
+        return self.errors([self.ranking.bare])
 
-    def errors(self, rivals: Sequence[Linear]) -> Array:
+    def errors(self, rivals: Sequence[Rival]) -> Array:
         """Errors of the best of some rivals at samples left out, shape (n,)."""
-        return cross_validated_errors(rivals, self.base.observed, self.dealt)
+        return cross_validated_errors(
+            [rival.plain for rival in rivals], self.base.observed, self.dealt)
 
-    @property
+    def shrunk(self, rival: Rival) -> ShrinkageSummary:
+        """How far the gap shrinks with a set held in every fold."""
+        return shrinkage(self.before, self.errors([rival]), self.noise, "cross-validation",
+                         self.seed, weight=self.base.observed.count)
+
+    @cached_property
     def noise(self) -> Array:
         """Standard deviation of the first channel, (n,); without a gap that of the base model."""
-        variance = self.ranking.noise if self.significant else self.ranking.nothing.noise[0]
-        return np.asarray(self.base.observed.scale[0] * np.sqrt(variance))
+        likeliest = self.ranking.rivals[0].weighed if self.significant else self.ranking.bare.plain
+        return np.asarray(self.base.observed.scale[0] * np.sqrt(likeliest.noise[0]))
 
     @property
     def scatter(self) -> float:
@@ -90,6 +109,7 @@ def diagnose_system(
     observed: Observations,
     held: Observations | None = None,
     *,
+    warnings: Sequence[str] = (),
     notes: Sequence[str] = (),
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
@@ -102,6 +122,7 @@ def diagnose_system(
         system: what stands on the bench.
         observed: at least five samples.
         held: samples to measure the shrinkage on; None for cross-validation.
+        warnings: why the readings may be of another machine; they go before everything.
         notes: on the samples, to go first.
         seed: of every random number.
         progress: called with a line of text before each step; may raise to cancel.
@@ -113,44 +134,60 @@ def diagnose_system(
     base, more = admitted(system, observed)
     observed = base.observed
     boxes = regions(observed.place)
-    tell("step 1 of 4, is there a gap")
+    tell("step 1 of 3, is there a gap")
     found = significance(base, boxes, seed)
-    tell("step 2 of 4, refits with each effect")
-    singles = single_candidates(base)
-    ranking = rank(base, boxes, singles)
-    if found.p_value <= GAP_SIGNIFICANCE and (
-            ranking.unlisted > 0.01 or ranking.leftover > LEFTOVER):
-        tell("step 3 of 4, refits with pairs of effects")
-        ranking = rank(base, boxes, [*singles, *pair_candidates(base, singles)])
-    tell("step 4 of 4, how far the gap shrinks")
-    study = _Study(base, boxes, found, ranking, seed, deals(observed, seed))
-    before, after, noise, count = study.before, study.before, study.noise, observed.count
+    tell("step 2 of 3, refits with sets of effects")
+    study = _Study(base, boxes, found, rank(base, boxes), seed, deals(observed, seed))
+    tell("step 3 of 3, how far the gap shrinks")
+    ranking, noise, count = study.ranking, study.noise, observed.count
+    before = after = study.before
     held_out: list[str] = []
     judged = observed.whole
+    if study.significant:
+        after = study.errors([ranking.bare, *(
+            rival for rival, _ in list(ranking.sets.values())[:_RIVALS])])
+    verdict, why = _verdict(study)
+    left = study.errors([study.leading[0]]) if verdict in ("cause_found", "ambiguous") else before
+    delivered = Delivered(_rms(observed.at_samples(before)), _rms(observed.at_samples(left)))
+    residuals = observed.at_samples(before)
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
-    elif study.significant:
-        after = study.errors([ranking.nothing,
-                              *(item.plain for item in ranking.candidates[:_RIVALS])])
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
                        seed, study.significant, count if held is None else 1.0)
-    residuals = observed.at_samples(study.before)
     if held is None:
         before, after = observed.at_samples(before), observed.at_samples(after)
-    verdict, why = _verdict(study, shrunk)
-    causes = _causes(study, verdict) if study.significant else ()
     gap = Gap(len(residuals), _rms(residuals), study.scatter, observed.whole.usual_noise,
               observed.noise_source, found.p_value, study.significant)
     extent = {axis.name: (float(row.min()), float(row.max()))
               for axis, row in zip(observed.steered, observed.whole.place, strict=True)}
+    advice = advise(base, ranking, system.candidates(observed.points, base.base))
+    field = GapField.of(base, ranking.entries())
+    expected = field.at(observed.points)[0]
     return Diagnosis(
-        gap, _where(study), verdict, causes, shrunk,
-        next_tests(base, ranking) if study.significant else (),
-        ranking.unlisted if study.significant else 0.0,
-        (*notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
+        gap, _where(study, expected), verdict, _causes(study, verdict),
+        _sets(study) if study.significant else (), shrunk, delivered, _next_tests(advice),
+        advice, ranking.unlisted if study.significant else 0.0,
+        ranking.misfit if study.significant else 0.0,
+        _lost_power(study, verdict, expected), tuple(warnings),
+        (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
-        _model_of(base), observed.samples, residuals, judged.samples, before, after,
+        _model_of(base), field, observed.samples, residuals, judged.samples, before, after,
         observed.steered, extent, observed.readings[0].channel)
+
+
+def next_test(
+    system: System, observed: Observations, possible: Points | None = None
+) -> Advice:
+    """Choose the next test of a campaign; arguments and errors as of `diagnose_system`.
+
+    Args:
+        system, observed: as there.
+        possible: the tests that can be run; None for those that the system knows.
+    """
+    base, _ = admitted(system, observed)
+    if possible is None:
+        possible = system.candidates(base.observed.points, base.base)
+    return advise(base, rank(base, regions(base.observed.place)), possible)
 
 
 def _rms(values: Array) -> float:
@@ -161,26 +198,50 @@ def _model_of(fit: Fit) -> Any:
     return fit.hypothesis.system.model_of(fit.base, fit.effects, fit.observed.samples)
 
 
-def _verdict(study: _Study, shrunk: ShrinkageSummary) -> tuple[str, list[str]]:
+def _verdict(study: _Study) -> tuple[str, list[str]]:
     """Return the verdict, and why no cause is named."""
+    ranking, (leading, probability) = study.ranking, study.leading
     if not study.significant:
         return "no_gap", []
-    ranking = study.ranking
-    known = next(iter(ranking.probability.values()))
-    removed = shrunk.fraction if shrunk.fraction is not None else 0.0
-    # NaN, and so False in either comparison, where a channel shows no clear gap.
-    beside = ranking.explained[1:]
-    wanting = ranking.unlisted > UNLISTED or ranking.leftover > LEFTOVER
-    if ranking.unlisted > 0.5 or (removed < ADEQUATE and wanting):
-        return "unexplained", ["no listed effect removes most of the gap: look at the regions"]
-    if (beside < ADEQUATE_BESIDE).any():
-        worst = int(np.nanargmin(beside))
-        channel = study.base.observed.readings[1 + worst].channel
+    if ranking.unlisted > UNEXPLAINED:
         return "unexplained", [
-            f"the best of the listed effects explains {max(0.0, 100.0 * beside[worst]):.0f} % of "
-            f"what the {plain(channel.name)} shows: look at the regions"]
-    adequate = removed >= ADEQUATE or (beside >= ADEQUATE_BESIDE).any()
-    return "cause_found" if known >= FOUND and adequate else "ambiguous", []
+            "the base model is a little off, smoothly: less than what a cause would need"
+            if ranking.misfit > ranking.unlisted / 2.0
+            else "no set of listed effects explains the gap: look at the regions"]
+    # A prior, or a form more, does not tell two sets apart.
+    twins = [rival for names, (rival, _) in ranking.sets.items()
+             if len(names) == len(leading.names) and rival is not leading
+             and rival.log > leading.log - _TWIN]
+    return "cause_found" if probability >= FOUND and not twins else "ambiguous", []
+
+
+def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
+    """Mean over the samples, of the leading set [W]; where none is named, over where the gap is."""
+    fit = study.leading[0].fit if verdict in ("cause_found", "ambiguous") else study.base
+    system, points = fit.hypothesis.system, study.base.observed.points
+    expected, = system.predict(fit.base, (), points)[:1]
+    weight = study.base.observed.count
+    if fit is study.base:
+        real, weight = expected + gap, weight * (np.abs(gap) >= _rms(gap))
+    else:
+        real = fit.hypothesis.predict(fit.theta, points)[0]
+    return float(np.average(system.lost_power(points, expected, real), weights=weight))
+
+
+def _sets(study: _Study) -> tuple[CauseSet, ...]:
+    told = list(study.ranking.sets.items())[:_TOLD_SETS]
+    shrunk = [study.shrunk(rival) for _, (rival, _) in told]
+    return tuple(CauseSet(names, p, item.after, item.fraction)
+                 for (names, (_, p)), item in zip(told, shrunk, strict=True))
+
+
+def _next_tests(advice: Advice) -> tuple[NextTest, ...]:
+    tests = [NextTest(item.point, (named(item.separates[0]), named(item.separates[1])),
+                      item.information) for item in advice.tests]
+    if advice.measure is not None and len(advice.alive) > 1:
+        tests.append(NextTest(None, (named(advice.alive[0][0]), named(advice.alive[1][0])), 0.0,
+                              advice.measure))
+    return tuple(tests)
 
 
 def _errors_on(
@@ -192,7 +253,7 @@ def _errors_on(
     their noise have that of the campaign.
     """
     base, refusal = study.base, study.base.hypothesis.system.refusal
-    first = study.ranking.best[next(iter(study.ranking.probability))].fit
+    first = study.leading[0].fit
     before, after = (held.readings[0].measured - fit.hypothesis.predict(fit.theta, held.points)[0]
                      for fit in (base, first if study.significant else base))
     usable = np.isfinite(before) & np.isfinite(after)
@@ -209,32 +270,37 @@ def _errors_on(
 
 
 def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
-    probability = study.ranking.probability
+    if not study.significant:
+        return ()
+    # The members of the leading set first, so that the first cause is one of it.
+    leading = study.leading[0].names
+    probability = dict(sorted(study.ranking.effects.items(),
+                              key=lambda item: (item[0] not in leading, -item[1])))
     names = [name for name, p in probability.items() if p >= 0.01] or list(probability)[:1]
     return tuple(_cause(study, name) for name in names[:3 if verdict == "unexplained" else 6])
 
 
 def _cause(study: _Study, name: str) -> Cause:
-    item = study.ranking.best[name]
-    index = item.names.index(name)
-    effect, errors = item.fit.effects[index], np.sqrt(np.diagonal(item.plain.covariance))
-    shrunk = shrinkage(study.before, study.errors([item.plain]), study.noise, "cross-validation",
-                       study.seed, weight=study.base.observed.count)
-    partner = next((other for other in item.names if other != name), None)
-    first = item.fit.hypothesis.shared + sum(
-        len(other.sizes()) for other in item.fit.effects[:index])
+    rival = study.ranking.best_with(name)
+    effects = rival.fit.effects
+    index = [effect.name for effect in effects].index(name)
+    effect, errors = effects[index], np.sqrt(np.diagonal(rival.plain.covariance))
+    shrunk = study.shrunk(rival)
+    partners = [other for other in rival.names if other != name]
+    first = rival.fit.hypothesis.shared + sum(len(other.sizes()) for other in effects[:index])
     return Cause(
-        name, effect.form, effect.component, study.ranking.probability[name],
-        _twins(study.ranking, name), partner, _parameters(effect, errors[first:]), shrunk.after,
-        shrunk.fraction, _drift(study.base, item.fit, errors), effect.summary, effect.source,
-        effect.remedy, _model_of(item.fit))
+        name, effect.form, effect.component, study.ranking.effects[name],
+        _twins(study.ranking, name), " and ".join(partners) or None,
+        _parameters(effect, errors[first:]), shrunk.after, shrunk.fraction,
+        _drift(study.base, rival.fit, errors), effect.summary, effect.source, effect.remedy,
+        _model_of(rival.fit))
 
 
 def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
     """Effects that these data cannot tell from one: the rest of the credible set."""
-    partners = set(ranking.best[name].names) - {name}
+    partners = set(ranking.best_with(name).names) - {name}
     total, chosen = 0.0, []
-    for other, p in ranking.probability.items():
+    for other, p in ranking.effects.items():
         if total < SET_PROBABILITY * (1.0 - ranking.unlisted) and other not in partners:
             total += p
             chosen.append(other)
@@ -267,21 +333,13 @@ def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]
             for name, row in zip(base.names, rows.tolist(), strict=True)}
 
 
-def _where(study: _Study) -> tuple[Region, ...]:
+def _where(study: _Study, expected: Array) -> tuple[Region, ...]:
+    """The fewest regions that hold the points at which the gap expected exceeds its rms."""
     boxes, found = study.boxes, study.found
     if not study.significant or not len(boxes):
         return ()
-    # A region and the rest of the space show the same step: name the smaller of the two.
-    large = boxes.members.sum(axis=1) > boxes.members.shape[1] / 2
-    order = np.argsort(-np.abs(found.region_z) * np.where(large, _LARGE_REGION, 1.0))
-    clear = order[found.region_p[order] <= REGION_SIGNIFICANCE]
-    chosen: list[int] = []
-    # Where no place is significant by itself the first one is named all the same, with its p.
-    for i in (clear if len(clear) else order[:1]).tolist():
-        shared = (np.sum(boxes.members[i] & boxes.members[chosen], axis=1)
-                  / np.minimum(boxes.members[i].sum(), boxes.members[chosen].sum(axis=1)))
-        if (shared <= _OVERLAP).all() and len(chosen) < _MOST_REGIONS:
-            chosen.append(i)
+    chosen = covering(boxes.members, np.abs(expected) > _rms(expected),
+                      study.base.observed.count, _MOST_REGIONS)
     observed = study.base.observed
     residual, count = study.base.whitened[0] * observed.scale[0], observed.count
     # Cells end before the samples in them do.

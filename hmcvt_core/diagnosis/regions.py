@@ -90,20 +90,28 @@ def _intervals(edges: Array) -> list[tuple[float, float]]:
             if not (i == 0 and j == len(edges) - 1)]
 
 
-def scaled_to_extent(place: Array) -> Array:
-    """Places scaled to -1 .. 1 by their own extent, same shape."""
-    low, high = place.min(axis=1, keepdims=True), place.max(axis=1, keepdims=True)
-    return np.asarray(2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0)
+def scaled_to_extent(place: Array, within: Array | None = None) -> Array:
+    """Places scaled to -1 .. 1 by the extent of a campaign (their own), same shape; none beyond."""
+    within = place if within is None else within
+    low, high = within.min(axis=1, keepdims=True), within.max(axis=1, keepdims=True)
+    return np.asarray((2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0).clip(-1.0, 1.0))
 
 
-def smooth_functions(place: Array, degree: int) -> tuple[Array, NDArray[np.intp]]:
+def smooth_functions(
+    place: Array, degree: int, within: Array | None = None
+) -> tuple[Array, NDArray[np.intp]]:
     """Products of Legendre polynomials up to a total degree.
+
+    Args:
+        place: where, shape (axes, n).
+        degree: the highest.
+        within: the places of the campaign by which each axis is scaled, those above if None.
 
     Returns:
         Values of shape (n, m), each of mean square about 1, and the degree of each, shape (m,).
         The constant comes first.
     """
-    scaled = scaled_to_extent(place)
+    scaled = scaled_to_extent(place, within)
     powers = sorted((p for p in itertools.product(range(degree + 1), repeat=len(place))
                      if sum(p) <= degree), key=sum)
     # Along each axis, by order; the factor makes the mean square one.

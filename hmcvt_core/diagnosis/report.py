@@ -12,6 +12,7 @@ from typing import Any
 from . import words
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
 
+_TOLD_SET = 0.01
 _DETAILED = 3  # causes told at length; the page has all
 _POINTS, _TESTS = 4, 5  # most points, most tests told; the page has all
 _WIDTH, _MARGIN = 100, 11
@@ -51,9 +52,11 @@ def _where(found: Outcome) -> list[str]:
 def _causes(found: Outcome) -> list[str]:
     if not found.causes:
         return []
-    lines = [f"causes     (an effect nobody listed: {100 * found.unlisted:.0f} %)"]
-    if sum(cause.probability for cause in found.causes) > 1.005:
-        lines.append("           two may act together: the figures may add up to more than 100 %")
+    told = [f"{words.named(each.effects)} {words.probability(each.probability)}"
+            for each in found.sets if each.probability >= _TOLD_SET]
+    told.append(f"something unlisted {words.probability(found.unlisted)}")
+    lines = [f"sets       {', '.join(told)}",
+             "causes     each in any of the sets"]
     for cause in found.causes[:_DETAILED]:
         form = f", {cause.form}" if cause.form else ""
         lines += [f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  [{cause.component}]",
@@ -84,8 +87,8 @@ def _tests(found: Outcome) -> list[str]:
     groups = sorted(merged.values(), key=lambda tests: -max(test.gain for test in tests))
     if not groups:
         return []
-    gain = (" (gain: squared standard deviations by which the readings are expected to speak "
-            "against the wrong one of the two; 9 in all settle it)") if groups[0][0].point else ""
+    gain = (" (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
+            "halves the choice)") if groups[0][0].point else ""
     points = [tests for tests in groups if tests[0].point][:_POINTS]
     beside = [tests for tests in groups if not tests[0].point][:_TESTS - len(points)]
     return [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in points + beside)]
@@ -93,9 +96,8 @@ def _tests(found: Outcome) -> list[str]:
 
 def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
     test = tests[0]
-    # Every test is for or against the leading cause.
-    rivals = dict.fromkeys(words.plain(each.separates[1]) for each in tests)
-    told = f"{words.plain(test.separates[0])} from {' and '.join(rivals)}"
+    told = " and ".join(dict.fromkeys(
+        f"{each.separates[0]} from {each.separates[1]}" for each in tests))
     if not test.point:
         return f"{test.measure}: tells {told}"
     place = ", ".join(axis.told.format(test.point[axis.name], axis.second * test.point[axis.name])
@@ -116,10 +118,13 @@ class Diagnosis(Outcome):
             "component": self.component,
             "verdict": self.verdict,
             "causes": [_fields(cause) for cause in self.causes],
+            "sets": [_fields(each) for each in self.sets],
             "unlisted_probability": self.unlisted,
             "shrinkage": _fields(self.shrinkage),
+            "delivered": _fields(self.delivered),
             "next_tests": [{**(test.point or nowhere), **_fields(test)}
                            for test in self.next_tests],
+            "advice": self.advice.to_dict(),
             "notes": self.notes,
         }
         return dict(json.loads(json.dumps(data)))
@@ -129,7 +134,7 @@ class Diagnosis(Outcome):
         gap, shrunk = self.gap, self.shrinkage
         before, after, noise, stated, error = (words.amount(self, value) for value in (
             shrunk.before, shrunk.after, gap.noise, gap.noise_stated, gap.rmse))
-        lines = [words.verdict(self), "",
+        lines = [words.mechanic(self), "", *self.warnings, words.verdict(self), "",
                  f"gap        {gap.samples} samples, {before} rms beyond the noise, "
                  f"{words.p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
                  f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
@@ -137,6 +142,6 @@ class Diagnosis(Outcome):
         if shrunk.fraction is not None:
             lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}")
         lines += [*_where(self), *_causes(self), *_tests(self),
-                  *(f"note: {note}" for note in self.notes)]
+                  *(f"note: {note}" for note in self.notes[len(self.warnings):])]
         plain = (line.replace(words.MINUS, "-").replace(words.AT_MOST, "<=") for line in lines)
         return "\n".join(map(_wrapped, plain))

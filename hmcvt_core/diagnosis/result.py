@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .advice import Advice
+from .gap_field import GapField
 from .system import Axis, Channel
 
 Array = NDArray[np.float64]
@@ -73,7 +75,7 @@ class Cause:
         probability: that it is present.
         indistinguishable_from: effects that these data cannot tell from it, all that it takes to
             hold the cause with 97 %, given that it is a listed one.
-        together_with: the other effect of a pair.
+        together_with: the other effects of its most probable set, in words, or None.
         parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
         gap_after: root of the mean squared error above noise once it is added.
         shrinkage: 1 - G2_after / G2_before for it by cross-validation, held as the effect in every
@@ -97,6 +99,35 @@ class Cause:
     source: str
     remedy: str
     model: Any = field(repr=False)
+
+
+@dataclass(frozen=True)
+class CauseSet:
+    """A set of effects that together may be all of the gap.
+
+    Attributes:
+        effects: names, sorted.
+        probability: that it is these and no others.
+        gap_after, shrinkage: as of a `Cause`, with all of them added.
+    """
+
+    effects: tuple[str, ...]
+    probability: float
+    gap_after: float
+    shrinkage: float | None
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """Errors of the models handed over, at samples left out, as the meters of the bench read.
+
+    Attributes:
+        rmse_before: of the refitted base model.
+        rmse_after: of the model that is saved.
+    """
+
+    rmse_before: float
+    rmse_after: float
 
 
 @dataclass(frozen=True)
@@ -126,9 +157,9 @@ class NextTest:
 
     Attributes:
         point: where, by the name of the axis; None when no point helps.
-        separates: the two effects it tells apart.
-        gain: expected discrimination, in squared deviations.
-        measure: an extra channel or calibration to make besides, or None.
+        separates: the two explanations it tells apart best, each its effects in words.
+        gain: information expected on which explanation is right [nats].
+        measure: a calibration or measurement beside the plan, or None.
     """
 
     point: Mapping[str, float] | None
@@ -142,11 +173,17 @@ class Outcome:
     """Outcome of a diagnosis; `report.Diagnosis` adds how it is told.
 
     Attributes:
-        gap, where, causes, shrinkage, next_tests: see the classes above.
+        gap, where, causes, sets, shrinkage, delivered, next_tests, advice: see the classes above
+            and `advice`.
         verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
-        unlisted: probability of an effect outside the library.
-        notes: plain sentences on the data and the search.
+        unlisted: probability that listed effects are not all of the gap.
+        misfit: of it, that a base model is a little off and nothing else.
+        lost_power: what the leading set of causes costs on average over the samples [W], or the gap
+            where no cause is named.
+        warnings: why the readings may be of another machine, in plain sentences.
+        notes: the same on the data and the search, the warnings first.
         base: the base model refitted to the samples, no effect added.
+        field: the gap at any operating point.
         samples: what was diagnosed.
         residuals: measured - predicted of the refitted base model at each of them, left out, (n,).
         judged: the samples by which the shrinkage is measured, of the holdout or the same;
@@ -159,11 +196,18 @@ class Outcome:
     where: tuple[Region, ...]
     verdict: str
     causes: tuple[Cause, ...]
+    sets: tuple[CauseSet, ...]
     shrinkage: ShrinkageSummary
+    delivered: Delivered
     next_tests: tuple[NextTest, ...]
+    advice: Advice
     unlisted: float
+    misfit: float
+    lost_power: float
+    warnings: tuple[str, ...]
     notes: tuple[str, ...]
     base: Any
+    field: GapField
     samples: Any
     residuals: Array
     judged: Any
@@ -172,6 +216,25 @@ class Outcome:
     axes: tuple[Axis, ...]
     extent: Mapping[str, tuple[float, float]]
     channel: Channel
+
+    def gap_at(self, *place: Array | float, **recorded: Array | float) -> tuple[Array, Array]:
+        """Return mean and standard deviation of the gap at any operating point.
+
+        Measured minus refitted base, averaged over the explanations alive, the unlisted among them;
+        NaN where the base model has no answer.
+
+        Args:
+            place: a value along each of `axes`; arrays are broadcast against each other.
+            recorded: along axes that are only recorded; the median of the samples if left out.
+        """
+        observed = self.field.base.observed
+        given = dict(zip((axis.name for axis in self.axes), place, strict=True), **recorded)
+        values = np.broadcast_arrays(*(
+            np.asarray(given.get(axis.name, np.median(observed.points[axis.name])), dtype=float)
+            for axis in observed.axes))
+        mean, deviation = self.field.at({
+            axis.name: value.ravel() for axis, value in zip(observed.axes, values, strict=True)})
+        return mean.reshape(values[0].shape), deviation.reshape(values[0].shape)
 
     @property
     def named(self) -> Cause | None:
@@ -186,5 +249,5 @@ class Outcome:
 
     @property
     def model(self) -> Any:
-        """The model to use from now on: with the leading cause if one was found."""
+        """The model to use from now on: with the leading set of causes if one was found."""
         return self.named.model if self.named else self.base

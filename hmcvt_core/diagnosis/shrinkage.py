@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from .evidence import evidence, gram
 from .observations import Observations, replicate_groups
-from .ranking import Linear
 from .result import ShrinkageSummary
+from .rivals import Linear
 
 Array = NDArray[np.float64]
 FOLDS = 12
@@ -56,11 +56,10 @@ def cross_validated_errors(
             left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
                                  for part in parts])
             found = evidence(gram(rival.columns, rival.target) - left_out, count,
-                             np.tile(rival.spread, (len(parts), 1)), observed.trusts,
-                             rival.positive)
+                             np.tile(rival.spread, (len(parts), 1)), observed.trusts, rival.signs)
             for i in np.flatnonzero(found.log > best).tolist():
                 best[i], part, mean = found.log[i], parts[i], found.mean[i]
-                if (size := rival.positive) is not None and mean[size] < 0.0:
+                for size in np.flatnonzero(rival.signs * mean < 0.0):
                     # The others as they are once it is known to be zero.
                     along = found.covariance[i, :, size]
                     mean = mean - along * mean[size] / along[size]

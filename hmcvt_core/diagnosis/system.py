@@ -56,11 +56,13 @@ class Channel:
         name: as in files.
         unit: in which it is told, `factor` times the value with so many decimals.
         uncertainty: standard deviation taken until somebody states it or the data tell: a part of
-            the reading.
+            the reading, and `least` besides.
         relative: whether an unlisted loss in it counts as a part of the reading.
         field_spreads: prior standard deviations of such a loss that varies smoothly over the axes,
             equally likely; in the channel's unit, or relative.
         step_spreads: the same for one inside a region.
+        misfit_spread: the same for a smooth misfit of the base model that is no cause.
+        least: standard deviation of a reading of zero, in the channel's unit.
     """
 
     name: str
@@ -71,6 +73,12 @@ class Channel:
     relative: bool
     field_spreads: tuple[float, ...]
     step_spreads: tuple[float, ...]
+    misfit_spread: float
+    least: float = 0.0
+
+    def deviation(self, reading: Array) -> Array:
+        """Standard deviation of readings that nobody states, same shape."""
+        return np.hypot(self.uncertainty * reading, self.least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +137,7 @@ class System(Protocol):
     Attributes:
         axes: of an operating point, in the order in which they are told.
         channels: all that can be read, the one in which the gap is measured first.
-        base: the base parameters.
-        nuisances: shared errors of a campaign that are no gap, each at one standard deviation.
+        base: the base parameters, with what no bench knows better than within a tolerance.
         library: effects that may be missing, one of each form, at size zero.
         refusal: what samples ask for at which the model has no answer; `advice` what to check.
     """
@@ -138,7 +145,6 @@ class System(Protocol):
     axes: tuple[Axis, ...]
     channels: tuple[Channel, ...]
     base: BaseParameters
-    nuisances: tuple[Effect, ...]
     library: tuple[Effect, ...]
     refusal: str
     advice: str
@@ -148,6 +154,14 @@ class System(Protocol):
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return points at which a further test can be run, given those measured so far."""
+
+    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
+        """Return the power that is lost at points beyond what is expected [W], (n,).
+
+        Args:
+            points: where.
+            expected, real: the first channel, shape (n,).
+        """
 
     def model_of(self, base: Array, effects: Sequence[Effect], samples: Any) -> Any:
         """Return what is saved and served of a hypothesis fitted to samples."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from .advice import Advice
 from .result import REGION_SIGNIFICANCE, Outcome, Region
 
 MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
@@ -14,7 +15,7 @@ NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
-_MOST_TWINS = 4  # named in the verdict
+_ALIVE, _MOST_TOLD = 0.03, 4  # sets named in the verdict
 
 
 def fixed(value: float | None, digits: int, sign: bool = False) -> str:
@@ -78,12 +79,62 @@ def listed(names: Sequence[str], last: str = "or") -> str:
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
+def named(effects: Sequence[str]) -> str:
+    """Return a set of effects in words."""
+    return " + ".join(map(plain, effects)) or "something unlisted"
+
+
+def advice(found: Advice) -> str:
+    """Return which test to run next, or why to stop, and what is alive."""
+    told = [f"{named(effects)} ({probability(p)})" for effects, p in found.alive]
+    lines = [f"stop: {found.reason}"]
+    if not found.stop:
+        place = ", ".join(axis.told.format(found.tests[0].point[axis.name],
+                                           axis.second * found.tests[0].point[axis.name])
+                          for axis in found.axes)
+        lines = [f"next test: {place}; read {listed(found.channels, 'and')}",
+                 f"about {found.tests_expected} more until it is settled"]
+    if found.measure is not None:
+        lines.append(f"measure: {found.measure}")
+    return "\n".join([*lines, f"alive: {', '.join(told)}, no gap ({probability(found.no_gap)})"])
+
+
+def mechanic(found: Outcome) -> str:
+    """Return what is probably wrong, what it costs and what to do, without a statistic."""
+    if found.warnings:
+        return "The readings do not fit this machine: settle what the next lines say first."
+    if found.verdict == "no_gap":
+        return "Bench and model agree: nothing to look for."
+    if found.misfit > found.unlisted / 2.0 > 0.25:
+        return "The model is slightly off, smoothly: too little to blame any part."
+    watts = abs(float(f"{found.lost_power:.2g}"))
+    cost = f"about {watts:.0f} W {'lost' if found.lost_power > 0.0 else 'gained'} on average"
+    if found.named is None:
+        place = region_words(found.where[0], found) if found.where else ""
+        return (f"Something that is not in the library, {cost}: look at "
+                f"{place or 'the whole range'}.")
+    leading = next((each for each in found.sets), None)
+    names = list(map(plain, leading.effects if leading else (found.named.effect,)))
+    if found.verdict == "ambiguous":
+        others = [named(each.effects) for each in found.sets[1:2]]
+        what = f"Either {listed([' with '.join(names), *others])}"
+    else:
+        what = f"Probably {listed(names, 'and')}"
+    if found.named.component == "sensor":
+        cost = "a meter, not a loss"
+    todo = (found.advice.measure or found.named.remedy).split("; or ")[0]
+    return f"{what}, {cost}: {todo}." if todo else f"{what}, {cost}."
+
+
 def verdict(found: Outcome) -> str:
     """Return the outcome in a sentence or two."""
     if found.verdict == "no_gap":
         return (f"No gap is seen: with its base parameters refitted, the model differs from the "
                 f"{found.gap.samples} samples by no more than their noise of "
                 f"{amount(found, found.gap.noise)} explains.")
+    if found.misfit > found.unlisted / 2.0 > 0.25:
+        return (f"{_lies(found)}. The model is off by {amount(found, found.shrinkage.before)}, "
+                "smoothly: smaller than what a cause would need, and none is named.")
     if found.verdict == "unexplained" or not found.causes:
         fraction = found.shrinkage.fraction or 0.0
         best = (f": picking the best of them removes {percent(fraction)} of the squared gap in "
@@ -124,26 +175,16 @@ def region_words(region: Region, found: Outcome) -> str:
 
 
 def _explained(found: Outcome) -> str:
-    cause = found.causes[0]
-    if found.verdict == "ambiguous" and cause.probability < _OUTSTANDING:
-        first = [f"{plain(item.effect)} ({probability(item.probability)})"
-                 for item in found.causes[:3]]
-        more = " among them " if len(found.causes) > 3 else " "
-        return f"several causes remain possible,{more}{listed(first, 'and')}"
-    name, doubtful, verb = f"{plain(cause.effect)} ({probability(cause.probability)})", cause, None
-    if cause.together_with is not None:
-        partner = next((item for item in found.causes if item.effect == cause.together_with), None)
-        share = f" ({probability(partner.probability)})" if partner else ""
-        name, verb = f"{name} together with {plain(cause.together_with)}{share}", "explain"
-        if partner is not None and not cause.indistinguishable_from:
-            doubtful = partner
-    best = " best" if found.verdict == "ambiguous" else ""
-    twins = [plain(other) for other in doubtful.indistinguishable_from]
-    if len(twins) > _MOST_TWINS:
-        twins = [*twins[:_MOST_TWINS - 1], f"{len(twins) - _MOST_TWINS + 1} others"]
-    it = plain(doubtful.effect) if verb else "it"
-    doubt = f", but these data cannot tell {it} from {listed(twins)}" if twins else ""
-    return f"{name} {verb or 'explains'} it{best}{doubt}"
+    told = [f"{named(each.effects)} ({probability(each.probability)})" for each in found.sets]
+    if found.verdict == "cause_found":
+        verb = "explain" if len(found.sets[0].effects) > 1 else "explains"
+        return f"{told[0]} {verb} it"
+    if found.sets[0].probability < _OUTSTANDING:
+        return f"several sets of causes remain possible, among them {listed(told[:3], 'and')}"
+    alive = [text for text, each in zip(told, found.sets, strict=True)
+             if each.probability >= _ALIVE][:_MOST_TOLD]
+    return (f"{alive[0]} explains it best, but these data cannot tell it from "
+            f"{listed(alive[1:]) or 'others'}")
 
 
 def _removed(found: Outcome) -> str:
@@ -152,7 +193,7 @@ def _removed(found: Outcome) -> str:
         return "How far the gap would shrink cannot be told from these samples."
     lead = found.causes[0]
     held_out = found.shrinkage.on == "holdout"
-    place = ("On the samples held out, with the first cause added," if held_out else
+    place = ("On the samples held out, with the leading set added," if held_out else
              "On samples left out, with the effect picked anew without them each time,")
     if fraction <= 0.0:
         return f"{place} the gap does not shrink yet."
@@ -160,7 +201,7 @@ def _removed(found: Outcome) -> str:
     sentence = f"{place} {percent(fraction)} of the squared gap is removed{span}"
     if held_out or lead.shrinkage is None or lead.shrinkage <= 0.0:
         return f"{sentence}."
-    lead_named = " with ".join(map(plain, filter(None, (lead.effect, lead.together_with))))
+    lead_named = named(found.sets[0].effects)
     return f"{sentence}; {percent(lead.shrinkage)} with {lead_named} held as the effect."
 
 

@@ -39,6 +39,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
     "efficiency_std": _PART,
     "oil_temperature": {"deg C": 1.0, "degC": 1.0, "C": 1.0, "\N{DEGREE SIGN}C": 1.0},
     "stamp": {"s": 1.0, "ms": 1e-3},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757},
 })
 """Size of the units of every quantity in the one that hmcvt keeps it in, which is the first."""
 
@@ -60,6 +61,8 @@ class BenchSamples:
         oil_temperature: [deg C], or None.
         efficiency_std: standard deviation of `efficiency` [-], or None.
         stamp: time of the sample [s], or None.
+        pressure: over the motor, high minus low side, positive where it drives the output forward
+            [Pa], or None.
         extra: the other columns, as text; `stage` names the stage engaged.
         source: where they come from, for messages and provenance.
         sha256: of the file they were read from; empty when not from a file.
@@ -76,6 +79,7 @@ class BenchSamples:
     oil_temperature: Array | None = None
     efficiency_std: Array | None = None
     stamp: Array | None = None
+    pressure: Array | None = None
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     source: str = "samples"
     sha256: str = ""

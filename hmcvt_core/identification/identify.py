@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import IdentificationError, InputError
 from ..files import data_path
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, by_stage, output_speed_remark
+from ..model.agreement import RelativeError, by_stage, gear_train_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
@@ -137,8 +137,10 @@ class Identification:
         Args:
             numbers: of the samples in their file; 1, 2, ... when left out.
         """
-        return "\n".join([*self._result_lines(), *self._sample_lines(numbers),
-                          *(f"  note: {sentence}" for sentence in self.warnings)])
+        kinematics = gear_train_remark(self.model.stage, self.samples)
+        first = [] if kinematics is None else [kinematics]
+        return "\n".join([*first, *self._result_lines(), *self._sample_lines(numbers),
+                          *(f"  note: {sentence}" for sentence in self.warnings[len(first):])])
 
     def _result_lines(self) -> Iterator[str]:
         model = self.model
@@ -228,6 +230,9 @@ def identify(
     model = EfficiencyModel(stages[0], PAPER_PARAMETERS[0.98], formulation, tuple(effects),
                             other_stages=tuple(stages[1:]))
     problem = Problem(model, samples)
+    parts = dict(by_stage(model, samples))
+    told = [remark for name, part in parts.items()
+            if (remark := gear_train_remark(model.in_stage(name).stage, part)) is not None]
     schedule = SCHEDULES[formulation] if schedule is None else schedule
     roots: list[HydraulicRoots] = []
     start = None
@@ -241,17 +246,13 @@ def identify(
     if not np.isfinite(value):
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
-            "sample: check stage, units and load torque")
+            f"sample: {'; '.join([*told, 'check stage, units and load torque'])}")
     standard_errors, correlation = precision(problem, scaled)
     predicted = problem.predict(scaled)
     fit_error = RelativeError.of(predicted, samples.efficiency).mean
-    parts = dict(by_stage(model, samples))
-    remarks = [output_speed_remark(model.in_stage(name).stage, part)
-               for name, part in parts.items()]
-    warnings = [*findings(samples, scaled, standard_errors, correlation),
-                *(remark for remark in remarks if remark is not None)]
     alone = {} if len(parts) == 1 else {
         name: precision(Problem(model, part), scaled, problem)[0] for name, part in parts.items()}
+    warnings = [*told, *findings(samples, scaled, standard_errors, correlation)]
     provenance: dict[str, Any] = {
         **origin("identify", samples, seed),
         "objective": OBJECTIVES[formulation],

@@ -32,7 +32,7 @@ from ..model.agreement import (
     RelativeError,
     by_stage,
     carried_at,
-    output_speed_remark,
+    gear_train_remark,
     predicted_at,
 )
 from ..model.domain import AXES, Domain
@@ -138,9 +138,10 @@ def refit(
         np.array([carried_at(part, grid) for part in parts if campaign.prior.stated]), grid, drift,
         limit), "")
     expected, aside = campaign.predicted(fit), np.flatnonzero(~belongs)
-    remarks = [output_speed_remark(served.in_stage(name).stage, part)
-               for name, part in by_stage(served, samples)]
+    kinematics = [gear_train_remark(served.in_stage(name).stage, part)
+                  for name, part in by_stage(served, samples)]
     warnings = [
+        *(remark for remark in kinematics if remark is not None),
         *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
           f"{expected[i]:.4g}" for i in aside[:_NAMED]),
         *([] if len(aside) <= _NAMED else [
@@ -150,7 +151,6 @@ def refit(
             f"limit is {100 * limit:.3g}"]),
         *findings(used.problem.samples, to_scaled(model.parameters.to_array()),
                   model.standard_errors, np.asarray(model.correlation)),
-        *(remark for remark in remarks if remark is not None),
         *([] if held_back is not None else [
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
     errors = [RelativeError.of(predicted_at(each, samples), measured).mean

@@ -10,13 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
+from ..transmission.parameters import PRIOR_MEAN, from_scaled
 from ..transmission.ranges import OperatingPoints
-from ..transmission.stage import Stage, speed_ratio
+from ..transmission.stage import CM3_PER_REV, Stage, speed_ratio
 from .model import EfficiencyModel
 
 Array = NDArray[np.float64]
-_SLIP = 0.1  # part of the output speed that may be missing or too much before it is told
-_ENDS = (0.1, 0.5, 0.9)  # quantiles: a few outliers are no mistake of a column
+_LEAKAGE = float(from_scaled(PRIOR_MEAN)[0])  # m3/(s Pa), before any bench
+_BENT = 0.01  # of the ratio: how far the losses bend the line
+# Of a full stroke: the most that an actuator is off, as `displacement_error` has it; what a dead
+# band and the damping of a leaky unit take from the slope.
+_OFFSET, _GAIN = 0.1, 0.35
+_LOADED = 1e6  # Pa
+_OTHER_MOTOR = 1.25  # losses that nobody modelled change the pressure by less
 
 
 def predicted_at(model: EfficiencyModel, samples: BenchSamples) -> Array:
@@ -79,18 +85,50 @@ class RelativeError(NamedTuple):
         return cls(mean, int(np.sum(~answered)))
 
 
-def output_speed_remark(stage: Stage, samples: BenchSamples) -> str | None:
-    """Say that the output speed is not the one of this gear train; None where it may be."""
-    if samples.output_speed is None:
+def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None:
+    """Say that the pressure is not one of this motor under its load; None where it may be."""
+    if samples.pressure is None:
         return None
-    ratio = speed_ratio(stage, samples.displacement_ratio)
-    turning = ratio > _SLIP  # next to standstill slip is all
-    if not turning.any():
+    expected = model.readings_at(samples.points)[2]
+    loaded = np.abs(expected) > _LOADED  # False for NaN
+    factor = float(np.median(samples.pressure[loaded] / expected[loaded])) if loaded.any() else 1.0
+    if 1.0 / _OTHER_MOTOR < factor < _OTHER_MOTOR:
         return None
-    without_slip = samples.engine_speed[turning] * ratio[turning]
-    low, middle, high = np.quantile(samples.output_speed[turning] / without_slip, _ENDS)
-    if low >= 1.0 - _SLIP and high <= 1.0 + _SLIP:
+    volume = model.stage.pump_motor.motor_displacement / CM3_PER_REV
+    return (f"the pressure is {factor:.2g} times that of a motor of {volume:.3g} cm3/r under this "
+            "load: check the displacement of the motor in the file, the unit of the pressure, and "
+            "that the low side is taken off")
+
+
+def gear_train_remark(stage: Stage, samples: BenchSamples) -> str | None:
+    """Say that the output speed is not one of this gear train; None where it may be.
+
+    A robust line through output / engine speed over the stroke gives the ratio at no stroke and
+    what a full stroke adds. Leakage is taken along: by eqs (13), (14) it lowers the ratio in
+    proportion to load torque / output speed. An error of the stroke moves either a little.
+    """
+    measured = samples.output_speed
+    if measured is None:
         return None
-    return (f"the output speed is {middle:.2f} times that of gear train and displacement ratio "
-            f"({low:.2f} to {high:.2f} in most samples): check its unit and column, the sign of "
-            "the displacement ratio, and the transmission")
+    from scipy.optimize import least_squares
+
+    level = stage.mechanical_speed_ratio
+    change = float(speed_ratio(stage, np.array(1.0))) - level
+    size = abs(level) + abs(change)
+    leak = (stage.motor_speed_ratio / stage.pump_motor.motor_displacement) ** 2 * _LEAKAGE
+    slip = leak * samples.load_torque / measured
+    # What is known before is weak: a slope that the strokes do not show stays that of the file.
+    known, width = np.array([level, change, 1.0]), np.array([size, size, 2.0])
+    rows = np.concatenate([
+        np.stack([np.ones_like(slip), samples.displacement_ratio, -slip], axis=1) / (_BENT * size),
+        np.diag(1.0 / width)])
+    target = np.append(measured / samples.engine_speed / (_BENT * size), known / width)
+    line = least_squares(lambda at: rows @ at - target, known, lambda at: rows, loss="soft_l1")
+    doubt = 3.0 * np.sqrt(np.diagonal(np.linalg.inv(line.jac.T @ line.jac)))
+    off = np.abs(line.x - known)[:2] - doubt[:2]
+    if off[0] <= _BENT * size + _OFFSET * abs(change) and off[1] <= _GAIN * abs(change):
+        return None
+    return (f"the output speed is of another gear train: the ratio at stroke 0 is {line.x[0]:.2f}, "
+            f"the file says {level:.2f}; a full stroke changes it by {line.x[1]:+.2f}, the file "
+            f"says {change:+.2f}: check the stage and its ratios, the sign of the displacement "
+            "ratio, and unit and column of the output speed")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -303,15 +303,28 @@ class EfficiencyModel:
         Raises:
             InputError: the points name a stage that there is not.
         """
-        shape, count = points.engine_speed.shape, points.engine_speed.size
-        flat = points.map(np.ravel)
-        if points.stage is not None:
-            return Answer(*(column.reshape(shape) for column in flat.by_stage(
-                lambda name, at: self.in_stage(name).answer_at(at))))
-        parts = [self._solver.solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK]))
-                 for i in range(0, max(count, 1), _CHUNK)]
-        return Answer(*(np.concatenate(column).reshape(shape)
-                        for column in zip(*parts, strict=True)))
+        return Answer(*self._stage_by_stage(points, lambda one: one._solver.solve))
+
+    def readings_at(self, points: OperatingPoints) -> Array:
+        """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
+
+        Raises:
+            InputError: the formulation is not `power_balance`, or as `answer_at`.
+        """
+        if self.formulation != "power_balance":
+            raise InputError("a pressure needs formulation power_balance")
+        return self._stage_by_stage(points, lambda one: BalanceSolver(
+            one.stage, one.parameters, one.effects).readings)
+
+    def _stage_by_stage(
+        self, points: OperatingPoints,
+        solve: Callable[[EfficiencyModel], Callable[[OperatingPoints], Any]],
+    ) -> Array:
+        if points.stage is None:
+            return _in_chunks(solve(self), points)
+        columns = points.map(np.ravel).by_stage(
+            lambda name, at: tuple(_in_chunks(solve(self.in_stage(name)), at)))
+        return np.stack(columns).reshape(len(columns), *points.engine_speed.shape)
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with other parameters than the model's own, for many candidates at once [-].
@@ -386,6 +399,14 @@ class EfficiencyModel:
         physics["parameters"] = self.parameters.to_array().tolist()
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _in_chunks(solve: Callable[[OperatingPoints], Any], points: OperatingPoints) -> Array:
+    """Rows that `solve` gives at points, shape (rows, ...)."""
+    shape, flat = points.engine_speed.shape, points.map(np.ravel)
+    parts = [np.stack(solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK])))
+             for i in range(0, max(points.engine_speed.size, 1), _CHUNK)]
+    return np.concatenate(parts, axis=1).reshape(len(parts[0]), *shape)
 
 
 def _like(values: NDArray[Any], scalar: bool) -> Any:

@@ -58,19 +58,33 @@ class BalanceSolver(ArraySolver):
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Answer:
         """Efficiency and output speed that a bench reads, through its meters."""
-        return Answer(*self._together(points, self.solve_in))
+        return Answer(*self._together(points, self._readings)[:3])
+
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def readings(self, points: OperatingPoints) -> Array:
+        """Efficiency [-], output speed [rad/s] and pressure [Pa] that a bench reads, shape (3, n).
+
+        The pressure is the difference over the motor, eq. (14).
+        """
+        efficiency, speed, _, pressure = self._together(points, self._readings)
+        return np.stack([efficiency, speed, pressure])
 
     def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Answer:
         """As `solve`, of points in one quadrant."""
+        return Answer(*self._readings(part, points)[:3])
+
+    def _readings(self, part: tuple[int, int], points: OperatingPoints) -> tuple[Array, ...]:
         shafts, flow = self._flow(part, points)
         state, torque = flow.state, flow.engine_power / points.engine_speed
         efficiency, speed, torque = Answer.of(
             state.load_power / points.engine_speed, torque, shafts.reflection * flow.output_speed)
+        pressure = shafts.turns * state.pressure
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._effects:
             efficiency = effect.reading(efficiency, state)
             speed = effect.output_speed_reading(speed)
-        return Answer(efficiency, speed, torque)
+            pressure = effect.pressure_reading(pressure)
+        return efficiency, speed, torque, pressure
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(self, points: OperatingPoints) -> PowerFlow:

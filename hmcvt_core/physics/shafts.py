@@ -157,7 +157,8 @@ class Shafts(ArrayState):
             nonlocal pressure
             found = self.torques(speed, direction, stroke, pressure)
             pressure = self.sense * found.state.pressure
-            delivered = self.size * self.direction * stroke * found.state.pump_speed
+            delivered = (self.size * self.sense * found.state.displacement_ratio
+                         * found.state.pump_speed)
             return np.asarray(delivered - self.sense * found.leakage_flow
                               / self.stage.pump_motor.motor_displacement - speed)
 
@@ -195,7 +196,7 @@ class Shafts(ArrayState):
         drag = self._sum("motor_drag", state)
         torques = {}
         if self.pump_on_row:
-            torques = self._braced(state, output_speed)
+            torques = self._braced(self._lagged(state), output_speed)
             load, direction = load - torques["output"][0], np.sign(speed)
             motor = self._geared("motor", load * hydraulic, speed, np.sign(load * speed))
         else:
@@ -211,11 +212,15 @@ class Shafts(ArrayState):
         found = self._pressure(motor[-1] + drag * direction, speed, direction)
         # What pump and motor share answers the pressure assumed: a step of Newton.
         pressure = pressure + (found - pressure) / (1.0 - self._row_share(stroke))
-        state = state._replace(pressure=self.sense * pressure)
+        state = self._lagged(state._replace(pressure=self.sense * pressure))
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         lost = self.given.leakage * state.pressure + self._sum("leakage_flow", state)
         return PowerFlow(state, direction, output_speed, power, self._pump_pressure(state),
                          np.asarray(lost), {**torques, "motor": motor})
+
+    def _lagged(self, state: ShaftState) -> ShaftState:
+        return state._replace(
+            displacement_ratio=state.displacement_ratio - self._sum("stroke_lag", state))
 
     def _braced(self, state: ShaftState, output_speed: Array) -> dict[str, list[Array]]:
         """Torques of pump, engine and output paths where the pump braces the row."""

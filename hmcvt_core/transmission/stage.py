@@ -15,7 +15,7 @@ from code.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -30,7 +30,7 @@ from .ranges import Range
 MEMBERS = ("sun", "ring", "carrier")
 LAYOUTS = ("input_coupled", "output_coupled", "hydrostatic")
 _PATHS = ("mechanical", "pump", "motor", "output")
-_CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
+CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
 
 
 @dataclass(frozen=True)
@@ -207,9 +207,16 @@ class Stage:
 
     def with_gear_efficiency(self, efficiency: float) -> Stage:
         """Return the stage with the same efficiency in every gear pair."""
+        return self._with_gear_efficiencies(lambda pair: efficiency)
+
+    def with_gear_loss(self, loss: float) -> Stage:
+        """Return the stage with a further part of the power lost in every gear pair."""
+        return self._with_gear_efficiencies(lambda pair: min(pair.efficiency * (1.0 - loss), 1.0))
+
+    def _with_gear_efficiencies(self, efficiency: Callable[[GearPair], float]) -> Stage:
         renewed: dict[str, Any] = {
             name: replace(path, gear_pairs=tuple(
-                replace(pair, efficiency=efficiency) for pair in path.gear_pairs))
+                replace(pair, efficiency=efficiency(pair)) for pair in path.gear_pairs))
             for name, path in self.paths.items()}
         return replace(self, **renewed)
 
@@ -269,8 +276,8 @@ class Stage:
             "gear_efficiency": {pair.name: pair.efficiency for pair in self.gear_pairs},
             "planetary_rows": {"k": self.planetary_constant} if on_row else {},
             "pump_motor": {
-                "pump_displacement_cm3_per_rev": _round(units.pump_displacement / _CM3_PER_REV),
-                "motor_displacement_cm3_per_rev": _round(units.motor_displacement / _CM3_PER_REV),
+                "pump_displacement_cm3_per_rev": _round(units.pump_displacement / CM3_PER_REV),
+                "motor_displacement_cm3_per_rev": _round(units.motor_displacement / CM3_PER_REV),
                 "pump_friction": units.pump_friction,
                 "motor_friction": units.motor_friction,
             },
@@ -352,7 +359,7 @@ def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: st
 
 
 def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
-    pump, motor = (number(data, f"{unit}_displacement_cm3_per_rev", "pump_motor.") * _CM3_PER_REV
+    pump, motor = (number(data, f"{unit}_displacement_cm3_per_rev", "pump_motor.") * CM3_PER_REV
                    for unit in ("pump", "motor"))
     return PumpMotor(pump, motor, **{
         name: number(data, name, "pump_motor.")

@@ -18,7 +18,7 @@ from typing import Any
 
 from hmcvt_core import InputError
 
-from .steady import Steadiness, require_positive
+from .steady import Steadiness, limit, require_positive
 
 BAG_FILES = (".mcap", ".db3")
 """How the names of the files end that hold messages."""
@@ -36,8 +36,7 @@ class ImportSettings:
         topic: the topic with the shafts; the end of its name will do, unless it starts with `/`.
         namespace: of all topics; None takes the only one there is.
         steadiness: when a window counts as steady.
-        age_limit: how far in time a reading of a slow channel may lie from a message [s].
-        gap: a longer pause between messages, or a step back of the clock, ends a window [s].
+        age_limit, gap: see their metadata; a step back of the clock ends a window too.
         averaged: every message is a steady average already; no windows are sought.
         use_oil_temperature: whether to look for the oil temperature.
 
@@ -48,14 +47,14 @@ class ImportSettings:
     topic: str = "bench_sample"
     namespace: str | None = None
     steadiness: Steadiness = field(default_factory=Steadiness)
-    age_limit: float = 5.0
-    gap: float = 1.0
+    age_limit: float = limit(
+        5.0, "How far in s a reading of a slow topic may lie from a message.")
+    gap: float = limit(1.0, "A longer pause between messages in s ends a window.")
     averaged: bool = False
     use_oil_temperature: bool = True
 
     def __post_init__(self) -> None:
-        require_positive("age_limit", self.age_limit)
-        require_positive("gap", self.gap)
+        require_positive(self)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ _LAGS_SUMMED = 3.0  # in correlation times
 _MOST_LAGS = 4  # a quarter of the readings: further lags have too few pairs
 
 
-def _limit(default: float, text: str) -> Any:
+def limit(default: float, text: str) -> Any:
+    """A setting that is a positive number, and what it limits."""
     return field(default=default, metadata={"text": text})
 
 
@@ -46,27 +47,27 @@ class Steadiness:
         InputError: a value is not positive, or a window holds fewer than 3 blocks.
     """
 
-    min_duration: float = _limit(5.0, "Shortest steady window in s.")
-    block: float = _limit(1.0, "Blocks of this many s are averaged to judge drift.")
-    speed_drift: float = _limit(0.005, "Of engine and output speed over a window, a fraction.")
-    speed_scatter: float = _limit(0.01, "Of engine and output speed in a block, a fraction.")
-    torque_drift: float = _limit(0.02, "Of engine and load torque over a window, a fraction.")
-    torque_scatter: float = _limit(0.05, "Of engine and load torque in a block, a fraction.")
-    displacement_drift: float = _limit(
+    min_duration: float = limit(5.0, "Shortest steady window in s.")
+    block: float = limit(1.0, "Blocks of this many s are averaged to judge drift.")
+    speed_drift: float = limit(0.005, "Of engine and output speed over a window, a fraction.")
+    speed_scatter: float = limit(0.01, "Of engine and output speed in a block, a fraction.")
+    torque_drift: float = limit(0.02, "Of engine and load torque over a window, a fraction.")
+    torque_scatter: float = limit(0.05, "Of engine and load torque in a block, a fraction.")
+    displacement_drift: float = limit(
         0.01, "Of the displacement ratio over a window; also its scatter.")
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            require_positive(item.name, getattr(self, item.name))
+        require_positive(self)
         if self.min_duration < LEAST_BLOCKS * self.block:
             raise InputError(f"min_duration = {self.min_duration:g} s holds fewer than "
                              f"{LEAST_BLOCKS} blocks of {self.block:g} s")
 
 
-def require_positive(name: str, value: float) -> None:
-    """Refuse a setting that is not a positive number."""
-    if not (np.isfinite(value) and value > 0.0):
-        raise InputError(f"{name} = {value:g}: a positive number is needed")
+def require_positive(settings: Any) -> None:
+    """Refuse a `limit` that is not a positive number."""
+    for name in (item.name for item in fields(settings) if item.metadata):
+        if not 0.0 < (value := getattr(settings, name)) < math.inf:
+            raise InputError(f"{name} = {value:g}: a positive number is needed")
 
 
 class Channel(NamedTuple):

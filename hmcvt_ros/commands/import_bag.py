@@ -15,9 +15,11 @@ from hmcvt_core.cli.common import OutputFile, Progress, json_option, print_json
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 
+LIMITS = [item for item in (*fields(Steadiness), *fields(ImportSettings)) if item.metadata]
 
-def _steady_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    for item in reversed(fields(Steadiness)):
+
+def _limits(function: Callable[..., Any]) -> Callable[..., Any]:
+    for item in reversed(LIMITS):
         function = click.option(
             f"--{item.name.replace('_', '-')}", type=float, show_default=True,
             default=item.default, help=item.metadata["text"])(function)
@@ -37,11 +39,7 @@ Examples:
               help="JointState with speed and torque of joints engine and output.")
 @click.option("--namespace", default=None, metavar="NS",
               help="Of all topics, when the bag holds several.")
-@_steady_options
-@click.option("--age-limit", type=float, default=ImportSettings.age_limit, show_default=True,
-              help="How far in s a reading of a slow topic may lie from a message.")
-@click.option("--gap", type=float, default=ImportSettings.gap, show_default=True,
-              help="A longer pause between messages in s ends a window.")
+@_limits
 @click.option("--averaged", is_flag=True,
               help="Each message is a steady average already: one sample each.")
 @click.option("--no-oil-temperature", is_flag=True, help="Leave topic oil_temperature alone.")

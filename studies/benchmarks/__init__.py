@@ -4,5 +4,4 @@
 timing      calls that take turns, and what their times say
 point       one lookup, many at once, the optimum: against a table and against brute force
 fitting     identification and diagnosis: time, and whether the annealing arrives by itself
-node        the node beside a bare relay
 """

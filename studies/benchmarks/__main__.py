@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
-import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -18,7 +16,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
 import hmcvt_core as hmcvt
 from studies.page import Run, busy_cores, goal_table, machine, render
 
-from . import fitting, node, point
+from . import fitting, point
 
 
 def main() -> int:
@@ -27,16 +25,10 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.md"))
     parser.add_argument("--quick", action="store_true",
                         help="few turns of everything, to try the benchmarks themselves")
-    parser.add_argument("--without-node", action="store_true", help="what needs no ROS")
     given = parser.parse_args()
-    # As Ctrl-C does: the processes that were started end, too.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     others, start = busy_cores(), time.monotonic()
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     sections = [point.section(model, given.quick), fitting.section(model, given.quick)]
-    if not given.without_node:
-        with tempfile.TemporaryDirectory(prefix="hmcvt-bench-") as folder:
-            sections.append(node.section(model, Path(folder), given.quick))
     goals = [goal for section in sections for goal in section.goals]
     run = Run(" ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
               time.monotonic() - start, others)

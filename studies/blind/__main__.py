@@ -4,64 +4,62 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from hmcvt_core.cli import run_command
-from hmcvt_core.cli.common import OutputFile, json_option, print_json
+from hmcvt_core.cli.common import OutputFile
 from hmcvt_core.files.atomic import write_atomically
 from studies.workers import recorded, workers
 
-from .conditions import PARTS, REFERENCE, cases
-from .scoring import report, summary
-from .trial import score
+from .conditions import PARTS, cases
+from .loop import work
+from .scoring import goals, misses, report
+
+KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
 
 
-@click.command("blind", epilog="""\b
-Examples:
-  python -m studies.blind --seeds 1 --part reference
-  python -m studies.blind --seeds 20 --side-seeds 1 --out docs/blind.md""")
-@click.option("--seeds", type=click.IntRange(1, 1000), default=6, show_default=True,
-              help="Campaigns per effect in the reference conditions.")
-@click.option("--side-seeds", type=click.IntRange(1, 1000), default=None,
-              help="The same in every other condition.  [default: a third]")
+@click.command("blind")
+@click.option("--seeds", type=click.IntRange(1, 900), default=12, show_default=True,
+              help="Campaigns per single effect at either noise.")
+@click.option("--seed-base", type=click.IntRange(0), default=0, show_default=True,
+              help=f"First seed; those from {KEPT_BACK} on are kept back from development.")
 @click.option("--part", "parts", type=click.Choice(PARTS), multiple=True, default=PARTS,
               help="What to run; may be given more than once.  [default: all]")
+@click.option("--quick", is_flag=True,
+              help="One campaign per effect at 0.4 %, or in the parts chosen: goals and misses.")
+@click.option("--only", default="", metavar="TEXT",
+              help="Only campaigns with this in their name, as pair in `0.4 %/pair/24001`.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1,
               show_default="cores", help="Diagnoses side by side.")
-@click.option("--results", type=OutputFile(), default="blind-results.jsonl", show_default=True,
-              metavar="FILE",
-              help="Records so far; an interrupted trial goes on from here.")
+@click.option("--results", type=OutputFile(), default=None, metavar="FILE",
+              help="To go on after an interruption.  [default: blind-results.jsonl, --quick none]")
 @click.option("--out", type=OutputFile(), default=None, metavar="REPORT.md",
               help="Write the report there too.")
-@json_option
 def command(
-    seeds: int, side_seeds: int | None, parts: tuple[str, ...], jobs: int, results: str,
-    out: str | None, as_json: bool,
+    seeds: int, seed_base: int, parts: tuple[str, ...], quick: bool, only: str, jobs: int,
+    results: str | None, out: str | None,
 ) -> None:
-    """Run the blind trial: campaigns of the twin, diagnosed through `hmcvt diagnose` alone."""
-    side = max(1, seeds // 3) if side_seeds is None else side_seeds
-    todo = cases(seeds, side, parts)
-    records = []
+    """Run the blind trial: the diagnosis gets the bench columns of the twin's campaigns alone."""
+    if quick:
+        seeds, parts = 1, parts if parts != PARTS else PARTS[:1]
+    todo = {case.key: case for case in cases(seed_base, seeds, parts) if only in case.key}
+    records: list[dict[str, Any]] = []
     with workers(jobs) as pool:
-        tasks = {case.key: case for case in todo}
-        for number, record in enumerate(recorded(pool, score, tasks, Path(results)), 1):
+        path = Path(results or (os.devnull if quick else "blind-results.jsonl"))
+        for record in recorded(pool, work, todo, path):
             records.append(record)
-            if sys.stderr.isatty() or number % 50 == 0:
-                end = "\r" if sys.stderr.isatty() else "\n"
-                click.echo(f"{number} of {len(todo)} campaigns{end}", err=True, nl=False)
-    chosen = "" if parts == PARTS else "".join(f" --part {part}" for part in parts)
+            if len(records) % 10 == 0:
+                click.echo(f"{len(records)} of {len(todo)} campaigns", err=True)
+    chosen = "" if parts == PARTS else "".join(f' --part "{part}"' for part in parts)
     text = report(
-        records, f"python -m studies.blind --seeds {seeds} --side-seeds {side}{chosen}")
+        records, f"python -m studies.blind --seeds {seeds} --seed-base {seed_base}{chosen}",
+        "kept back from development" if seed_base >= KEPT_BACK else "used in development")
     if out is not None:
         write_atomically(Path(out), text)
-    if as_json:
-        reference_records = [r for r in records if r["condition"] == REFERENCE]
-        print_json({"campaigns": len(records), "reference": summary(reference_records)})
-    else:
-        click.echo(text)
+    click.echo(f"{goals(records)}\n\n{misses(records)}" if quick else text)
 
 
 if __name__ == "__main__":

@@ -10,22 +10,22 @@ from typing import Any
 import numpy as np
 
 from hmcvt_core.errors import InputError
-from studies.blind.catalogue import SizedEffect, draw_effect, size_effect
-from studies.blind.effect import FloatArray
+from studies.blind.catalogue import draw_effect, size_effect
+from studies.blind.effect import Effect, FloatArray
 from studies.blind.plans import LOAD_TORQUE, plan_points
 from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 
 #: Ranges from which base parameters are drawn, log-uniformly: m3/(s Pa), N m s/rad twice. A fit
 #: of the base plant to Table 2 lies inside (1.8e-11, 0.185, 0.101).
 BASE_RANGES = {
-    "leakage": (1e-11, 4e-11),
-    "motor_damping": (0.06, 0.25),
-    "pump_damping": (0.05, 0.25),
-}
+    "leakage": (1e-11, 4e-11), "motor_damping": (0.06, 0.25), "pump_damping": (0.05, 0.25)}
 #: Independent random streams of one seed.
 _BASE, _EFFECTS, _PLAN, _NOISE = 1, 2, 3, 4
+_MISFIT = 9  # place of the misfit behind the effects
+_MEAN_OF_NORMAL = 1.25  # of a normal variable: its mean square over its mean absolute value and rms
 #: A stalled point is measured again at this share of its load, as an operator would.
 _LOAD_RELIEF = 0.85
+_SESSIONS = 4
 
 
 @dataclass(frozen=True)
@@ -33,70 +33,82 @@ class CampaignOptions:
     """How a campaign is measured.
 
     `efficiency_noise` is a standard deviation in units of efficiency; `output_speed_noise` one
-    relative to the speed, None leaves the column out. `vary_temperature` adds the column
-    oil_temperature, 60 deg C +- `temperature_swing`, uniform. `stated_noise_factor` x noise stands
-    in the column efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3
-    degrees of freedom at the same standard deviation. `outliers` samples are off by 6 to 12
-    standard deviations. `session_gain_std` is the relative gain error of the engine's torque
-    meter, one draw for each of `sessions` blocks of rows. `base_off` draws the base parameters
-    outside their ranges.
+    relative to the speed, None leaves the column out. `pressure_gauge` is gain - 1 and zero (Pa) of
+    the gauge of the loop pressure, None leaves the column out.
+    `temperature_swing` adds the column oil_temperature, uniform in 60 deg C +- swing.
+    `misfit` is the root mean square of the smooth field by which the efficiency of the base differs
+    from its form (misfit.BaseMisfit). `stated_noise_factor` x noise stands in the column
+    efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3 degrees of freedom at
+    the same standard deviation. `outliers` samples are off by 6 to 12 standard deviations.
+    `session_gain_std` is the relative gain error of the engine's torque meter, one draw for each
+    quarter of the rows. `base_off` draws the base parameters outside their ranges.
     """
 
     samples: int = 96
     efficiency_noise: float = 0.004
     output_speed_noise: float | None = 0.001
+    pressure_gauge: tuple[float, float] | None = None
+    misfit: float = 0.0
     plan: str = "random"
-    vary_temperature: bool = False
-    temperature_swing: float = 25.0
+    temperature_swing: float | None = None
     stated_noise_factor: float | None = 1.0
     heavy_tails: bool = False
     outliers: int = 0
     session_gain_std: float = 0.0
-    sessions: int = 1
     base_off: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("efficiency_noise", "session_gain_std", "temperature_swing"):
-            if getattr(self, name) < 0.0:
-                raise InputError(f"{name} is {getattr(self, name)}, must not be below 0")
         if not 0 <= self.outliers <= self.samples:
             raise InputError(f"outliers is {self.outliers}, must be 0..{self.samples}")
-        if not 1 <= self.sessions <= self.samples:
-            raise InputError(f"sessions is {self.sessions}, must be 1..{self.samples}")
-
-    @property
-    def swing(self) -> float:
-        """Temperature swing in force, deg C."""
-        return self.temperature_swing if self.vary_temperature else 0.0
+        if min(self.efficiency_noise, self.session_gain_std, self.misfit) < 0.0:
+            raise InputError("noise, gain and misfit must not be below 0")
 
 
 @dataclass(frozen=True)
-class Label:
-    """What is hidden in a campaign; empty `effects` means no effect."""
+class Bench:
+    """A plant on a bench: the base, what is hidden in it, what its base form misses, its meters."""
 
-    plant_seed: int
-    sample_seed: int
-    effects: tuple[SizedEffect, ...]
     base: BaseTruth
+    effects: tuple[Effect, ...]
     options: CampaignOptions
+    misfit: tuple[Effect, ...] = ()
+
+    def plant(self, *effects: Effect) -> Plant:
+        """Return the plant with some of the effects."""
+        return Plant(self.base, (*effects, *self.misfit))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects, without variants."""
-        return tuple(sized.effect.name for sized in self.effects)
+        return tuple(effect.name for effect in self.effects)
+
+    def measure(self, seed: int, wanted: OperatingPoints | None = None) -> Campaign:
+        """Measure at operating points, of the plan unless some are wanted, with noise of a seed."""
+        options = self.options
+        if wanted is None:
+            rng = np.random.default_rng([seed, _PLAN])
+            swing = options.temperature_swing or 0.0
+            wanted = plan_points(options.plan, options.samples, rng, swing)
+        points, read, plain = _carry(self.plant(*self.effects), self.plant(), wanted)
+        truth = {
+            "efficiency": read.efficiency, "efficiency_plain": plain.efficiency,
+            "output_speed": read.output_speed, "load_torque": points.load_torque,
+            "oil_temperature": points.oil_temperature}
+        noise = np.random.default_rng([seed, _NOISE])
+        return Campaign(_samples(points, read, options, noise), truth, self)
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Samples by contract column, arrays of truth without noise, and the label; shape (n,) each.
+    """Samples by contract column, arrays of truth without noise, and their bench; shape (n,) each.
 
     `truth` holds efficiency (with meter error, without noise), efficiency_plain (same points, no
-    effect), output_speed, outlier, session.
+    effect), output_speed, load_torque, oil_temperature.
     """
 
     samples: dict[str, FloatArray]
     truth: dict[str, FloatArray]
-    label: Label
+    bench: Bench
 
 
 def make_campaign(
@@ -104,54 +116,43 @@ def make_campaign(
 ) -> Campaign:
     """Measure a campaign on a plant drawn from `seed`.
 
-    `effects` are (name, target shift) pairs, "name:variant" fixing the variant; each is sized
-    alone to its target (catalogue.size_effect). `options` are fields of CampaignOptions. Equal
-    arguments give equal campaigns. Raises InputError for unknown names or plans, bad numbers, or
-    the effect oil_temperature without vary_temperature.
+    `effects` are (name, target shift) pairs for `draw_effect` and `size_effect` of the catalogue;
+    `options` are fields of CampaignOptions. Equal arguments give equal campaigns. Raises InputError
+    for unknown names or plans, bad numbers, or oil_temperature without temperature_swing.
     """
     chosen = CampaignOptions(**options)
     base = draw_base(np.random.default_rng([seed, _BASE]), chosen.base_off)
-    sized = []
-    for place, (name, target) in enumerate(effects):
+
+    def hidden(name: str, target: float, place: int) -> Effect:
         effect = draw_effect(name, np.random.default_rng([seed, _EFFECTS, place]))
-        if effect.name == "oil_temperature" and chosen.swing <= 0.0:
-            raise InputError("effect 'oil_temperature' needs vary_temperature")
-        sized.append(size_effect(base, effect, target, chosen.swing))
-    return _measure(Label(seed, seed, tuple(sized), base, chosen))
+        if effect.name == "oil_temperature" and not chosen.temperature_swing:
+            raise InputError("effect 'oil_temperature' needs temperature_swing")
+        return size_effect(base, effect, target, chosen.temperature_swing or 0.0)
+
+    sized = tuple(hidden(*each, place) for place, each in enumerate(effects))
+    off = [("base_misfit", _MEAN_OF_NORMAL * chosen.misfit, _MISFIT)] if chosen.misfit else []
+    return Bench(base, sized, chosen, tuple(hidden(*each) for each in off)).measure(seed)
 
 
-def fresh(campaign: Campaign, seed: int) -> Campaign:
-    """Measure a campaign of the same plant and options with new operating points and new noise."""
-    return _measure(replace(campaign.label, sample_seed=seed))
+def fresh(campaign: Campaign, seed: int, **options: Any) -> Campaign:
+    """Measure the same plant anew: other operating points, other noise; options may be others."""
+    bench = replace(campaign.bench, options=replace(campaign.bench.options, **options))
+    return bench.measure(seed)
+
+
+def pressure_noise(pressure: FloatArray) -> FloatArray:
+    """Standard deviation of a gauge of class A (ISO 4409), Pa: 0.5 %, and what it resolves."""
+    return np.asarray(np.hypot(0.005 * pressure, 4e4))
 
 
 def draw_base(rng: np.random.Generator, off: bool = False) -> BaseTruth:
     """Draw base parameters within BASE_RANGES, or each beyond its range by a factor 1.2 to 2."""
     values = {}
     for name, (low, high) in BASE_RANGES.items():
-        share, factor, above = rng.uniform(), rng.uniform(1.2, 2.0), rng.uniform() < 0.5
-        inside = low * (high / low) ** share
+        part, factor, above = rng.uniform(), rng.uniform(1.2, 2.0), rng.uniform() < 0.5
         outside = high * factor if above else low / factor
-        values[name] = float(outside if off else inside)
+        values[name] = float(outside if off else low * (high / low) ** part)
     return BaseTruth(**values)
-
-
-def _measure(label: Label) -> Campaign:
-    options = label.options
-    plant = Plant(label.base, tuple(sized.effect for sized in label.effects))
-    rng = np.random.default_rng([label.sample_seed, _PLAN])
-    wanted = plan_points(options.plan, options.samples, rng, options.swing)
-    points, read, plain = _carry(plant, Plant(label.base), wanted)
-    noise = np.random.default_rng([label.sample_seed, _NOISE])
-    samples, outlier, session = _samples(points, read, options, noise)
-    truth = {
-        "efficiency": read.efficiency,
-        "efficiency_plain": plain.efficiency,
-        "output_speed": read.output_speed,
-        "outlier": outlier,
-        "session": session,
-    }
-    return Campaign(samples, truth, label)
 
 
 def _carry(
@@ -171,32 +172,29 @@ def _carry(
 
 def _samples(
     points: OperatingPoints, read: Readings, options: CampaignOptions, rng: np.random.Generator
-) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
-    """Contract columns with noise; which samples are outliers; the session of each."""
+) -> dict[str, FloatArray]:
+    """Contract columns with noise."""
     count, sigma = len(points), options.efficiency_noise
-    if options.heavy_tails:
-        scatter = rng.standard_t(3.0, count) / np.sqrt(3.0)
-    else:
-        scatter = rng.standard_normal(count)
+    scatter = (rng.standard_t(3.0, count) / np.sqrt(3.0) if options.heavy_tails
+               else rng.standard_normal(count))
     speed_scatter = rng.standard_normal(count)
-    outlier = np.zeros(count)
-    outlier[rng.permutation(count)[: options.outliers]] = 1.0
-    far = rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
-    session = np.floor(np.arange(count) * options.sessions / count)
-    gain = (options.session_gain_std * rng.standard_normal(options.sessions))[session.astype(int)]
-    efficiency = read.efficiency / (1.0 + gain) + sigma * (scatter + far * outlier)
+    outliers = rng.permutation(count) < options.outliers
+    scatter += outliers * rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
+    meter = options.session_gain_std * rng.standard_normal(_SESSIONS)
+    session = np.arange(count) * _SESSIONS // count
+    efficiency = read.efficiency / (1.0 + meter[session]) + sigma * scatter
     samples = {
-        "displacement_ratio": points.displacement_ratio,
-        "engine_speed": points.engine_speed,
-        "load_torque": read.load_torque,
-        "efficiency": np.clip(efficiency, 0.011, 0.999),
-    }
+        "displacement_ratio": points.displacement_ratio, "engine_speed": points.engine_speed,
+        "load_torque": read.load_torque, "efficiency": np.clip(efficiency, 0.011, 0.999)}
     if options.output_speed_noise is not None:
         factor = 1.0 + options.output_speed_noise * speed_scatter
         samples["output_speed"] = read.output_speed * factor
-    if options.vary_temperature:
+    if options.pressure_gauge is not None:
+        gain, zero = options.pressure_gauge
+        scatter = pressure_noise(read.state[0]) * rng.standard_normal(count)
+        samples["pressure"] = read.state[0] * (1.0 + gain) + zero + scatter
+    if options.temperature_swing is not None:
         samples["oil_temperature"] = points.oil_temperature
     if options.stated_noise_factor is not None:
-        stated = max(sigma * options.stated_noise_factor, 1e-6)
-        samples["efficiency_std"] = np.full(count, stated)
-    return samples, outlier, session
+        samples["efficiency_std"] = np.full(count, max(sigma * options.stated_noise_factor, 1e-6))
+    return samples

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,21 +14,19 @@ import numpy.typing as npt
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Box:
-    """Where an effect lies: closed intervals of the operating range (rad/s, N m)."""
+def drawn(default: Any, draw: Callable[[np.random.Generator], Any]) -> Any:
+    """Declare a parameter of a form that every plant draws anew."""
+    return field(default=default, metadata={"draw": draw})
 
-    displacement_ratio: tuple[float, float] = (-1.0, 1.0)
-    engine_speed: tuple[float, float] = (78.5, 230.0)
-    load_torque: tuple[float, float] = (40.0, 600.0)
 
-    def contains(
-        self, displacement_ratio: FloatArray, engine_speed: FloatArray, load_torque: FloatArray
-    ) -> npt.NDArray[np.bool_]:
-        """Tell which operating points lie inside; shape (n,)."""
-        points = np.stack([displacement_ratio, engine_speed, load_torque], axis=-1)
-        low, high = np.transpose([self.displacement_ratio, self.engine_speed, self.load_torque])
-        return np.all((points >= low) & (points <= high), axis=-1)
+def between(low: float, high: float) -> Any:
+    """Declare one that lies between the ends of what the source of the form spans."""
+    return drawn(0.5 * (low + high), lambda rng: float(rng.uniform(low, high)))
+
+
+def either_sign() -> Any:
+    """Declare one that is +1 or -1."""
+    return drawn(1.0, lambda rng: float(rng.choice([-1.0, 1.0])))
 
 
 @dataclass(frozen=True)
@@ -55,19 +54,10 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class MeterReadings:
-    """What the two torque meters show (N m); shape (n,)."""
-
-    engine_torque: FloatArray
-    output_torque: FloatArray
-
-
-@dataclass(frozen=True)
 class Effect:
     """A loss or fault that the base plant lacks; every hook does nothing unless overridden.
 
-    `size` scales the effect and 0 switches it off; `limit` is the largest size that is still
-    physical.
+    `size` scales the effect, 0 switches it off; `limit` is the largest that is still physical.
     """
 
     name: ClassVar[str]
@@ -80,10 +70,12 @@ class Effect:
     def __init_subclass__(cls) -> None:
         cls.name = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
-    @property
-    def box(self) -> Box | None:
-        """The region it is confined to, None when it acts everywhere."""
-        return None
+    def drawn(self, rng: np.random.Generator) -> Effect:
+        """Return one of random shape, and of a random variant where none is chosen yet."""
+        shape = {item.name: item.metadata["draw"](rng) for item in fields(self) if item.metadata}
+        if self.variants and not self.variant:
+            shape["variant"] = str(rng.choice(self.variants))
+        return replace(self, **shape)
 
     def true_stroke(self, command: FloatArray, pressure: FloatArray) -> FloatArray:
         """Displacement ratio that the swash plate really takes."""
@@ -93,13 +85,9 @@ class Effect:
         """Relative loss of speed in the mechanical path."""
         return np.zeros_like(load_torque)
 
-    def gap_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
-        """Relative viscosity in leakage gaps."""
-        return np.ones_like(oil_temperature)
-
-    def film_viscosity(self, oil_temperature: FloatArray) -> FloatArray:
-        """Relative viscosity in bearing and sliding films."""
-        return np.ones_like(oil_temperature)
+    def viscosity(self, oil_temperature: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Relative viscosity in leakage gaps, and in bearing and sliding films."""
+        return np.ones_like(oil_temperature), np.ones_like(oil_temperature)
 
     def lost_flow(self, at: Conditions) -> FloatArray:
         """Flow lost from the high-pressure side, m3/s."""
@@ -135,6 +123,8 @@ class Effect:
         """Share of the rolling power lost between sun and ring; speed is sun less carrier."""
         return np.zeros_like(ring_torque)
 
-    def read(self, readings: MeterReadings) -> MeterReadings:
-        """Return what the meters show instead of the truth."""
-        return readings
+    def read(
+        self, engine_torque: FloatArray, output_torque: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the two torque meters show of the true torques, N m."""
+        return engine_torque, output_torque

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from studies.blind.effect import Effect, MeterReadings
+from studies.blind.effect import Effect, FloatArray, either_sign
 
 
 @dataclass(frozen=True)
@@ -22,19 +22,16 @@ class TorqueSensor(Effect):
     variants: ClassVar[tuple[str, ...]] = (
         "engine_zero", "engine_gain", "output_zero", "output_gain")
     limit: ClassVar[float] = 12.0
-    sense: float = 1.0
+    sense: float = either_sign()
 
-    def read(self, readings: MeterReadings) -> MeterReadings:
-        """Return the readings with the error of one meter."""
-        engine, output = readings.engine_torque, readings.output_torque
-        zero = self.sense * 2.0 * self.size
-        gain = self.sense * 0.01 * self.size
-        if self.variant == "engine_zero":
-            engine = engine + zero
-        elif self.variant == "engine_gain":
-            engine = engine * (1.0 + gain * (0.95 + 0.05 * np.abs(engine) / 400.0))
-        elif self.variant == "output_zero":
-            output = output + zero
+    def read(
+        self, engine_torque: FloatArray, output_torque: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        meter, _, error = self.variant.partition("_")
+        torque = engine_torque if meter == "engine" else output_torque
+        if error == "zero":
+            shown = torque + self.sense * 2.0 * self.size
         else:
-            output = output * (1.0 + gain * (0.95 + 0.05 * np.abs(output) / 400.0))
-        return MeterReadings(engine, output)
+            bend = 0.95 + 0.05 * np.abs(torque) / 400.0
+            shown = torque * (1.0 + self.sense * 0.01 * self.size * bend)
+        return (shown, output_torque) if meter == "engine" else (engine_torque, shown)

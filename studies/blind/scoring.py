@@ -1,220 +1,269 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Scores of a blind trial, with Wilson intervals; records in, text out."""
+"""Scores of a blind trial, with Wilson intervals; records in, text out.
+
+Counted strictly: a case that is refused is not first, a set longer than three does not count, a set
+is right when it is exactly what was hidden.
+"""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import binomtest
 
-from studies.blind.conditions import REFERENCE
-from studies.blind.trial import DETECTABLE
+from studies.blind.catalogue import KNOWN_EFFECTS
+from studies.blind.conditions import DETECTABLE, LISTED, LOOP, NOISES, STRESS
+from studies.blind.loop import MOST
 from studies.page import render, table
 
 Record = dict[str, Any]
-_SET_SIZE = 3
-_FIRST_GOAL = 0.85
+_STRANGE = ("unlisted", "wrong sign")
+_ARMS = ("asked", "random")
+_BANDS = (0.0, 0.5, 0.7, 0.9, 0.98, 1.01)
+_FEWEST = 5  # answers that make a band worth judging
+_TWINS = ("bearing_drag", "charge_pump", "gear_mesh/efficiency", "torque_sensor")
 
 
-def rate(records: Sequence[Record], hit: Callable[[Record], bool]) -> str:
-    """Return hits / total, the rate and its interval, as text."""
-    return _rate(*_count(records, hit))
+# --- what is asked of a record ------------------------------------------------------------------
 
 
-def _count(records: Sequence[Record], hit: Callable[[Record], bool]) -> tuple[int, int]:
-    return sum(map(hit, records)), len(records)
+def _named(record: Record) -> bool:
+    return record["verdict"] in ("cause_found", "ambiguous")
 
 
-def _rate(hits: int, total: int) -> str:
-    if total == 0:
-        return "none"
-    low, high = binomtest(hits, total).proportion_ci(method="wilson")
-    return f"{hits}/{total} = {100 * hits / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
+def _alarmed(record: Record) -> bool:
+    return bool(record["verdict"] != "no_gap")
 
 
-# --- groups -----------------------------------------------------------------------------------
+def _refused(record: Record) -> bool:
+    return bool(record["verdict"] == "unexplained")
 
 
-def single_known(records: Sequence[Record]) -> list[Record]:
-    """One known effect, still detectable after the refit."""
-    return [r for r in _detectable(records, 1) if r["known"]]
+def _among(record: Record, best: int = 3) -> bool:
+    return any(effects == record["truth"] for effects, _ in record["sets"][:best])
 
 
-def unlisted(records: Sequence[Record]) -> list[Record]:
-    """One effect that is in nobody's library, detectable."""
-    return [r for r in _detectable(records, 1) if not r["known"]]
+def _first(record: Record) -> bool:
+    return _named(record) and _among(record, 1)
 
 
-def nothing(records: Sequence[Record]) -> list[Record]:
-    """No effect."""
-    return [r for r in records if not r["truth"]]
+def _short(record: Record) -> bool:
+    """The first cause and what it cannot be told from are at most three, the true one in it."""
+    return _named(record) and any(len(each) <= 3 and set(record["truth"]) <= set(each)
+                                  for each in record["alternatives"])
 
 
-def _detectable(records: Sequence[Record], effects: int) -> list[Record]:
-    return [r for r in records if len(r["truth"]) == effects and r["left"] >= DETECTABLE]
+def _twinned(record: Record) -> bool:
+    return any(name in _TWINS or f"{name}/{variant}" in _TWINS
+               for name, variant in zip(record["truth"], record["variants"], strict=True))
 
 
-# --- questions --------------------------------------------------------------------------------
+def _miss(record: Record) -> float | None:
+    promised = record["promised"]
+    return abs(promised - record["met"]) if _named(record) and promised is not None else None
 
 
-def first_is_right(record: Record) -> bool:
-    """Whether the first cause is the true one."""
-    return bool(record["causes"]) and record["causes"][0]["effect"] in record["truth"]
+# --- questions ----------------------------------------------------------------------------------
 
 
-def set_holds_truth(record: Record) -> bool:
-    """Whether the first cause and what it cannot be told from, at most three, hold the truth."""
-    return bool(record["causes"]) and bool(
-        set(record["causes"][0]["set"][:_SET_SIZE]) & set(record["truth"])
-    )
+class _Question(NamedTuple):
+    """One line of the goals: what is asked of the records of some groups; None is no answer.
+
+    `sum_up` makes a figure of the answers; without it, it is their share. `then` is what the page
+    said up to d36027d, of a kinder plant counted more kindly.
+    """
+
+    what: str
+    goal: float
+    groups: Sequence[str]
+    ask: Callable[[Record], Any]
+    at_most: bool = False
+    sum_up: Callable[[list[Any]], float] | None = None
+    then: str = ""
+
+    def answer(self, records: Sequence[Record]) -> tuple[float | None, str]:
+        answers = [each for r in records if r["group"] in self.groups
+                   if (each := self.ask(r)) is not None]
+        if not answers:
+            return None, ""
+        if self.sum_up is None:
+            return float(np.mean(answers)), _share(sum(map(bool, answers)), len(answers))
+        figure = self.sum_up(answers)
+        return figure, f"{figure:.2f}"
+
+    def cell(self, records: Sequence[Record]) -> str:
+        figure, text = self.answer(records)
+        missed = figure is not None and (
+            figure > self.goal if self.at_most else figure < self.goal)
+        return text + (" **missed**" if missed else "")
+
+    @property
+    def aim(self) -> str:
+        goal = f"{100 * self.goal:.0f} %" if self.sum_up is None else f"{self.goal:g}"
+        return f"{'at most' if self.at_most else 'at least'} {goal}" if self.goal else ""
 
 
-def alarmed(record: Record) -> bool:
-    """Whether a gap was called."""
-    return record["verdict"] != "no_gap"
+def _worst_band(answers: list[tuple[float, bool]]) -> float:
+    return max((float(abs(np.mean(said) - np.mean(right))) for said, right in _bands(answers)
+                if len(said) >= _FEWEST), default=0.0)
 
 
-def refused(record: Record) -> bool:
-    """Whether no name was given to the gap."""
-    return record["verdict"] == "unexplained"
+def _bands(answers: Sequence[tuple[float, bool]]) -> list[tuple[list[float], list[bool]]]:
+    """Sort probabilities, each with whether it was right, into bands."""
+    return [([said for said, _ in answers if low <= said < high],
+             [right for said, right in answers if low <= said < high])
+            for low, high in pairwise(_BANDS)]
 
 
-def both_found(record: Record) -> bool:
-    """Whether both effects of a pair are among the first three causes."""
-    named = {cause["effect"] for cause in record["causes"][:3]}
-    return set(record["truth"]) <= named
+def _said(record: Record) -> tuple[float, bool] | None:
+    """Probability of the first set, and whether it is right."""
+    if not _alarmed(record) or not record["sets"]:
+        return None
+    return record["sets"][0][1], _among(record, 1) and record["group"] in (*LISTED, "faint")
 
 
-def misses(records: Sequence[Record]) -> list[float]:
-    """|promised - met| shrinkage, squared units."""
-    return [abs(r["promised"] - r["met"]) for r in records
-            if r["promised"] is not None and r["met"] is not None]
+_EVERY = (*LISTED, *_STRANGE, "none", "base off", "faint")
+_QUESTIONS = (
+    _Question("single without a twin: first", 0.95, ["single"],
+             lambda r: None if _twinned(r) else _first(r), then="93 %"),
+    _Question("single: in a set of at most three", 0.95, ["single"], _short, then="97 %"),
+    _Question("pair: exact set first", 0.70, ["pair"], _first),
+    _Question("pair: among the best three sets", 0.90, ["pair"], _among),
+    _Question("triple: exact set first", 0.50, ["triple"], _first),
+    _Question("triple: among the best three sets", 0.80, ["triple"], _among),
+    _Question("false alarms, exact base", 0.05, ["none"], _alarmed, at_most=True, then="2 %"),
+    _Question("cause named, base off by 0.1 to 0.2 points", 0.05, ["base off"], _named,
+             at_most=True),
+    _Question("unlisted refused", 0.85, ["unlisted"], _refused, then="96 %"),
+    _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
+    _Question("place of unlisted and wrong signs found", 0.80, _STRANGE,
+             lambda r: r["place_found"], then="86 %"),
+    _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),
+    _Question("named rightly: 85 % of the squared gap gone", 0.85, LISTED,
+             lambda r: r["met"] >= 0.85 if _first(r) else None, then="85 %"),
+    _Question("gap told at least half of the true one", 0.95, LISTED,
+             lambda r: r["told_gap"] >= 0.5 * r["true_gap"]),
+    _Question("where: F1 of the regions told, listed", 0.65, LISTED, lambda r: r["f1"],
+             sum_up=np.mean),
+    _Question("where: F1 of naming everything", 0.0, LISTED, lambda r: r["f1_everything"],
+             sum_up=np.mean),
+    _Question("`gap_at`: median correlation with the true field", 0.95, LISTED,
+             lambda r: r["correlation"], sum_up=np.median),
+    _Question("promised - met: median", 0.05, LISTED, _miss, at_most=True, sum_up=np.median,
+             then="0.035"),
+    _Question("promised - met: 90th percentile", 0.15, LISTED, _miss, at_most=True,
+             sum_up=lambda each: float(np.quantile(each, 0.9))),
+    _Question("probability of the first set: worst band off by", 0.10, _EVERY, _said, at_most=True,
+             sum_up=_worst_band),
+    _Question("slowest diagnosis [s of processor time]", 5.0, _EVERY, lambda r: r["seconds"],
+             at_most=True, sum_up=max),
+)
+_BESIDE = [_QUESTIONS[i] for i in (0, 1, 2, 6, 8, 17)]
 
 
 # --- tables -------------------------------------------------------------------------------------
 
 
-def report(records: Sequence[Record], command: str) -> str:
-    """Return the whole score, and the command that wrote it, as Markdown."""
-    reference = [r for r in records if r["condition"] == REFERENCE]
+def report(records: Sequence[Record], command: str, seeds: str) -> str:
+    """Return the whole score as Markdown, with the command that wrote it and what its seeds are."""
+    reference = [r for r in records if r["condition"] in NOISES]
+    parts = [(f"{word} {name}", [r for r in reference if (name in r["columns"]) is there])
+             for name in ("output_speed", "oil_temperature", "pressure")
+             for word, there in (("with", True), ("without", False))]
+    parts += [("base exact", [r for r in reference if not r["misfit"]]),
+              ("base off", [r for r in reference if r["misfit"]])]
+    parts += [(name, [r for r in records if r["condition"] == name]) for name in STRESS]
     return render(
-        "report.md.j2", Path(__file__).parent, command=command, detectable=DETECTABLE,
-        headline=_headline(summary(reference)) if reference else "",
-        low=_below_the_goal(single_known(reference)), by_effect=_by_effect(reference),
-        confusion=_confusion(reference), calibration=_calibration(reference),
-        conditions=_conditions(records))
+        "report.md.j2", Path(__file__).parent, command=command, seeds=seeds,
+        detectable=DETECTABLE, goals=goals(records) if reference else "",
+        loop=_loop([r for r in records if r["condition"] == LOOP]),
+        by_effect=_by_effect(reference), calibration=_calibration(reference),
+        parts=table(("", *(each.what for each in _BESIDE)), [
+            (name, *(each.answer(own)[1] for each in _BESIDE)) for name, own in parts if own]))
 
 
-def summary(records: Sequence[Record]) -> dict[str, Any]:
-    """Return the headline figures as plain data; of a rate hits and total."""
-    known, strange = single_known(records), unlisted(records)
-    right = [r["met"] for r in known if first_is_right(r) and r["met"] is not None]
-    off = misses(known)
-    absorbed = [r for r in records if len(r["truth"]) == 1 and r["left"] < DETECTABLE]
-    return {
-        "first_right": _count(known, first_is_right),
-        "set_holds_truth": _count(known, set_holds_truth),
-        "false_alarms": _count(nothing(records), alarmed),
-        "unlisted_refused": _count(strange, refused),
-        "unlisted_place_found": _count(strange, lambda r: bool(r["place_found"])),
-        "listed_refused": _count(known, refused),
-        "promise_median_miss": float(np.median(off)) if off else None,
-        "gap_gone_median": float(np.median(right)) if right else None,
-        "gap_gone_85": (sum(met >= 0.85 for met in right), len(right)),
-        "pairs_both_found": _count(_detectable(records, 2), both_found),
-        "undetectable": dict(Counter(r["verdict"] for r in absorbed)),
-    }
+def goals(records: Sequence[Record]) -> str:
+    """Return what is to be reached beside what was, at either noise."""
+    own = {name: [r for r in records if r["condition"] == name] for name in NOISES}
+    own = {name: some for name, some in own.items() if some}
+    return table(("", "goal", "d36027d", *(f"noise {name}" for name in own)), [
+        (each.what, each.aim, each.then, *map(each.cell, own.values())) for each in _QUESTIONS])
 
 
-def _headline(found: dict[str, Any]) -> str:
-    absorbed = Counter(found["undetectable"])
-    return table(("", "measured", "goal"), [
-        ("right cause first", _rate(*found["first_right"]), f"{100 * _FIRST_GOAL:.0f} %"),
-        (f"right cause in a set of at most {_SET_SIZE}", _rate(*found["set_holds_truth"]), "95 %"),
-        ("false alarms, no effect", _rate(*found["false_alarms"]), "at most 5 %"),
-        ("unlisted effects refused", _rate(*found["unlisted_refused"]), "85 %"),
-        ("place of unlisted effects found", _rate(*found["unlisted_place_found"]), ""),
-        ("listed effects refused", _rate(*found["listed_refused"]), "at most 5 %"),
-        ("median |promised - met| shrinkage", _number(found["promise_median_miss"]),
-         "at most 0.10"),
-        ("squared gap gone, median, right cause added", _number(found["gap_gone_median"]), "0.85"),
-        ("at least 85 % of the squared gap gone", _rate(*found["gap_gone_85"]), ""),
-        ("pairs: both among the first three", _rate(*found["pairs_both_found"]), ""),
-        ("undetectable: no_gap or ambiguous",
-         _rate(absorbed["no_gap"] + absorbed["ambiguous"], absorbed.total()), ""),
-    ])
+def misses(records: Sequence[Record]) -> str:
+    """Return a line for each campaign whose answer is not the one wanted."""
+    wanted = {"none": "no_gap", "base off": "no_gap", **dict.fromkeys(_STRANGE, "unexplained")}
+    lines = []
+    for r in records:
+        right = r["verdict"] == wanted[r["group"]] if r["group"] in wanted else _first(r)
+        if not right and r["group"] != "faint":
+            sets = "; ".join(f"{'+'.join(effects)} {100 * p:.0f} %" for effects, p in r["sets"][:3])
+            lines.append(f"{r['condition']}/{r['kind']}/{r['seed']} {'+'.join(r['truth'])} "
+                         f"{[round(each) for each in r['left']]} {' '.join(r['columns'])}: "
+                         f"{r['verdict']}: {sets}; unlisted {100 * r['unlisted']:.0f} %")
+    return "\n".join(lines)
 
 
-def _below_the_goal(records: Sequence[Record]) -> list[str]:
-    """Name the effects that the rate over all of them hides."""
-    low = []
-    for name in sorted({r["truth"][0] for r in records}):
-        first, count = _count([r for r in records if r["truth"] == [name]], first_is_right)
-        if first < _FIRST_GOAL * count:
-            low.append(f"{name} ({first} of {count})")
-    return low
-
-
-def _number(value: float | None) -> str:
-    return "none" if value is None else f"{value:.3f}"
+def _share(hits: int, total: int) -> str:
+    if total == 0:
+        return ""
+    low, high = binomtest(hits, total).proportion_ci(method="wilson")
+    return f"{hits}/{total} = {100 * hits / total:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 
 
 def _by_effect(records: Sequence[Record]) -> str:
     rows = []
-    for name in sorted({r["truth"][0] for r in records if len(r["truth"]) == 1}):
-        own = [r for r in records if r["truth"] == [name]]
-        seen = [r for r in own if r["left"] >= DETECTABLE]
-        off = misses(seen)
-        rows.append((name, len(own), len(seen), rate(seen, first_is_right),
-                     rate(seen, set_holds_truth), rate(seen, refused), _median(off)))
-    return table(
-        ("true effect", "campaigns", "detectable", "first", "in the set", "refused",
-         "median miss of the promise"), rows)
-
-
-def _median(values: Sequence[float]) -> str:
-    return f"{np.median(values):.2f}" if values else ""
-
-
-def _confusion(records: Sequence[Record]) -> str:
-    counts: dict[str, Counter[str]] = defaultdict(Counter)
-    for r in records:
-        if len(r["truth"]) > 1 or (r["truth"] and r["left"] < DETECTABLE):
-            continue
-        truth = r["truth"][0] if r["truth"] else "(none)"
-        if r["verdict"] in ("no_gap", "unexplained"):
-            counts[truth][r["verdict"]] += 1
-        else:
-            counts[truth][r["causes"][0]["effect"]] += 1
-    answers = sorted({answer for row in counts.values() for answer in row})
-    rows = [(truth, *(counts[truth][answer] or "" for answer in answers))
-            for truth in sorted(counts)]
-    return table(("", *answers), rows)
+    for kind in dict.fromkeys(r["kind"] for r in records):
+        own = [r for r in records if r["kind"] == kind]
+        wrong = Counter("+".join(r["sets"][0][0]) for r in own
+                        if _named(r) and r["sets"] and not _among(r, 1))
+        rows.append((
+            kind, len(own), *(sum(map(hit, own)) or "" for hit in (
+                _first, _among, _short, _refused, lambda r: not _alarmed(r))),
+            f"{np.mean([r['f1'] for r in own]):.2f}",
+            ", ".join(f"{name} ({count})" for name, count in wrong.most_common(3))))
+    return table(("hidden", "campaigns", "exact set first", "among three sets",
+                  "in a set of three", "refused", "no gap called", "F1 of where",
+                  "named instead"), rows)
 
 
 def _calibration(records: Sequence[Record]) -> str:
-    known = [r for r in single_known(records) if r["causes"] and r["verdict"] != "unexplained"]
-    rows = []
-    for low, high in ((0.0, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.98), (0.98, 1.01)):
-        inside = [r for r in known if low <= r["causes"][0]["probability"] < high]
-        said = [r["causes"][0]["probability"] for r in inside]
-        rows.append((f"{low:.2f} to {min(high, 1.0):.2f}",
-                     f"{np.mean(said):.2f}" if said else "", rate(inside, first_is_right)))
-    return table(("probability of the first cause", "mean said", "right"), rows)
+    answers = [said for said in map(_said, records) if said is not None]
+    return table(("probability of the first set", "mean said", "right"), [
+        (f"{low:.2f} to {min(high, 1.0):.2f}", f"{np.mean(said):.2f}" if said else "",
+         _share(sum(right), len(right)))
+        for (low, high), (said, right) in zip(pairwise(_BANDS), _bands(answers), strict=True)])
 
 
-def _conditions(records: Sequence[Record]) -> str:
-    names = list(dict.fromkeys(r["condition"] for r in records))
-    rows = []
-    for name in names:
-        own = [r for r in records if r["condition"] == name]
-        known, off = single_known(own), misses(single_known(own))
-        rows.append((name, rate(known, first_is_right), rate(known, set_holds_truth),
-                     rate(nothing(own), alarmed), rate(unlisted(own), refused), _median(off)))
-    return table(
-        ("condition", "first", "in a set of three", "false alarms", "unlisted refused",
-         "median miss of the promise"), rows)
+def _loop(records: Sequence[Record]) -> str:
+    """Tests made as asked for against tests at random, and what either ends with."""
+    if not records:
+        return ""
+    # A set that neither run settles tells nothing of how fast they are.
+    settling = [r for r in records if r["asked"]["right"] or r["random"]["right"]]
+    tests = [np.mean([r[arm]["tests"] if r[arm]["right"] else MOST for r in settling] or [np.nan])
+             for arm in _ARMS]
+    rows: list[tuple[str, ...]] = [
+        ("tests until the right set is settled", "at most a third", *(f"{n:.1f}" for n in tests)),
+        ("slowest advice [s of processor time]", "at most 5",
+         f"{max(r['seconds'] for r in records):.1f}", "")]
+    for what, goal, groups, hit in (
+            ("right set settled", "", LISTED, lambda end: end["right"]),
+            ("wrong set settled", "at most 5 %", (*LISTED, "none"), _wrong),
+            ("unlisted or wrong sign: a listed one settled", "at most 10 %", _STRANGE, _wrong),
+            ("nothing hidden: told to stop", "", ("none",),
+             lambda end: end["reason"] and not end["settled"])):
+        own = [r for r in records if r["group"] in groups]
+        rows.append((what, goal, *(
+            _share(sum(bool(hit(r[arm])) for r in own), len(own)) for arm in _ARMS)))
+    return table(("", "goal", "as asked", "at random"), rows)
+
+
+def _wrong(end: dict[str, Any]) -> bool:
+    return bool(end["settled"] and not end["right"]
+                and set(end["alive"][0][0]) & set(KNOWN_EFFECTS))

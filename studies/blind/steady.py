@@ -62,20 +62,13 @@ def settle(
         if np.all(rests | lost):
             break
         norm = np.sqrt(np.sum(value * value, axis=0)) + 1e-300
-        step = np.clip(step * _growth(before / norm, norm), 1e-4, _LAST_STEP)
+        # The further the rates fell the more the step grows; it shrinks where they rose.
+        fallen = before / norm
+        growth = np.where(fallen >= 1.0, np.minimum(2.0 * fallen, 50.0), 0.3 * fallen)
+        growth = np.where(norm < 1e-6, 50.0, np.maximum(growth, 0.05))
+        step = np.clip(step * growth, 1e-4, _LAST_STEP)
         before = norm
-    return state, rests & ~lost & _stable(slopes, rests)
-
-
-def _stable(slopes: FloatArray, rests: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Tell which points return to rest when pushed: a saddle or a stick-slip cycle does not."""
-    stable = rests.copy()
-    growth: FloatArray = np.max(np.linalg.eigvals(slopes[rests]).real, axis=1)
-    stable[rests] = growth < 0.0
-    return stable
-
-
-def _growth(fallen: FloatArray, norm: FloatArray) -> FloatArray:
-    """Next step over this one: more the more the rates fell, less when they rose."""
-    growth = np.where(fallen >= 1.0, np.minimum(2.0 * fallen, 50.0), 0.3 * fallen)
-    return np.where(norm < 1e-6, 50.0, np.maximum(growth, 0.05))
+    # A saddle or a stick-slip cycle does not return to rest when pushed.
+    slopes[~rests] = -identity
+    stable = np.max(np.linalg.eigvals(slopes).real, axis=1) < 0.0
+    return state, rests & ~lost & stable

@@ -1,23 +1,21 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The plant: stage HM4 with hidden effects, brought to rest and read by its meters.
 
-The dynamometer holds the output power, a governor holds the engine speed, and the pump, the loop
-and the motor follow eqs (13)-(15) in time with their inertias and the oil's compressibility.
-Friction always opposes motion, whichever way power flows; where the motor stands still, the sense
-of friction is smoothed with tanh.
+The dynamometer holds the output power, a governor the engine speed; pump, loop and motor follow eqs
+(13)-(15) in time with their inertias and the oil's compressibility. Friction opposes motion,
+whichever way power flows; where the motor stands still, its sense is smoothed with tanh.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from studies.blind.effect import Conditions, Effect, FloatArray, MeterReadings
+from studies.blind.effect import Conditions, Effect, FloatArray
 from studies.blind.steady import settle
-from studies.blind.train import GearTrain
 
 #: Speed (rad/s) and torque (N m) over which the sense of friction turns round.
 TURNING_SPEED = 1.0
@@ -28,6 +26,48 @@ _GOVERNOR = (10.0, 40.0)
 _RELIEF = 45e6
 _STALL = 10.0
 _SCALE = np.array([1e6, 50.0, 200.0, 50.0])
+#: 55 cm3 per revolution; the paper does not publish it, so it is assumed.
+DISPLACEMENT_PER_RADIAN = 55e-6 / (2.0 * 3.141592653589793)
+
+
+#: Gear pairs (Table 1, figure 1): mechanical path 2, 3; pump 4; motor 5; output 6, 11.
+_TABLE_1 = {2: 0.969, 3: 1.484, 4: 0.678, 5: 1.96, 6: 0.982, 11: 0.823}
+
+
+@dataclass(frozen=True)
+class GearTrain:
+    """Stage HM4 (Table 1) with its pump and motor; SI units.
+
+    `ratios` are driving / driven speed of each pair in the direction engine to output; `k1` is
+    ring teeth / sun teeth; inertias are those given below eq. (15). `engine_inertia` (at the pump
+    shaft), `load_inertia` (at the motor shaft), V0 and beta_e of eq. (13) are assumed; no steady
+    state depends on them.
+    """
+
+    ratios: Mapping[int, float] = field(default_factory=lambda: _TABLE_1)
+    k1: float = 2.56
+    gear_efficiency: float = 0.98
+    pump_displacement: float = DISPLACEMENT_PER_RADIAN
+    motor_displacement: float = DISPLACEMENT_PER_RADIAN
+    pump_inertia: float = 0.0054
+    motor_inertia: float = 0.0049
+    engine_inertia: float = 0.5
+    load_inertia: float = 0.06
+    oil_volume: float = 8e-4
+    bulk_modulus: float = 1.3e9
+
+    def carrier_speed(self, engine_speed: FloatArray) -> FloatArray:
+        """Speed of the planet carrier, rad/s."""
+        return engine_speed / (self.ratios[2] * self.ratios[3])
+
+    def ring_speed(self, carrier_speed: FloatArray, motor_speed: FloatArray) -> FloatArray:
+        """Eq. (4); the motor turns the sun against the carrier, so it adds, as in eq. (5)."""
+        sun = motor_speed / self.ratios[5]
+        return ((1.0 + self.k1) * carrier_speed + sun) / self.k1
+
+    def output_speed(self, ring_speed: FloatArray) -> FloatArray:
+        """Speed of the output shaft, rad/s."""
+        return ring_speed / (self.ratios[6] * self.ratios[11])
 
 
 @dataclass(frozen=True)
@@ -64,9 +104,8 @@ class Readings:
     """A steady plant; shape (n,) each.
 
     `settled` is false where it stalled: there `efficiency` is nan and the rest means nothing.
-    `efficiency` and `load_torque` are what the torque meters make of it; `input_power`,
-    `output_power` and `losses` (W, by place) are true. The losses are added up place by place, not
-    taken from the difference of powers.
+    `efficiency` and `load_torque` are what the torque meters make of it; powers and `losses` (W,
+    added up place by place) are true.
     """
 
     settled: npt.NDArray[np.bool_]
@@ -109,24 +148,17 @@ class Plant:
         # A stalling point runs away; what it overflows to is thrown away.
         with np.errstate(all="ignore"):
             state, settled = settle(lambda y: self.rates(y, points), first, _SCALE)
-            return self._readings(state, settled, points)
-
-    def _readings(
-        self, state: FloatArray, settled: npt.NDArray[np.bool_], points: OperatingPoints
-    ) -> Readings:
-        balance = self._balance(state, points)
-        # On its relief valves or at a stand it has stalled.
-        settled = settled & (state[0] < _RELIEF) & (balance.output_speed > _STALL)
-        output_power = points.load_torque * points.engine_speed
-        shown = MeterReadings(
-            balance.input_power / points.engine_speed, output_power / balance.output_speed
-        )
-        for effect in self.effects:
-            shown = effect.read(shown)
-        load = shown.output_torque * balance.output_speed / points.engine_speed
-        return Readings(
-            settled, np.where(settled, load / shown.engine_torque, np.nan), load,
-            balance.output_speed, balance.input_power, output_power, balance.losses, state)
+            balance = self._balance(state, points)
+            # On its relief valves or at a stand it has stalled.
+            settled &= (state[0] < _RELIEF) & (balance.output_speed > _STALL)
+            power = points.load_torque * points.engine_speed
+            engine, output = balance.input_power / points.engine_speed, power / balance.output_speed
+            for effect in self.effects:
+                engine, output = effect.read(engine, output)
+            load = output * balance.output_speed / points.engine_speed
+            return Readings(
+                settled, np.where(settled, load / engine, np.nan), load, balance.output_speed,
+                balance.input_power, power, balance.losses, state)
 
     def guess(self, points: OperatingPoints) -> FloatArray:
         """State without leakage, (4, n): pressure, motor and pump speed, torque of the governor."""
@@ -163,8 +195,8 @@ class Plant:
         for effect in self.effects:
             stroke = effect.true_stroke(stroke, pressure)
             slip = slip + effect.carrier_slip(load)
-            gap = gap * effect.gap_viscosity(points.oil_temperature)
-            film = film * effect.film_viscosity(points.oil_temperature)
+            in_gap, in_film = effect.viscosity(points.oil_temperature)
+            gap, film = gap * in_gap, film * in_film
         carrier = self.train.carrier_speed(engine) * (1.0 - slip)
         ring = np.maximum(self.train.ring_speed(carrier, motor), 1.0)
         return Conditions(

@@ -86,7 +86,7 @@ def _with_effects(model: hmcvt.EfficiencyModel) -> Iterator[tuple[str, Callable[
 
 def _campaign(seed: int, name: str) -> hmcvt.BenchSamples:
     found = make_campaign(seed, ((name, 0.015),), samples=32,
-                          vary_temperature=name == "oil_temperature")
+                          temperature_swing=25.0 if name == "oil_temperature" else None)
     return hmcvt.BenchSamples(**found.samples)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
-from hmcvt_core.identification import identify
+from hmcvt_core.identification import Identification, identify
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
@@ -79,6 +79,11 @@ def _problem(tests: str) -> Problem:
     return Problem(problem(FORMULATION).model, table2().select(list(SETS[tests])))
 
 
+@functools.cache
+def _fitted(tests: str) -> Identification:
+    return identify(_problem(tests).samples, stage=stage(), formulation=FORMULATION)
+
+
 def tasks() -> list[tuple[str, int, int]]:
     """Set of tests, parameter and step of every point of every profile."""
     return [(tests, i, k) for tests in SETS for i in range(len(BOUNDS)) for k in range(_STEPS)]
@@ -111,7 +116,7 @@ def profiles(squares: list[float]) -> list[Profile]:
     rows = np.array(squares).reshape(-1, _STEPS)
     keys = [(tests, i) for tests in SETS for i in range(len(BOUNDS))]
     for (tests, i), row in zip(keys, rows, strict=True):
-        fitted = identify(_problem(tests).samples, stage=stage(), formulation=FORMULATION)
+        fitted = _fitted(tests)
         best = getattr(fitted.parameters, PARAMETER_NAMES[i])
         least, free = fitted.objective * len(SETS[tests]), len(SETS[tests]) - len(BOUNDS)
         limit = least * (1.0 + float(f_distribution.ppf(0.95, 1, free)) / free)
@@ -140,8 +145,7 @@ def _item(profile: Profile) -> Item:
 
 def _tie(tests: str) -> Item:
     """Linearised correlation of the parameters."""
-    matrix = identify(
-        _problem(tests).samples, stage=stage(), formulation=FORMULATION).correlation
+    matrix = _fitted(tests).correlation
     pairs = [(0, 1), (0, 2), (1, 2)]
     words = ", ".join(f"{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]} {matrix[i, j]:+.2f}"
                       for i, j in pairs)

@@ -11,7 +11,7 @@ import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
-from hmcvt_ros.messages import bench_sample_to_message
+from examples.bench_player import bench_sample_to_message
 
 from .fuzz_inputs import DEPTH, FULL_STROKE, LIMITS, STROKE
 from .load import Target

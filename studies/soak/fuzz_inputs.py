@@ -62,7 +62,7 @@ class Oracle:
 
     def __init__(self, model: EfficiencyModel) -> None:
         self.counts = Counter({f"{topic} {what}": 0 for topic in TOPICS for what in (
-            "accepted", *(f"refused, {reason}" for reason in REASONS))})
+            "received", "accepted", *(f"refused, {reason}" for reason in REASONS))})
         self.counts.update({TAKEN: 0, COASTING: 0})
         self.efficiency: list[float] = []
         self.optimum: list[float] = []
@@ -76,6 +76,7 @@ class Oracle:
         low, high = LIMITS[topic]
         valid = low <= value <= high
         reason = REASONS[math.isfinite(value)]
+        self.counts[f"{topic} received"] += 1
         self.counts[f"{topic} accepted" if valid else f"{topic} refused, {reason}"] += 1
         if topic == STROKE and valid and abs(value) > FULL_STROKE:
             self.counts[TAKEN] += 1

@@ -21,10 +21,10 @@ import yaml
 from rclpy.context import Context
 
 import hmcvt_core as hmcvt
+from examples.bench_player import BenchPlayer, bench_sample_to_message
 from hmcvt_ros.bench_log import rows_of
-from hmcvt_ros.bench_player import BenchPlayer
 from hmcvt_ros.inputs import Tally
-from hmcvt_ros.messages import bench_sample_from_message, bench_sample_to_message
+from hmcvt_ros.messages import bench_sample_from_message
 from hmcvt_ros.model_store import WAYS_BACK, ModelStore
 
 from . import processes
@@ -75,7 +75,7 @@ class _Node:
         """End the node at once, and see that nothing of it goes on."""
         workers = self.process.kill()
         self.player.spin_for(0.1)  # what it had said before
-        self.check(self.player.wait_until(lambda: not any(map(_alive, workers)), 5.0),
+        self.check(self.player.wait_until(lambda: not any(map(alive, workers)), 5.0),
                    "the worker lives on")
 
     @property
@@ -91,7 +91,8 @@ class _Node:
         return Path(yaml.safe_load(self.player.model_text)["served"]["file"])
 
 
-def _alive(pid: str) -> bool:
+def alive(pid: str | int) -> bool:
+    """Whether a process runs; one that is dead but not yet collected does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

@@ -36,7 +36,8 @@ def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Kills, plan: Plan) -> list[Goal
     slope = _memory_slope(steady[0])
     top = _ceiling(loaded.rising, 1.0)
     return [
-        _ratio_goal(f"p99, {plan.rate:g} Hz on each input", ratio(latency(99), *steady), 1.5),
+        *(_ratio_goal(f"p{percent}, {plan.rate:g} Hz on each input",
+                      ratio(latency(percent), *steady), 1.5) for percent in (50, 99)),
         _ratio_goal("p99 during refits; the relay alone", ratio(latency(99), *refitting), 2.0),
         *_arrival_goals(f"{plan.rate:g} Hz", loaded.steady),
         *_arrival_goals("during refits", loaded.refitting),

@@ -20,8 +20,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 import hmcvt_core as hmcvt
+from examples.bench_player import bench_sample_to_message
 from hmcvt_ros import qos
-from hmcvt_ros.messages import bench_sample_to_message
 
 from . import points, processes
 from .fuzz_bench import BenchFuzzer

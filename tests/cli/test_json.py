@@ -15,7 +15,7 @@ CASES = {  # others: test_commands.py, test_import_csv.py
             "--bench", TABLE2),
     "breakdown": (*POINT, "--picture", "losses.svg"),
     "diagnose": (TABLE2, "--report", "report.html", "--save-model", "d.yaml"),
-    "separable": (TABLE2, "--output-speed"),
+    "separable": (TABLE2, "--output-speed", "--pressure"),
 }
 
 

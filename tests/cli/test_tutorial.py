@@ -13,6 +13,8 @@ import hmcvt_core
 
 from .running import ROOT, write_raw_bench
 
+pytestmark = pytest.mark.slow
+
 DOCS = ROOT / "docs"
 PAGE = (DOCS / "tutorial.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")

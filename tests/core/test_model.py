@@ -163,9 +163,3 @@ def test_domain_is_checked(low):
     message = rf"domain\.engine_speed = \[{low}, 1\.0\]: needs two rising numbers"
     with pytest.raises(hmcvt.InputError, match=message):
         hmcvt.Domain((-1.0, 1.0), (low, 1.0), (1.0, 2.0))
-
-
-def test_shipped_files_are_found():
-    assert hmcvt.data_path("data/table2.csv").is_file()
-    with pytest.raises(hmcvt.InputError, match=r"data/table9\.csv does not ship with hmcvt"):
-        hmcvt.data_path("data/table9.csv")

@@ -61,6 +61,19 @@ def test_a_column_with_the_name_of_a_quantity_that_is_not_asked_for_is_renamed(t
     assert again.efficiency.tolist() == [0.8] and again.engine_speed.tolist() == [146.0]
 
 
+@pytest.mark.parametrize(("unit", "value"), [("bar", 250.0), ("MPa", 25.0), ("psi", 3625.943)])
+def test_pressure_in_the_units_of_gauges(tmp_path, unit, value):
+    path = raw(tmp_path, f"eps,n,M,eta,p\n0.5,146,200,0.8,{value}\n")
+    found = read_raw_bench(path, {**PLAIN, "pressure": f"p:{unit}"})
+    assert found.pressure == pytest.approx([2.5e7])
+    hmcvt.write_bench(tmp_path / "bench.csv", found)
+    assert hmcvt.read_bench(tmp_path / "bench.csv").pressure.tolist() == found.pressure.tolist()
+    with pytest.raises(hmcvt.InputError, match=r"row 2: pressure = 2.5e\+08 is outside -6e\+07 to "
+                       r"6e\+07 Pa \(high less low side of the motor\); column 'p' is taken as"):
+        read_raw_bench(raw(tmp_path, "eps,n,M,eta,p\n0.5,146,200,0.8,250\n"),
+                       {**PLAIN, "pressure": "p:MPa"})
+
+
 def test_columns_that_are_not_asked_for_may_share_a_name(tmp_path):
     path = raw(tmp_path, "eps,n,M,eta,,,note,note\n0.5,146,200,0.8,1,2,a,b\n")
     assert read_raw_bench(path, PLAIN).extra == {

@@ -38,23 +38,28 @@ def factorial_points(levels=(5, 5, 4)):
     return OperatingPoints(*(axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")))
 
 
-def measure(points, effects=(), seed=0, noise=NOISE, speed_noise=SPEED_NOISE, loss=None):
-    """What a bench reads at points; `loss(points)` is taken from the efficiency besides."""
+def measure(points, effects=(), seed=0, noise=NOISE, speed_noise=SPEED_NOISE, loss=None,
+            pressure_noise=None):
+    """What a bench reads at points; `loss(points)` is taken from the efficiency besides.
+
+    Noise: of the efficiency, of the speed as a part of it, of the pressure in Pa; None: not read.
+    """
     rng = np.random.default_rng([seed, 7])
     truth = replace(BASE, effects=tuple(effects))
-    efficiency = truth.answer_at(points).efficiency
+    efficiency, speed, pressure = truth.readings_at(points)
     efficiency = efficiency + noise * rng.standard_normal(efficiency.shape)
     if loss is not None:
         efficiency = efficiency - loss(points)
-    speed = truth.answer_at(points).output_speed
     speed = speed * (1.0 + (speed_noise or 0.0) * rng.standard_normal(speed.shape))
+    pressure = pressure + (pressure_noise or 0.0) * rng.standard_normal(speed.shape)
     carried = np.isfinite(efficiency)
     return hmcvt.BenchSamples(
         points.displacement_ratio[carried], points.engine_speed[carried],
         points.load_torque[carried], efficiency[carried],
         output_speed=None if speed_noise is None else speed[carried],
         oil_temperature=None if points.oil_temperature is None
-        else points.oil_temperature[carried], source="simulated")
+        else points.oil_temperature[carried],
+        pressure=None if pressure_noise is None else pressure[carried], source="simulated")
 
 
 def campaign(effects=(), seed=0, n=96, temperature=False, **bench):

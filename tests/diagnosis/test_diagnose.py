@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.hydraulic import OrificeLeakage
+from hmcvt_core.diagnosis import words
+from hmcvt_core.physics.effects.hydraulic import OrificeLeakage, PressureLeakage
 from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 
 from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points
@@ -204,7 +205,8 @@ def test_json_of_the_contract(name):
     assert json.loads(json.dumps(data, allow_nan=False)) == data, "plain JSON types only"
     assert pickle.loads(pickle.dumps(diagnosed(name))).to_dict() == data, "between processes"
     assert data.keys() == {"gap", "where", "component", "verdict", "causes", "shrinkage",
-                           "next_tests", "unlisted_probability", "notes"}
+                           "sets", "delivered", "advice", "next_tests", "unlisted_probability",
+                           "notes"}
     assert data["verdict"] in ("no_gap", "cause_found", "ambiguous", "unexplained")
     gap, shrinkage, causes = data["gap"], data["shrinkage"], data["causes"]
     assert gap.keys() == {"samples", "rmse", "noise", "noise_stated", "noise_source", "p_value",
@@ -225,9 +227,19 @@ def test_json_of_the_contract(name):
         assert cause["effect"] not in cause["indistinguishable_from"]
         assert all("interval" not in entry or _is_range(entry["interval"])
                    for entry in cause["parameters"].values())
-        assert cause["drift"].keys() == {"leakage", "motor_damping", "pump_damping"}
-    order = [cause["probability"] for cause in causes]
+        assert cause["drift"].keys() == {"leakage", "motor_damping", "pump_damping", "gear_loss"}
+    sets = data["sets"]
+    assert all(each.keys() == {"effects", "probability", "gap_after", "shrinkage"} for each in sets)
+    order = [each["probability"] for each in sets]
     assert order == sorted(order, reverse=True)
+    assert sum(order) + data["unlisted_probability"] <= 1.0 + 1e-9
+    if causes:
+        assert causes[0]["effect"] in sets[0]["effects"]
+    assert data["delivered"].keys() == {"rmse_before", "rmse_after"}
+    advice = data["advice"]
+    assert advice.keys() == {"stop", "reason", "test", "measure", "alive", "no_gap_probability",
+                             "tests_expected"}
+    assert advice["stop"] is (advice["reason"] is not None) is (advice["test"] is None)
     assert shrinkage.keys() == {"before", "after", "fraction", "interval", "on"}
     assert (shrinkage["fraction"] is None) is (shrinkage["interval"] is None)
     for test in data["next_tests"]:
@@ -260,7 +272,7 @@ def test_report_says_it_shortly_in_words(name):
         if test.point:
             speed = test.point["engine_speed"]
             assert f"{speed:.1f} rad/s ({speed * 30.0 / np.pi:.0f} r/min)" in text
-            assert "9 in all" in text.replace("\n", " ")
+            assert "ln 2 = 0.69 halves the choice" in text.replace("\n", " ")
 
 
 @pytest.mark.parametrize("name", ["charge pump", "charge pump without speed", "two"])
@@ -273,11 +285,74 @@ def test_the_set_holds_the_cause_with_97_percent(name):
     assert held >= 0.97 * (1.0 - found.unlisted) - 0.01 * len(first.indistinguishable_from)
 
 
-def test_an_effect_that_leaves_the_output_speed_unexplained_is_refused_with_the_reason():
-    wave = 1.0 + 0.01 * np.sin(3.0 * SIMULATED.displacement_ratio)
-    found = hmcvt.diagnose(SHIPPED, replace(SIMULATED, output_speed=wave * SIMULATED.output_speed))
+def test_a_channel_that_no_effect_explains_counts_as_unlisted():
+    stroke = SIMULATED.displacement_ratio
+    slip = 1.0 - 0.02 * ((stroke > 0.1) & (stroke < 0.4))
+    found = hmcvt.diagnose(SHIPPED, replace(SIMULATED, output_speed=slip * SIMULATED.output_speed))
+    assert found.verdict == "unexplained" and found.unlisted > 0.95
+    assert "no set of listed effects explains the gap" in found.notes[-1]
+
+
+def test_the_gap_at_any_point_is_the_true_one_within_its_uncertainty():
+    for name in ("planetary mesh", "leakage", "two"):
+        found, (points, truth) = diagnosed(name), _fresh(CASES[name])
+        gap = truth - found.base.answer_at(points).efficiency
+        mean, deviation = found.gap_at(*points[:3])
+        known = np.isfinite(gap)
+        assert np.corrcoef(mean[known], gap[known])[0, 1] > 0.95
+        assert np.sqrt(np.mean(((mean - gap)[known] / deviation[known]) ** 2)) < 2.0
+    mean, deviation = found.gap_at(0.5, np.array([100.0, 150.0]), 200.0)
+    assert mean.shape == deviation.shape == (2,)
+
+
+def test_regions_hold_where_the_gap_is_large():
+    for name in ("planetary mesh", "leakage", "charge pump", "band"):
+        found = diagnosed(name)
+        place = np.stack([getattr(found.samples, axis) for axis in AXES])
+        mean, _ = found.gap_at(*place)
+        large = np.abs(mean) > np.sqrt(np.mean(mean**2))
+        told = np.any([np.all([(low <= row) & (row <= high) for row, (low, high) in zip(
+            place, (region.limits[axis] for axis in AXES), strict=True)], axis=0)
+            for region in found.where], axis=0)
+        f1 = 2.0 * np.sum(told & large) / (np.sum(told) + np.sum(large))
+        everything = 2.0 * np.sum(large) / (len(large) + np.sum(large))
+        assert f1 > max(0.6, everything + 0.1)
+
+
+def test_a_base_that_is_a_little_off_is_no_cause():
+    def off(points):
+        return 0.004 * np.sin(2.0 * points.displacement_ratio + points.engine_speed / 60.0)
+
+    found = hmcvt.diagnose(BASE, campaign(seed=5, n=300, loss=off), noise=NOISE)
+    assert found.verdict in ("no_gap", "unexplained")
+    assert found.model is found.base
+
+
+def test_an_effect_with_the_wrong_sign_is_unlisted():
+    found = hmcvt.diagnose(BASE, campaign((PressureLeakage(-1.2e-11),), seed=2), noise=NOISE)
     assert found.verdict == "unexplained"
-    assert re.search(r"explains \d\d % of what the output speed shows", found.notes[-1])
+
+
+def test_a_sentence_for_the_mechanic():
+    for name in CASES:
+        text = words.mechanic(diagnosed(name))
+        assert len(text.split()) <= 25
+        assert diagnosed(name).report().replace("\n", " ").startswith(text)
+    assert " W lost on average" in words.mechanic(diagnosed("planetary mesh"))
+
+
+def test_the_next_test_is_asked_for_and_its_end_is_told():
+    few = campaign((PlanetaryMesh(0.03),), seed=1, n=8)
+    found = hmcvt.next_test(BASE, few, noise=NOISE)
+    assert not found.stop and found.tests_expected >= 1
+    plan = few.select(np.arange(3))
+    limited = hmcvt.next_test(BASE, few, noise=NOISE, possible=plan)
+    assert limited.tests[0].point["engine_speed"] in plan.engine_speed
+    quiet = hmcvt.next_test(BASE, campaign(seed=1), noise=NOISE)
+    assert (quiet.stop, quiet.reason) == (True, "no gap worth a test")
+    assert diagnosed("planetary mesh").advice.reason == "settled"
+    pump = diagnosed("charge pump").advice
+    assert pump.reason == "cannot be settled by tests" and "shaft torque" in pump.measure
 
 
 def test_noise_that_nobody_stated_is_told_as_what_it_looks_like():
@@ -297,8 +372,7 @@ def test_the_papers_own_tests_rest_on_the_noise():
     assert stated.gap.p_value == pytest.approx(0.008, abs=2e-3)
     assert f"--noise 0.0085 gives p = {stated.gap.p_value:.2g}" in note
     assert not any("nobody stated" in note for note in stated.notes)
-    place, = stated.where
-    assert place.p_value > 0.05, "a place that may be chance is called so"
+    assert stated.where[0].p_value > 0.05, "a place that may be chance is called so"
     assert "no place is significant by itself" in stated.report()
 
 
@@ -315,7 +389,7 @@ def test_rows_in_another_order_and_wrong_base_parameters_change_nothing():
     assert found.verdict == before.verdict
     assert found.causes[0].probability == pytest.approx(before.causes[0].probability, abs=1e-5)
     assert found.base.parameters.leakage == pytest.approx(before.base.parameters.leakage, rel=1e-4)
-    assert [int(text.split()[1]) for text in told] in ([1, 2, 4], [1, 2, 3, 4])
+    assert [int(text.split()[1]) for text in told] == [1, 2, 3]
 
 
 def test_the_simulated_bench_gives_these_numbers():
@@ -323,24 +397,23 @@ def test_the_simulated_bench_gives_these_numbers():
     found, other = (hmcvt.diagnose(SHIPPED, SIMULATED, seed=seed) for seed in (0, 7))
     assert found.verdict == "ambiguous"
     assert found.gap.p_value == 0.001
-    assert found.gap.rmse == pytest.approx(0.00578438, rel=2e-3)
-    assert found.gap.noise == pytest.approx(0.00442456, rel=2e-3)
-    probability = {cause.effect: cause.probability for cause in found.causes[:4]}
+    assert found.gap.rmse == pytest.approx(0.0058035, rel=2e-3)
+    assert found.gap.noise == pytest.approx(0.0044241, rel=2e-3)
+    probability = {each.effects: each.probability for each in found.sets[:4]}
     assert probability == pytest.approx({
-        "charge_pump": 0.5404, "clutch_drag": 0.2808, "torque_sensor": 0.1447,
-        "bearing_drag": 0.0335}, abs=5e-3)
-    assert found.unlisted == pytest.approx(0.00068, abs=1e-3)
-    assert found.shrinkage.fraction == pytest.approx(0.7919, abs=2e-3)
-    assert found.shrinkage.interval == pytest.approx((0.4716, 1.0), abs=1e-2)
+        ("charge_pump",): 0.502, ("bearing_drag",): 0.284, ("clutch_drag",): 0.086,
+        ("torque_sensor",): 0.069}, abs=5e-3)
+    assert found.unlisted == pytest.approx(0.0027, abs=1e-3)
+    assert found.shrinkage.fraction == pytest.approx(0.868, abs=2e-3)
+    assert found.shrinkage.interval == pytest.approx((0.554, 1.0), abs=1e-2)
+    assert found.delivered.rmse_after == pytest.approx(0.00467, rel=5e-3)
+    assert found.lost_power == pytest.approx(1346.0, rel=1e-2)
     entry = found.causes[0].parameters["torque"]
-    assert (entry["value"], *entry["interval"]) == pytest.approx((5.803, 4.280, 7.325), rel=1e-2)
+    assert (entry["value"], *entry["interval"]) == pytest.approx((5.793, 4.384, 7.202), rel=1e-2)
     drift = found.causes[0].drift["pump_damping"]
-    assert [*drift.values()] == pytest.approx([0.107205, 0.088164, 7.04], rel=5e-3)
-    first, second = found.where[:2]
+    assert [*drift.values()] == pytest.approx([0.10713, 0.08816, 7.37], rel=5e-3)
+    first = found.where[0]
     assert [*first.limits["engine_speed"], first.mean_residual, first.samples] == pytest.approx(
-        [80.804, 147.117, -0.0059799, 23], rel=1e-3)
-    assert (second.samples, second.p_value) == (35, 0.005)
-    gains = [test.gain for test in found.next_tests if test.point][:2]
-    assert gains == pytest.approx([4.4718, 2.4476], rel=0.05)
+        [80.804, 147.117, -0.006456, 17], rel=1e-3)
     # One deal of the folds: 83, 86 and 74 %.
     assert other.shrinkage.fraction == pytest.approx(found.shrinkage.fraction, abs=0.04)

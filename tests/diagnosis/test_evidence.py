@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hmcvt_core.diagnosis.evidence import evidence, gram, log_mean
+from hmcvt_core.diagnosis.evidence import evidence, gram, log_mean, respread
 
 CERTAIN = 1e8
 """So much worth that the noise stays as stated."""
@@ -18,14 +18,16 @@ def _problem(seed, n=7, p=3, channels=2):
             np.exp(rng.uniform(-1.0, 1.0, p)))
 
 
-def _weigh(columns, target, spread, trust=CERTAIN, positive=None):
+def _weigh(columns, target, spread, trust=CERTAIN, signs=None):
     trusts = np.full(columns.shape[0], trust)
-    return evidence(gram(columns, target)[None], target.shape[1], spread[None], trusts, positive)
+    return evidence(gram(columns, target)[None], target.shape[1], spread[None], trusts, signs)
 
 
-def _one_sided(*problem, index):
-    """Log factor for a coefficient that can only be positive."""
-    return (_weigh(*problem, positive=index).log - _weigh(*problem).log)[0]
+def _as_size(*problem, index, sign=1.0):
+    """Log factor for a coefficient that is the size of an effect."""
+    signs = np.full(problem[0].shape[-1], np.nan)
+    signs[index] = sign
+    return (_weigh(*problem, signs=signs).log - _weigh(*problem).log)[0]
 
 
 def _dense(columns, target, spread, mean=None):
@@ -73,28 +75,43 @@ def test_noise_follows_the_data_when_the_statement_is_worth_little():
     assert 1.0 < stated.noise[0, 0] < 2.0, "a statement worth more pulls towards itself"
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0, 0.0])
 @pytest.mark.parametrize("index", [0, 2])
-def test_one_sided_factor_is_that_of_the_integral(index):
+def test_prior_of_a_size_is_none_at_zero_and_has_one_sign(index, sign):
     for seed in range(4):
         columns, target, spread = _problem(seed, channels=1)
         rest = [i for i in range(3) if i != index]
 
         def density(value, columns=columns, target=target, spread=spread, rest=rest):
-            prior = np.exp(-0.5 * (value / spread[index]) ** 2) / (
-                spread[index] * np.sqrt(2.0 * np.pi))
+            part = value / spread[index]
+            prior = part**2 * np.exp(-0.5 * part**2) / (spread[index] * np.sqrt(2.0 * np.pi))
             return prior * np.exp(_dense(columns[..., rest], target, spread[rest],
                                          mean=columns[0, :, index] * value))
 
-        half, _ = quad(density, 0.0, 12.0 * spread[index], epsabs=0.0, epsrel=1e-9, limit=200)
-        whole = np.exp(_dense(columns, target, spread))
-        expected = np.log(2.0 * half / whole)
-        factor = _one_sided(columns, target, spread, index=index)
+        halves = [quad(density, *ends, epsabs=0.0, epsrel=1e-9, limit=200)[0] for ends in (
+            (-12.0 * spread[index], 0.0), (0.0, 12.0 * spread[index]))]
+        one = {1.0: 2.0 * halves[1], -1.0: 2.0 * halves[0], 0.0: sum(halves)}[sign]
+        expected = np.log(one / np.exp(_dense(columns, target, spread)))
+        factor = _as_size(columns, target, spread, index=index, sign=sign)
         assert factor == pytest.approx(expected, abs=1e-4)
 
 
-def test_one_sided_stays_finite_far_on_the_wrong_side():
-    factor = _one_sided(np.ones((1, 50, 1)), np.full((1, 50), -40.0), np.array([10.0]), index=0)
-    assert -1e6 < factor < -1000.0
+def test_other_priors_are_weighed_as_if_from_the_start():
+    columns, target, spread = _problem(1, n=12, p=4)
+    found, own = _weigh(columns, target, spread), slice(2, 4)
+    signs = np.array([np.nan, np.nan, 1.0, 0.0])
+    others = np.array([[0.3, 2.0], [4.0, 0.1]])
+    gains = respread(found.mean[0, own], found.covariance[0, own, own], spread[own], others,
+                     signs[own])
+    for other, gain in zip(others, gains, strict=True):
+        direct = _weigh(columns, target, np.append(spread[:2], other), signs=signs)
+        assert found.log[0] + gain == pytest.approx(direct.log[0], abs=1e-5)
+
+
+@pytest.mark.parametrize("far", [40.0, 1e6])
+def test_one_sided_stays_finite_far_on_the_wrong_side(far):
+    factor = _as_size(np.ones((1, 50, 1)), np.full((1, 50), -far), np.array([10.0]), index=0)
+    assert -1e15 < factor < -1000.0
 
 
 def test_log_mean():

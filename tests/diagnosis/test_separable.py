@@ -127,13 +127,27 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
     assert not _matrix(campaign(seed=1)).report().count("reading the output speed")
 
 
+def test_pressure_tells_the_sides_of_the_motor_apart():
+    """A friction of the motor moves the pressure; one of the engine side and a meter do not."""
+    full = campaign(seed=1, pressure_noise=1.0)
+    some, most = _matrix(with_column(full, pressure=None)), _matrix(full)
+    before, after = _common(some, most)
+    assert (after >= before * (1.0 - 1e-6) - 1e-6).all()
+    assert (after >= 9.0).sum() >= (before >= 9.0).sum() + 15
+    gears = next(item for item in some.confused() if item["effect"] == "gear_mesh")
+    assert gears["told_by_pressure"] == ["torque_sensor"]
+    without_speed = _matrix(with_column(full, output_speed=None))
+    assert without_speed.further == "output_speed"
+    assert without_speed.fuller.plan.readings[1].channel.name == "output_speed"
+
+
 # --- what to measure next -------------------------------------------------------------------------
 
 
 def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():
     lossy = replace(BASE, parameters=hmcvt.HydraulicParameters(2e-11, 2.0, 2.5))
     system = Transmission(lossy)
-    base = np.array([np.log10(2e-11), 2.0, 2.5])
+    base = np.array([np.log10(2e-11), 2.0, 2.5, 0.0])
     measured = {name: values for name, values in random_points(1, 60)._asdict().items()
                 if values is not None}
     possible = system.candidates(measured, base)

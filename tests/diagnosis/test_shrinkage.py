@@ -8,7 +8,7 @@ import pytest
 
 from hmcvt_core.benches.transmission import observe
 from hmcvt_core.diagnosis.observations import replicate_groups
-from hmcvt_core.diagnosis.ranking import weigh
+from hmcvt_core.diagnosis.rivals import weigh
 from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, deals, shrinkage
 
 from .campaigns import campaign, measure, random_points
@@ -19,8 +19,9 @@ def _observed(samples, trust=1e8):
     return replace(observed, readings=(replace(observed.readings[0], trust=trust),))
 
 
-def _linear(observed, columns, target, spread, positive=None):
-    linear, = weigh(observed, columns, target, spread[None], positive)
+def _linear(observed, columns, target, spread, signs=np.nan):
+    linear, = weigh(observed, columns, target, spread[None],
+                    np.broadcast_to(signs, spread.shape))
     return linear
 
 
@@ -142,6 +143,6 @@ def test_a_size_that_goes_negative_is_held_at_zero():
     target = columns @ np.array([1.0, -3.0])
     held, without = (
         cross_validated_errors([linear], observed, deals(observed, 0)[:1]) for linear in (
-            _linear(observed, columns, target, np.ones(2), positive=1),
+            _linear(observed, columns, target, np.ones(2), signs=[np.nan, 1.0]),
             _linear(observed, columns[..., :1], target, np.ones(1))))
     np.testing.assert_allclose(held, without, rtol=1e-5)

@@ -4,9 +4,11 @@ import shutil
 import pytest
 from cli.running import hmcvt
 
-from .fleets import make_fleet, run
+from .fleets import make_fleet, results, run
 
 __all__ = ["hmcvt"]
+
+COPIES = 3
 
 
 @pytest.fixture(scope="session")
@@ -34,17 +36,16 @@ def identified(logs, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def many(logs, tmp_path_factory):
-    """A fleet of 12 logs, for runs that are to be stopped half way; without diagnosis."""
+    """Copies of the logs, for runs that are to be stopped half way; without diagnosis."""
     folder = tmp_path_factory.mktemp("many")
-    for number in range(4):
+    for number in range(COPIES):
         for path in logs.glob("*.csv"):
             shutil.copy(path, folder / f"{number}-{path.name}")
     return folder
 
 
 @pytest.fixture(scope="session")
-def many_identified(many, tmp_path_factory):
-    """What one process makes of the many logs."""
-    out = tmp_path_factory.mktemp("many-identified")
-    assert run("fleet", many, "--out", out, "--processes", "1", "--no-diagnose").code == 0
-    return out
+def many_results(identified):
+    """What one process makes of them: as of the logs, but for their names."""
+    return {f"{number}-{name}": text.replace(f"{name[:5]}.csv", f"{number}-{name[:5]}.csv")
+            for name, text in results(identified).items() for number in range(COPIES)}

@@ -19,6 +19,8 @@ from hmcvt_core.model.parameter_file import load_stage
 
 from .fleets import results
 
+pytestmark = pytest.mark.slow
+
 distributed = pytest.importorskip("distributed")
 
 SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)

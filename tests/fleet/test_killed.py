@@ -18,6 +18,8 @@ from hmcvt_core.model.parameter_file import load_stage
 
 from .fleets import finish, results, start, wait_for, workers
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
 
 
@@ -31,7 +33,7 @@ def kill(process):
     process.join()
 
 
-def test_killed_worker_loses_nothing(hmcvt, many, many_identified, tmp_path):
+def test_killed_worker_loses_nothing(hmcvt, many, many_results, tmp_path):
     killed = threading.Event()
 
     def kill_one():
@@ -45,7 +47,7 @@ def test_killed_worker_loses_nothing(hmcvt, many, many_identified, tmp_path):
     done = hmcvt("fleet", many, "--out", tmp_path, "--processes", "2", "--no-diagnose")
     killer.join()
     assert killed.is_set() and done.code == 0, done
-    assert results(tmp_path) == results(many_identified)
+    assert results(tmp_path) == many_results
     assert multiprocessing.active_children() == []
 
 
@@ -101,7 +103,7 @@ def test_logs_are_read_as_there_is_room(tasks):
     assert len(told) == 6
 
 
-def test_interrupt_keeps_what_is_finished(hmcvt, many, many_identified, tmp_path):
+def test_interrupt_keeps_what_is_finished(hmcvt, many, many_results, tmp_path):
     arguments = ("fleet", many, "--out", tmp_path, "--no-diagnose", "--processes")
     running = start(*arguments, "1", start_new_session=True)
     wait_for(lambda: list(tmp_path.glob("*.json")))
@@ -112,10 +114,10 @@ def test_interrupt_keeps_what_is_finished(hmcvt, many, many_identified, tmp_path
     assert done.err.endswith("hmcvt: error: interrupted\n") and "Traceback" not in done.err
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     kept = len(list(tmp_path.glob("*.json")))
-    assert 1 <= kept < 12
+    assert 1 <= kept < len(list(many.iterdir()))
     rest = hmcvt(*arguments, "2", "--json")
     assert rest.json["counts"]["finished_before"] == kept
-    assert results(tmp_path) == results(many_identified)
+    assert results(tmp_path) == many_results
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])

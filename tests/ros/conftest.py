@@ -36,7 +36,8 @@ else:
     from ros_bench import command, send_table
 
     import hmcvt_core as hmcvt
-    from hmcvt_ros.bench_player import BenchPlayer, Reply
+    from examples.bench_player import BenchPlayer, Reply
+    from hmcvt_ros.inputs import OperatingPoint
     from hmcvt_ros.parameters import PARAMETERS
 
 _numbers = itertools.count(1)
@@ -100,6 +101,27 @@ class NodeUnderTest:
         """Wait for a condition."""
         return self.player.wait_until(lambda: bool(condition()), timeout)
 
+    def reports(self, level: bytes, *words: str, part: str = "model",
+                send: OperatingPoint | None = None, timeout: float = 5.0) -> bool:
+        """Wait for diagnostics with a level and words; from now on, where a point is sent."""
+        if send is not None:
+            self.forget_status()
+
+        def found() -> bool:
+            if send is not None:
+                self.player.send_inputs(send)
+            status = self.status(part)
+            return status["level"] == level and all(word in status["message"] for word in words)
+
+        return self.comes(found, timeout)
+
+    def running(self, service: str) -> Any:
+        """Call a service and wait until its job runs; return the future of the reply."""
+        already = self.log.count(f"{service}: started")
+        reply = self.player.request(service)
+        assert self.comes(lambda: self.log.count(f"{service}: started") > already)
+        return reply
+
     def set(self, **parameters: Any) -> Any:
         """Set parameters, `__` for a dot; return the results."""
         client = AsyncParameterClient(self.player, f"{self.namespace}/hmcvt")
@@ -136,6 +158,12 @@ class NodeUnderTest:
         """Process ids of the node's children: the worker, and what Python keeps beside it."""
         path = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
         return [int(pid) for pid in path.read_text().split()]
+
+    def worker(self) -> int:
+        """Process id of the worker: Python keeps another one, that clears up semaphores."""
+        found, = (pid for pid in self.children()
+                  if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text())
+        return found
 
 
 @pytest.fixture(scope="session")

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import itertools
 import sys
+from dataclasses import replace
 from typing import Any
 
 import hmcvt_core as hmcvt
-from hmcvt_ros.bench_player import bench_message as message
+from examples.bench_player import bench_message as message
 from hmcvt_ros.inputs import OperatingPoint
+from hmcvt_ros.model_store import ModelStore
 
-__all__ = ["GOOD", "STALLED", "command", "message", "points", "send_table"]
+__all__ = ["GOOD", "STALLED", "adopted", "command", "message", "points", "send_table"]
 
 GOOD = OperatingPoint(displacement_ratio=0.5, engine_speed=100.0, load_torque=200.0)
 STALLED = OperatingPoint(displacement_ratio=-1.0, engine_speed=20.0, load_torque=5000.0)
@@ -21,6 +23,13 @@ def command(*parameters: str, arguments: tuple[str, ...] = ()) -> list[str]:
     """The command line of a node with parameters `name:=value` and more ROS arguments."""
     given = itertools.chain.from_iterable(("-p", parameter) for parameter in parameters)
     return [sys.executable, "-m", "hmcvt_ros.efficiency_node", "--ros-args", *given, *arguments]
+
+
+def adopted(store: ModelStore, leakage: float) -> hmcvt.EfficiencyModel:
+    """Write and adopt a refit of another leakage."""
+    model, path = store.in_service.model, store.new_path()
+    hmcvt.save_model(replace(model, parameters=replace(model.parameters, leakage=leakage)), path)
+    return store.adopt(path)
 
 
 def points(samples: hmcvt.BenchSamples) -> list[OperatingPoint]:

@@ -266,13 +266,7 @@ def test_system_clock_that_is_set_does_no_harm(attacked, node):
 
 
 def reported(node, point, level, *words):
-    def found():
-        node.player.send_inputs(point)
-        status = node.status("inputs")
-        return status["level"] == level and all(word in status["message"] for word in words)
-
-    node.forget_status()
-    return node.comes(found)
+    return node.reports(level, *words, part="inputs", send=point)
 
 
 def test_coasting_is_silence_and_no_trouble(node):

@@ -13,13 +13,7 @@ from full_disk import file_limit
 import hmcvt_core as hmcvt
 from hmcvt_ros import bench_log
 from hmcvt_ros.bench_log import BenchLog, Numbers, rows_of
-
-
-def sample(number: int) -> hmcvt.BenchSamples:
-    return hmcvt.BenchSamples(
-        displacement_ratio=np.array([0.1]), engine_speed=np.array([100.0 + number / 3.0]),
-        load_torque=np.array([200.0]), efficiency=np.array([0.8]), output_speed=np.array([90.0]),
-        stamp=np.array([float(number)]))
+from studies.soak.kill_lines import sample
 
 
 @pytest.fixture
@@ -37,7 +31,7 @@ def filled(path, count):
 def test_what_is_appended_is_read_back_exactly(path):
     assert len(filled(path, 5)) == 5
     read = hmcvt.read_bench(path)
-    np.testing.assert_array_equal(read.engine_speed, 100.0 + np.arange(5) / 3.0)
+    np.testing.assert_array_equal(read.engine_speed, 100.0 + np.arange(5) / 7.0)
     np.testing.assert_array_equal(read.stamp, np.arange(5.0))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from examples.bench_player import bench_sample_to_message
 from hmcvt_ros import messages
 from hmcvt_ros.inputs import Tally
 
@@ -16,7 +17,7 @@ from hmcvt_ros.inputs import Tally
 def shafts(**changes):
     values = {"displacement_ratio": -0.5, "engine_speed": 100.0, "engine_torque": 250.0,
               "output_speed": 80.0, "output_torque": 250.0, **changes}
-    return messages.bench_sample_to_message(**values)
+    return bench_sample_to_message(**values)
 
 
 def read(message, now):
@@ -100,11 +101,3 @@ def test_map_is_laid_out_as_documented(paper_file):
     assert message.data[9 + 2 * 8 + 1 * 4 + 3] == grid.efficiency[2, 1, 3]
     np.testing.assert_array_equal(message.data, np.concatenate([
         grid.displacement_ratio, grid.engine_speed, grid.load_torque, grid.efficiency.ravel()]))
-
-
-def test_model_text_is_a_parameter_file(paper_file, tmp_path):
-    model = hmcvt.load_model(paper_file)
-    message = messages.model_to_message(model, {"file": "x"})
-    path = tmp_path / "copy.yaml"
-    path.write_text(message.data)
-    assert hmcvt.load_model(path).fingerprint == model.fingerprint

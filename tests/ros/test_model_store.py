@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from ros_bench import adopted
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.mechanical import ChargePump
@@ -22,11 +23,7 @@ def base(paper_file):
 
 
 def refit(store: ModelStore, leakage: float) -> str:
-    served = store.in_service.model
-    changed = replace(served, parameters=replace(served.parameters, leakage=leakage))
-    path = store.new_path()
-    hmcvt.save_model(changed, path)
-    return store.adopt(path).fingerprint
+    return adopted(store, leakage).fingerprint
 
 
 def test_reverts_in_the_order_of_refits(paper_file, base, tmp_path):

@@ -22,6 +22,8 @@ from hmcvt_core.identification.refit import refit
 from hmcvt_ros.diagnostics import _LEVELS
 from hmcvt_ros.inputs import INPUT_RANGES
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
 OF_EVERY_NODE = {"/rosout", "/parameter_events"}
@@ -273,7 +275,7 @@ def test_quality_of_service_can_be_overridden(run_node, connect, tmp_path):
 def test_python_example_runs(run_node, environment):
     run_node()
     result = subprocess.run([sys.executable, "-c", block("python")], env=dict(environment),
-                            capture_output=True, text=True, timeout=60)
+                            cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert "Reply(success=False, data={'error': 'no bench samples logged yet" in result.stdout, (
         result.stderr)
 

@@ -9,7 +9,7 @@ import time
 
 from ros_bench import GOOD, points
 
-from hmcvt_ros.messages import bench_sample_to_message
+from examples.bench_player import bench_sample_to_message
 
 PAGE = os.sysconf("SC_PAGE_SIZE") / 2**20
 BAD = [GOOD._replace(engine_speed=math.nan), GOOD._replace(load_torque=-1.0),

@@ -8,6 +8,7 @@ import math
 import os
 import signal
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,9 +17,12 @@ from ros_bench import GOOD, message, points, send_table
 from std_msgs.msg import Float64, String
 
 import hmcvt_core as hmcvt
+from examples.bench_player import bench_sample_to_message
 from hmcvt_core.identification.refit import refit
 from hmcvt_ros import jobs, qos
-from hmcvt_ros.messages import bench_sample_to_message
+from studies.soak.kill_node import alive
+
+pytestmark = pytest.mark.slow
 
 
 def relative_error(node, table2):
@@ -210,20 +214,22 @@ def test_worker_is_kept_and_replaced_when_it_dies(node, table2):
         return "8 samples" in node.player.call("reidentify").data["error"]
 
     assert works()
-    worker = worker_of(node)
+    worker = node.worker()
     assert os.sched_getscheduler(worker) == os.SCHED_IDLE
+    # Where memory runs out, the kernel ends the job and not the node.
+    assert oom_score(worker) == 1000 and oom_score(node.process.pid) == oom_score("self") < 1000
     with open(f"/proc/{worker}/environ") as file:
         assert "OPENBLAS_NUM_THREADS=1" in file.read().split("\0")
 
     reply = node.player.request("diagnose")
     node.player.spin_for(0.2)  # it takes a second
-    assert worker_of(node) == worker
+    assert node.worker() == worker
     os.kill(worker, signal.SIGKILL)
     assert node.comes(reply.done)
     assert "the worker process ended with status -9" in reply.result().message
 
     assert works()
-    other = worker_of(node)
+    other = node.worker()
     assert other != worker
     os.kill(other, signal.SIGKILL)  # while it has nothing to do
     assert node.comes(lambda: not alive(other))
@@ -257,30 +263,13 @@ def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, ta
     assert again.comes(lambda: not any(map(alive, workers)))
 
 
+def oom_score(pid):
+    """How much rather than others the kernel ends a process where memory runs out, to 1000."""
+    return int(Path(f"/proc/{pid}/oom_score_adj").read_text())
+
+
 def long_refit(node, table2):
     """Call for a refit that takes a second at least, and wait until it runs."""
     hmcvt.write_bench(node.state / "many.csv", table2.select(np.arange(60_000) % 8))
     node.set(samples_file="many.csv")
-    started = node.log.count("reidentify: started")
-    reply = node.player.request("reidentify")
-    assert node.comes(lambda: node.log.count("reidentify: started") > started)
-    return reply
-
-
-def worker_of(node):
-    """Process id of the worker: Python keeps another one, that clears up semaphores."""
-    found = []
-    for pid in node.children():
-        with open(f"/proc/{pid}/cmdline") as file:
-            found += [pid] if "spawn_main" in file.read() else []
-    worker, = found
-    return worker
-
-
-def alive(pid):
-    """Whether a process runs; one that is dead but not yet collected does not."""
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
+    return node.running("reidentify")

@@ -18,21 +18,10 @@ BAD = [
 ]
 
 
-def reported(node, level, *words, send=None):
-    """Wait for a status of the inputs with a level and words, sending a point meanwhile."""
-    def found():
-        if send is not None:
-            node.player.send_inputs(send)
-        status = node.status("inputs")
-        return status["level"] == level and all(word in status["message"] for word in words)
-
-    return node.comes(found)
-
-
 def test_before_all_three_are_there_and_when_they_are_wrong(start_node, paper_file):
     """A node of its own: its first messages, and the warnings in its log."""
     node = start_node(paper_file)
-    assert reported(node, DiagnosticStatus.WARN, "engine_speed: nothing received")
+    assert node.reports(DiagnosticStatus.WARN, "engine_speed: nothing received", part="inputs")
     for publisher, value in zip(node.player._inputs[:2], GOOD, strict=False):
         for _ in range(5):
             publisher.publish(publisher.msg_type(data=value))
@@ -52,7 +41,7 @@ def test_bad_value_silences_the_node_until_a_good_one_comes(node, name, value, w
     bad = GOOD._replace(**{name: value})
     # On a busy machine it may lag behind for a while.
     assert any(node.player.hold(bad, patience=0.0) == (None, None) for _ in range(3))
-    assert reported(node, DiagnosticStatus.ERROR, name, word, send=bad), node.player.statuses
+    assert node.reports(DiagnosticStatus.ERROR, name, word, part="inputs", send=bad)
     reason = "out of range" if math.isfinite(value) else "not finite"
     assert int(node.value(f"{name} refused, {reason}", "inputs")) > 0
     assert node.player.hold(GOOD).efficiency is not None
@@ -68,5 +57,6 @@ def test_stale_input_silences_the_node(node):
             publisher.publish(publisher.msg_type(data=value))
         node.player.spin_for(0.05)
     assert node.player.efficiencies == []
-    assert reported(node, DiagnosticStatus.STALE, "load_torque: nothing received for")
+    assert node.reports(
+        DiagnosticStatus.STALE, "load_torque: nothing received for", part="inputs")
     assert node.player.hold(GOOD).efficiency is not None

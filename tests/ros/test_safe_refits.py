@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD, send_table
-from test_node_refits import alive, worker_of
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.worker import Worker
+from studies.soak.kill_node import alive
 
 NOISE = 0.003
 POINTS = np.meshgrid(np.linspace(-1.0, 1.0, 9), np.linspace(90.0, 220.0, 5),
@@ -74,12 +74,7 @@ def served(node, reply):
 
 def told(node, *words):
     """Wait until the status of the model warns with these words."""
-    def found():
-        status = node.status()
-        return status["level"] == DiagnosticStatus.WARN and all(
-            word in status["message"] for word in words)
-
-    return node.comes(found, 60.0)
+    return node.reports(DiagnosticStatus.WARN, *words, timeout=60.0)
 
 
 # --- refits ---------------------------------------------------------------------------------------
@@ -198,14 +193,6 @@ def test_replies_name_no_folder(node, base):
 # --- limits of jobs -------------------------------------------------------------------------------
 
 
-def running(node, service):
-    """Call a service and wait until its job runs."""
-    already = node.log.count(f"{service}: started")
-    reply = node.player.request(service)
-    assert node.comes(lambda: node.log.count(f"{service}: started") > already)
-    return reply
-
-
 def ends(node, reply, word):
     """Whether a job fails for a reason, and the next one runs."""
     assert node.comes(reply.done, 60.0)
@@ -215,7 +202,7 @@ def ends(node, reply, word):
 
 
 def test_samples_are_not_cleared_during_a_refit(node, many):
-    reply = running(node, "reidentify")
+    reply = node.running("reidentify")
     refused = node.player.call("clear_samples")
     assert not refused.success
     assert "busy: reidentify has been running for" in refused.data["error"]
@@ -224,8 +211,8 @@ def test_samples_are_not_cleared_during_a_refit(node, many):
 
 
 def test_job_is_cancelled(node, many):
-    reply = running(node, "diagnose")
-    worker = worker_of(node)
+    reply = node.running("diagnose")
+    worker = node.worker()
     assert node.player.call("cancel").data["cancelled"] == "diagnose"
     assert node.comes(lambda: not alive(worker))
     assert ends(node, reply, "ended by ~/cancel")
@@ -235,14 +222,14 @@ def test_job_is_cancelled(node, many):
 
 def test_job_that_takes_too_long_is_ended(node, many):
     node.set(job_time_limit=1.0)
-    reply = running(node, "diagnose")
+    reply = node.running("diagnose")
     assert told(node, "diagnose: ended after job_time_limit = 1 s")
     assert ends(node, reply, "ended after job_time_limit = 1 s")
 
 
 def test_stopped_worker_is_noticed_and_ended(node, many):
-    reply = running(node, "diagnose")
-    worker = worker_of(node)
+    reply = node.running("diagnose")
+    worker = node.worker()
     os.kill(worker, signal.SIGSTOP)
     assert told(node, "the worker process was stopped by a signal, and has been ended")
     assert not alive(worker)

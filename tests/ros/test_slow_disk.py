@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import QoSProfile
-from ros_bench import GOOD, message, send_table
+from ros_bench import GOOD, adopted, message, send_table
 from sensor_msgs.msg import JointState
 from slow_disk import launcher
 from std_msgs.msg import Float64
@@ -194,21 +194,13 @@ def test_damage_while_it_runs_is_found_before_a_job_works_on_it(node, paper_file
     assert node.status()["level"] == DiagnosticStatus.WARN
 
 
-def change(store, leakage):
-    """Write and adopt a refit of another leakage."""
-    model = store.in_service.model
-    path = store.new_path()
-    hmcvt.save_model(replace(model, parameters=replace(model.parameters, leakage=leakage)), path)
-    return store.adopt(path)
-
-
 def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_file, tmp_path):
     store = ModelStore(paper_file, tmp_path)
-    good = change(store, 1e-12)
+    good = adopted(store, 1e-12)
     first = store.in_service.path
-    change(store, 2e-12)
+    adopted(store, 2e-12)
     shutil.copy(first, store.in_service.path)  # a valid file, but an older one
-    change(store, 3e-12)
+    adopted(store, 3e-12)
     bomb = ["a: &a [x, x, x, x, x, x, x, x, x]"] + [
         f"{name}: &{name} [{', '.join(['*' + before] * 9)}]"
         for before, name in zip("abcdefgh", "bcdefghi", strict=True)]
@@ -237,7 +229,7 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
 
 
 def test_flipped_bits_in_the_state_are_told(start_node, paper_file, tmp_path):
-    change(ModelStore(paper_file, tmp_path), 1e-12)
+    adopted(ModelStore(paper_file, tmp_path), 1e-12)
     state = tmp_path / "in_service.json"
     state.write_text(state.read_text().replace("0001.yaml", "0000.yaml"))
     (tmp_path / "bench_samples.csv").write_text(
@@ -261,7 +253,7 @@ def test_what_waits_for_the_disk_is_written_before_the_end(node, slow, table2):
     sample = message(table2, 0)
     for _ in range(200):
         node.player.send_sample(sample)
-    node.player.spin_for(0.5)
+    node.player.spin_for(1.0)
     assert node.stop() == 0, node.log
     assert node.logged() == before + 200
     assert "Traceback" not in node.log

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import resource
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import pytest
 from cli.permissions import BOUND_BY_PERMISSIONS
 from diagnostic_msgs.msg import DiagnosticStatus
 from full_disk import file_limit, read_only
-from ros_bench import GOOD, command, message, send_table
+from ros_bench import GOOD, adopted, command, message, send_table
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
@@ -23,15 +22,6 @@ from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
 # --- the node -------------------------------------------------------------------------------------
-
-
-def says(node, level, *words):
-    """Wait for a level and words in the status of the model."""
-    def said():
-        status = node.status()
-        return status["level"] == level and all(word in status["message"] for word in words)
-
-    return node.comes(said)
 
 
 def serves(node, paper_file):
@@ -43,7 +33,7 @@ def logs_again(node, table2):
     before = node.logged()
     node.player.send_sample(message(table2, 0))
     assert node.comes(lambda: node.logged() == before + 1), node.status()
-    assert says(node, DiagnosticStatus.OK, "serving")
+    assert node.reports(DiagnosticStatus.OK, "serving")
     assert len(hmcvt.read_bench(node.bench_file)) == before + 1
 
 
@@ -60,7 +50,7 @@ def test_full_disk_while_logging(start_node, paper_file, table2, tmp_path):
     with file_limit(len(whole) + 10, node.process.pid):
         for i in range(3):
             node.player.send_sample(message(table2, i))
-        assert says(node, DiagnosticStatus.ERROR, "bench log", "File too large"), node.log
+        assert node.reports(DiagnosticStatus.ERROR, "bench log", "File too large"), node.log
         assert serves(node, paper_file)
         assert node.value("bench samples logged") == str(count)
         assert node.value("bench samples refused, not written") == "3"
@@ -93,7 +83,7 @@ def bound(start_node, paper_file, tmp_path_factory):
     with read_only(state):
         node = start_node(paper_file, state=state, launcher=BOUND_BY_PERMISSIONS)
         assert node.says("state_folder: ")
-        assert says(node, DiagnosticStatus.ERROR, str(state), "cannot be written")
+        assert node.reports(DiagnosticStatus.ERROR, str(state), "cannot be written")
         assert serves(node, paper_file)
     return node
 
@@ -106,7 +96,7 @@ def test_folder_turns_read_only_and_back(bound, paper_file, table2):
     send_table(bound, table2)
     with read_only(bound.state, bound.bench_file):
         bound.player.send_sample(message(table2, 0))
-        assert says(bound, DiagnosticStatus.ERROR, "bench log", "Permission denied")
+        assert bound.reports(DiagnosticStatus.ERROR, "bench log", "Permission denied")
         for service in ("reidentify", "clear_samples"):
             reply = bound.player.call(service)
             assert not reply.success and "Permission denied" in reply.data["error"]
@@ -140,11 +130,9 @@ def test_second_node_on_one_state_folder_does_not_start(node, environment, paper
 
 def test_model_that_cannot_be_adopted_leaves_the_one_before(paper_file, tmp_path):
     store = ModelStore(paper_file, tmp_path)
-    first, second = store.new_path(), tmp_path / "models" / "0002.yaml"
-    for path, leakage in ((first, 1e-12), (second, 2e-12)):
-        parameters = replace(store.in_service.model.parameters, leakage=leakage)
-        hmcvt.save_model(replace(store.in_service.model, parameters=parameters), path)
-    before = store.adopt(first)
+    before, first = adopted(store, 1e-12), store.in_service.path
+    second = store.new_path()
+    hmcvt.save_model(before, second)
     state = (tmp_path / "in_service.json").read_bytes()
     with file_limit(50):
         with pytest.raises(OSError, match=r"in_service\.json"):

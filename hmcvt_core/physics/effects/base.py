@@ -101,7 +101,7 @@ class Effect:
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
         prior: how often the field meets effects of this name, against the usual ones; all forms
-            of a name state the same.
+            of a name state the same. Other than 1 needs a count in `source`: none shipped has one.
     """
 
     name: ClassVar[str] = ""
@@ -145,6 +145,10 @@ class Effect:
     def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
         """Stroke that the swash plate really has for the one commanded [-]."""
         return displacement_ratio
+
+    def stroke_lag(self, state: ShaftState) -> Value:
+        """Stroke that the load takes from the one the swash plate would have [-]."""
+        return 0.0
 
     def viscosity_ratio(self, oil_temperature: Array) -> Value:
         """Viscosity / viscosity at identification [-]; leakage ~ 1/mu, damping ~ mu."""
@@ -193,3 +197,7 @@ class Effect:
     def output_speed_reading(self, output_speed: Array) -> Array:
         """Output speed that the bench reads [rad/s]."""
         return output_speed
+
+    def pressure_reading(self, pressure: Array) -> Array:
+        """Pressure over the motor that the bench reads [Pa]."""
+        return pressure

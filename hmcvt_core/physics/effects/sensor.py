@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Errors of the bench itself: zero and gain of the torque meters."""
+"""Errors of the bench itself: zero and gain of the torque meters and of the pressure gauge."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ class _TorqueMeter(Effect):
     source = "paper, section 2.2: meter error up to 10 N m; 0.12 % systematic"
     remedy = ("check the meter's zero before and after the campaign; calibrate it with a dead "
               "weight")
-    prior = 2.0  # a meter is wrong more often than any one part
 
 
 @dataclass(frozen=True)
@@ -67,3 +66,36 @@ class OutputTorqueGain(_TorqueMeter):
 
     def true_load_power(self, load_power: Array, output_speed: Array) -> Array:
         return load_power / (1.0 + self.gain)
+
+
+class _PressureGauge(Effect):
+    name = "pressure_sensor"
+    component = "sensor"
+    source = "ISO 4409, classes A to C: 0.5 to 2.5 % of pressure; effective displacement: ISO 8426"
+    remedy = "check the gauge's zero with the unit at rest, and the motor's displacement"
+
+
+@dataclass(frozen=True)
+class PressureZero(_PressureGauge):
+    """The pressure gauge reads p + zero."""
+
+    form = "zero"
+    summary = "the pressure is off by a constant: a zero, or the low side is not taken off"
+
+    zero: float = size("Pa", 3e5, -4e6, 4e6, "reading at no pressure")
+
+    def pressure_reading(self, pressure: Array) -> Array:
+        return pressure + self.zero
+
+
+@dataclass(frozen=True)
+class PressureGain(_PressureGauge):
+    """The pressure gauge reads p (1 + gain); a motor of another displacement looks the same."""
+
+    form = "gain"
+    summary = "the pressure is off in proportion: its gauge, or a displacement other than stated"
+
+    gain: float = size("-", 0.03, -0.5, 1.0, "reading / pressure - 1")
+
+    def pressure_reading(self, pressure: Array) -> Array:
+        return pressure * (1.0 + self.gain)

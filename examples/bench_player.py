@@ -7,6 +7,7 @@ For the demonstration and the tests; also the shortest example of how to talk to
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -21,9 +22,9 @@ from std_srvs.srv import Trigger
 
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.stage import speed_ratio
-
-from . import messages, qos
-from .inputs import INPUT_RANGES, OperatingPoint
+from hmcvt_ros import qos
+from hmcvt_ros.inputs import INPUT_RANGES, OperatingPoint
+from hmcvt_ros.shafts import JOINTS
 
 ROUND = 0.05
 """Time between two rounds of the three inputs [s]."""
@@ -52,8 +53,24 @@ def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
     ratio, speed, load, efficiency = (float(column[i]) for column in (
         samples.displacement_ratio, samples.engine_speed, samples.load_torque, samples.efficiency))
     output_speed = speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
-    return messages.bench_sample_to_message(
+    return bench_sample_to_message(
         ratio, speed, load / efficiency, output_speed, load * speed / output_speed)
+
+
+def bench_sample_to_message(
+    displacement_ratio: float,
+    engine_speed: float,
+    engine_torque: float,
+    output_speed: float,
+    output_torque: float,
+) -> JointState:
+    """Return what a bench measures [-, rad/s, N m] as a message without a stamp."""
+    return JointState(
+        name=list(JOINTS),
+        position=[math.nan, math.nan, float(displacement_ratio)],
+        velocity=[float(engine_speed), float(output_speed), math.nan],
+        effort=[float(engine_torque), float(output_torque), math.nan],
+    )
 
 
 class BenchPlayer(Node):

@@ -11,8 +11,13 @@ from studies.soak import load, processes, trial
 from studies.soak.fuzz_inputs import DEPTH, InputFuzzer, overrides
 
 
+@pytest.fixture
+def folder(environment, tmp_path):
+    return tmp_path
+
+
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(300)
 def test_nonsense_does_not_make_the_node_break_a_promise(folder):
     fuzzed = trial.nonsense(trial.Plan(fuzz=8_000), folder)
     assert fuzzed.differences == ()

@@ -1,0 +1,215 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+r"""Which test to run next, and when to stop.
+
+A test is worth the information that its readings are expected to give on which explanation is the
+right one. Every explanation alive (the unlisted and "no gap" among them) foretells a Gaussian; the
+information that a mixture of Gaussians holds on its component is bounded from below by
+
+.. math:: I \ge -\sum_k p_k \ln \sum_j p_j e^{-B_{kj}}
+
+B_kj being the Bhattacharyya distance of two components (Kolchinsky & Tracey 2017, Entropy 19, 361).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .gap_field import as_measured
+from .hypothesis import Fit
+from .observations import Observations
+from .ranking import Names, Ranking
+from .rivals import Rival
+from .system import Axis, Points
+
+Array = NDArray[np.float64]
+
+SETTLED = 0.95
+"""Probability at which an explanation stands."""
+
+_ALIVE = 0.01
+_MOST = 8  # explanations weighed
+_DECISIVE = 9.0  # squared deviations: three standard deviations
+_MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
+_WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
+
+
+class Foretold(NamedTuple):
+    """One explanation on possible tests, linear in its free parameters.
+
+    Attributes:
+        mean: in deviations of the readings, shape (points, channels).
+        columns: shape (points, channels, p).
+        covariance: of the free parameters, shape (p, p).
+    """
+
+    mean: Array
+    columns: Array
+    covariance: Array
+
+    @property
+    def variance(self) -> Array:
+        """Covariance of a reading, shape (points, channels, channels)."""
+        own = np.einsum("icp,pq,ieq->ice", self.columns, self.covariance, self.columns)
+        return np.asarray(own + np.eye(own.shape[-1]))
+
+    def measured(self, index: int) -> Foretold:
+        """Return the same when a point has been read, whatever the reading (Kalman update)."""
+        own = self.columns[index]
+        gain = self.covariance @ own.T @ np.linalg.inv(self.variance[index])
+        return self._replace(covariance=self.covariance - gain @ own @ self.covariance)
+
+    def against(self, other: Foretold) -> float:
+        """Squared deviations that all points leave between two once this one has adapted."""
+        miss = (other.mean - self.mean).ravel()
+        columns = self.columns.reshape(len(miss), -1)
+        inner = np.linalg.pinv(self.covariance, hermitian=True) + columns.T @ columns
+        cross = columns.T @ miss
+        return float(miss @ miss - cross @ np.linalg.solve(inner, cross))
+
+
+@dataclass(frozen=True)
+class Test:
+    """A test worth making.
+
+    Attributes:
+        point: where, by the name of the axis.
+        information: that is expected of it [nats].
+        separates: the two sets that it tells apart best.
+    """
+
+    point: Mapping[str, float]
+    information: float
+    separates: tuple[Names, Names]
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to measure next.
+
+    Attributes:
+        stop: whether no further test is worth making.
+        reason: `settled`, `cannot be settled by tests`, `no gap worth a test`, or None.
+        tests: the next one, and what may be made along with it; empty where none helps.
+        channels: to be read there.
+        measure: what settles it where no test can, or None.
+        alive: effects and probability of each explanation, best first; the one without a name is an
+            unlisted loss, and `no_gap` that of none.
+        no_gap: probability that there is none, or none larger than a base that is a little off.
+        tests_expected: how many more, by the first; 0 where no test helps.
+        axes: of the tests.
+    """
+
+    stop: bool
+    reason: str | None
+    tests: tuple[Test, ...]
+    channels: tuple[str, ...]
+    measure: str | None
+    alive: tuple[tuple[Names, float], ...]
+    no_gap: float
+    tests_expected: int
+    axes: tuple[Axis, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of `hmcvt next --json`."""
+        return {
+            "stop": self.stop, "reason": self.reason,
+            "test": {**self.tests[0].point, "stage": None, "channels": list(self.channels)}
+            if self.tests and not self.stop else None,
+            "measure": self.measure,
+            "alive": [{"effects": list(names), "probability": p} for names, p in self.alive],
+            "no_gap_probability": self.no_gap,
+            "tests_expected": self.tests_expected,
+        }
+
+
+def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advice:
+    """Choose the next tests.
+
+    Args:
+        base: the refitted base model.
+        ranking: of the explanations.
+        possible: the tests that can be run, by axis.
+        most: tests to choose, each knowing of those before it.
+    """
+    labels = _labels(ranking)
+    alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
+    no_gap = labels[None][1]
+    channels = tuple(reading.channel.name for reading in base.observed.readings)
+
+    def answer(reason: str | None, tests: Sequence[Test] = (), measure: str | None = None,
+               expected: int = 0) -> Advice:
+        return Advice(reason is not None, reason, tuple(tests), channels, measure, alive, no_gap,
+                      expected, base.observed.steered)
+
+    if no_gap >= SETTLED:
+        return answer("no gap worth a test")
+    if alive[0][1] >= SETTLED:
+        return answer("settled", measure=None if alive[0][0] else "look at the regions")
+    pool = as_measured(base, possible)
+    rivals = [_foretold(rival, pool) for rival, _ in labels.values()]
+    p = np.array([each for _, each in labels.values()])
+    p /= p.sum()
+    names = list(labels)
+    order = np.argsort(-p)
+    # A larger set of the same effects gives way to more samples, wherever they are.
+    first, second = order[0], next((i for i in order[1:] if not set(names[order[0]] or ()) < set(
+        names[i] or ())), order[1])
+    if max(rivals[first].against(rivals[second]),
+           rivals[second].against(rivals[first])) * _MANY / len(pool) < _DECISIVE:
+        remedy = [effect.remedy for i in (first, second) if names[i] is not None
+                  for effect in labels[names[i]][0].fit.effects if effect.remedy]
+        if remedy:
+            return answer("cannot be settled by tests", measure="; or ".join(dict.fromkeys(remedy)))
+    tests = []
+    for _ in range(most):
+        distance = _distances(rivals)
+        information = -np.einsum("k,kn->n", p, np.log(np.einsum("j,kjn->kn", p, np.exp(-distance))))
+        best = int(np.argmax(information))
+        weight = p[:, None] * p * (1.0 - np.exp(-distance[:, :, best]))
+        pair = np.unravel_index(int(np.argmax(weight)), weight.shape)
+        tests.append(Test({axis.name: float(pool.points[axis.name][best]) for axis in pool.steered},
+                          float(information[best]),
+                          (names[int(pair[0])] or (), names[int(pair[1])] or ())))
+        rivals = [each.measured(best) for each in rivals]
+    short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
+    return answer(None, tests, None, math.ceil(max(1.0, short / max(
+        2.0 * tests[0].information, _WORTH))))
+
+
+def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
+    """The likeliest rival of each explanation and its probability; () unlisted, None no gap."""
+    found: dict[Names | None, tuple[Rival, float]] = {}
+    here = 1.0 - ranking.no_gap
+    for rival, p in ranking.entries():
+        label = rival.names if rival.listed else None if ranking.is_misfit(rival) else ()
+        first, total = found.get(label, (rival, 0.0))
+        found[label] = first, total + here * p
+    _, misfit = found.pop(None, (ranking.bare, 0.0))
+    kept = sorted(((names, item) for names, item in found.items() if item[1] >= _ALIVE),
+                  key=lambda entry: -entry[1][1])[:_MOST]
+    if not kept:  # the likeliest, however improbable
+        kept = sorted(found.items(), key=lambda entry: -entry[1][1])[:1]
+    return {**dict(kept), None: (ranking.bare, ranking.no_gap + misfit)}
+
+
+def _foretold(rival: Rival, pool: Observations) -> Foretold:
+    shift, columns = rival.at(pool)
+    return Foretold(shift.T, np.moveaxis(columns, 0, 1), rival.plain.covariance)
+
+
+def _distances(rivals: Sequence[Foretold]) -> Array:
+    """Bhattacharyya distances at each point, shape (k, k, points)."""
+    mean, variance = np.stack([each.mean for each in rivals]), np.stack(
+        [each.variance for each in rivals])
+    log = np.linalg.slogdet(variance)[1]
+    middle = (variance[:, None] + variance) / 2.0
+    miss = mean[:, None] - mean
+    squared = np.einsum("kjnc,kjnc->kjn", miss, np.linalg.solve(middle, miss[..., None])[..., 0])
+    return np.asarray(squared / 8.0 + (np.linalg.slogdet(middle)[1]
+                                       - (log[:, None] + log) / 2.0) / 2.0)

@@ -1,0 +1,366 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What may explain the readings: sets of known effects, losses that nobody listed, or nothing.
+
+Each rival is refitted, or linear near a refit, and weighed by its evidence. No model is exact: with
+effects come an allowance for forms that are a little off, and one for a base that is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evidence import evidence, gram, log_mean, respread
+from .hypothesis import Fit, Hypothesis, linearise, refit
+from .observations import Observations
+from .regions import Regions, smooth_functions
+from .system import Effect, forms_of
+
+Array = NDArray[np.float64]
+
+SIZE_SPREADS = (0.5, 1.5, 5.0)
+"""Prior standard deviations of a size, in typical sizes; equally likely."""
+
+FORM_ALLOWANCES = (0.07, 0.25)
+"""How far a form may bend, smoothly over the working space, as a part of its own signature."""
+
+_EXACT = 1e-6  # in the place of a misfit: the base is exact
+_ALLOWED_DEGREE = 2
+_FIELD_DEGREE = 3
+_UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
+_SCREENED_SIZE, _SCREENED_SPREAD = 0.1, 1.5  # in typical sizes
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """One hypothesis as a linear model.
+
+    Attributes:
+        columns: of the prediction / deviation, shape (channels, n, p); base, sizes, then its own.
+        target: what the coefficients should reproduce, shape (channels, n).
+        spread: prior standard deviations, shape (p,).
+        signs: as `evidence` takes them, shape (p,).
+        log: log evidence.
+        mean: posterior, of the coefficients, shape (p,).
+        covariance: the same, shape (p, p).
+        noise: variance of each channel, shape (channels,).
+    """
+
+    columns: Array
+    target: Array
+    spread: Array
+    signs: Array
+    log: float
+    mean: Array
+    covariance: Array
+    noise: Array
+
+
+def weigh(
+    observed: Observations, columns: Array, target: Array, spreads: Array, signs: Array
+) -> list[Linear]:
+    """Weigh the same columns under several priors, spreads of shape (m, p)."""
+    one = gram(columns, target)
+    found = evidence(np.broadcast_to(one, (len(spreads), *one.shape)), len(observed), spreads,
+                     observed.trusts, signs)
+    return [Linear(columns, target, spread, signs, float(log), mean, covariance, noise)
+            for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)]
+
+
+class Unlisted(Protocol):
+    """A loss that nobody listed."""
+
+    def columns(self, points: Observations) -> Array:
+        """Change of the readings / deviation by each coefficient, shape (channels, n, m)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """One explanation.
+
+    Attributes:
+        fit: the refit near which it is linear.
+        weighed: the linear model with its allowances, at its most likely prior scale.
+        plain: without allowances: what is saved and foretold.
+        log: log evidence over the prior scales.
+        beside: a loss that nobody listed, or None.
+    """
+
+    fit: Fit
+    weighed: Linear
+    plain: Linear
+    log: float
+    beside: Unlisted | None = None
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Effect names, sorted."""
+        return tuple(sorted(effect.name for effect in self.fit.hypothesis.effects))
+
+    @property
+    def listed(self) -> bool:
+        """Whether known effects with the signs they have are all of it."""
+        return self.beside is None and not self.fit.hypothesis.opposite and bool(self.names)
+
+    def at(self, points: Observations) -> tuple[Array, Array]:
+        """What it foretells of points as the campaign was measured, in deviations of the readings.
+
+        Returns:
+            Readings above those predicted by `fit`, shape (channels, n), and columns of `plain`,
+            shape (channels, n, p).
+        """
+        there = linearise(self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
+        columns, change = there.jacobian, np.zeros(len(self.plain.mean))
+        if self.beside is not None:
+            columns = np.concatenate([columns, self.beside.columns(points)], axis=-1)
+            change = self.plain.mean - np.append(
+                self.fit.theta - self.fit.hypothesis.prior_mean,
+                np.zeros(len(change) - len(self.fit.theta)))
+        return columns @ change - there.whitened, columns
+
+
+def nothing(base: Fit) -> Rival:
+    """The refitted base model."""
+    spread = base.hypothesis.system.base.spread
+    plain, = weigh(base.observed, base.jacobian, base.target, spread[None],
+                   base.hypothesis.signs)
+    return Rival(base, plain, plain, plain.log)
+
+
+# --- known effects --------------------------------------------------------------------------------
+
+
+def signatures(fit: Fit, without: Sequence[str] = ()) -> list[tuple[Effect, Array]]:
+    """Every form of the library that can show, and the change of prediction / deviation by it.
+
+    Args:
+        fit: of the hypothesis that each form is added to.
+        without: names of effects to leave out.
+
+    Returns:
+        Form, and the change by one typical size, shape (channels, n).
+    """
+    observed, system = fit.observed, fit.hypothesis.system
+    here = observed.whiten(fit.hypothesis.predict(fit.theta, observed.points))
+    found = []
+    for form in (form for kind in system.library if kind.name not in without
+                 for form in forms_of(kind)):
+        # The refit leaves little of an effect: the slope that counts is that of a small one.
+        small = form.with_values({item.name: _SCREENED_SIZE * item.typical
+                                  for item in form.sizes()})
+        there = system.predict(fit.base, (*fit.effects, small), observed.points)
+        change = np.nan_to_num((here - observed.whiten(there)) / _SCREENED_SIZE)
+        # Where the typical size cannot be carried it says nothing.
+        if np.abs(change).max() >= _UNSEEN:
+            found.append((form, change))
+    return found
+
+
+def screen(
+    fit: Fit, count: int = 1, opposite: bool = False
+) -> list[tuple[float, tuple[Effect, ...], float]]:
+    """Weigh some forms of different names added to a refit, in linear approximation, best first.
+
+    Args:
+        fit: what they are added to, without names that it has.
+        count: how many at a time.
+        opposite: with the wrong sign; effects that have either sign are left out.
+
+    Returns:
+        Gain in log evidence, the forms, and the price of their choice: log of the mean over all
+        forms of these names against the best.
+    """
+    present = fit.hypothesis.effects
+    forms, changes = _columns(signatures(fit, [effect.name for effect in present]), opposite)
+    combined = [chosen for chosen in itertools.combinations(range(len(forms)), count)
+                if len({forms[i].name for i in chosen}) == count]
+    if not combined:
+        return []
+    observed, own = fit.observed, len(fit.theta)
+    which = np.concatenate([np.tile(np.arange(own), (len(combined), 1)), own + np.array(combined)],
+                           axis=1)
+    whole = gram(np.concatenate([fit.jacobian, changes], axis=-1), fit.target)
+    with_target = np.append(which, np.full((len(which), 1), own + len(forms)), axis=1)
+    grams = np.moveaxis(whole[:, with_target[:, :, None], with_target[:, None, :]], 0, 1)
+    signs = np.append(fit.hypothesis.signs, [
+        -_sign(form) if opposite else _sign(form) for form in forms])[which]
+    spread = np.append(fit.hypothesis.system.base.spread, np.full(len(present), _SCREENED_SPREAD))
+    without, = weigh(observed, fit.jacobian, fit.target, spread[None], fit.hypothesis.signs)
+    logs = [evidence(grams, len(observed), np.tile(np.append(spread, np.full(count, scale)),
+                                                   (len(which), 1)), observed.trusts, signs).log
+            for scale in SIZE_SPREADS]
+    log = np.logaddexp.reduce(logs) - math.log(len(logs)) - without.log
+    named: dict[tuple[str, ...], list[float]] = {}
+    for chosen, value in zip(combined, log.tolist(), strict=True):
+        named.setdefault(tuple(forms[i].name for i in chosen), []).append(value)
+    order = np.argsort(-log)
+    return [(float(log[i]), tuple(forms[j] for j in combined[i]),
+             log_mean(own_logs) - max(own_logs))
+            for i in order for own_logs in [named[tuple(forms[j].name for j in combined[i])]]]
+
+
+def _columns(found: list[tuple[Effect, Array]], opposite: bool) -> tuple[list[Effect], Array]:
+    kept = [(form, change) for form, change in found if not opposite or _sign(form)]
+    return [form for form, _ in kept], np.stack([change for _, change in kept], axis=-1)
+
+
+def _sign(effect: Effect) -> float:
+    return 1.0 if effect.sizes()[0].low >= 0.0 else 0.0
+
+
+def explanation(start: Fit, effects: tuple[Effect, ...], opposite: bool = False) -> Rival:
+    """Refit a hypothesis exactly and weigh it, with its allowances.
+
+    Args:
+        start: the refit without any effect, or with some of them, to start from.
+        effects: with the shapes to use, and sizes to start from.
+        opposite: whether they have the wrong sign.
+    """
+    observed = start.observed
+    hypothesis = Hypothesis(start.hypothesis.system, effects, opposite)
+    fit = refit(hypothesis, observed, start.base)
+    shared, k = hypothesis.shared, len(fit.sizes)
+    bends = smooth_functions(observed.place, _ALLOWED_DEGREE)[0][:, 1:]
+    misfit, off = base_misfit(observed)
+    columns = np.concatenate([
+        fit.jacobian, *(fit.jacobian[..., [shared + i]] * size * bends
+                        for i, size in enumerate(fit.sizes)), misfit.columns(observed)], axis=-1)
+    own, count = hypothesis.system.base.spread, bends.shape[1]
+    each = np.full(count * k, np.sqrt(len(observed.place) / count))
+    widest = np.full(k, max(SIZE_SPREADS))
+    spreads = np.stack([
+        np.concatenate([own, widest, allowance * each, misfitting])
+        for allowance in FORM_ALLOWANCES for misfitting in (off, np.full(len(off), _EXACT))])
+    tried = weigh(observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan))
+    sizes, scales = slice(shared, shared + k), np.array(
+        list(itertools.product(SIZE_SPREADS, repeat=k)))
+    signs = hypothesis.signs
+    logs = np.array([item.log + respread(item.mean[sizes], item.covariance[sizes, sizes], widest,
+                                         scales, signs[sizes]) for item in tried])
+    best, scale = np.unravel_index(int(logs.argmax()), logs.shape)
+    plain, = weigh(observed, fit.jacobian, fit.target, np.append(own, scales[scale])[None], signs)
+    return Rival(fit, tried[best], plain, log_mean(logs.ravel()))
+
+
+# --- what nobody listed ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothLoss:
+    """A loss that varies smoothly over the working space of a campaign, in some channels.
+
+    Attributes:
+        channels: their indices.
+        place: of the campaign, shape (axes, n).
+    """
+
+    channels: tuple[int, ...]
+    place: Array
+
+    def columns(self, points: Observations) -> Array:
+        """As `Unlisted`: the functions for one channel after another."""
+        functions = smooth_functions(points.place, _FIELD_DEGREE, self.place)[0]
+        m = functions.shape[1]
+        own = np.zeros((len(points.readings), len(functions), m * len(self.channels)))
+        for k, i in enumerate(self.channels):
+            own[i, :, k * m:(k + 1) * m] = functions * points.readings[i].unit_loss[:, None]
+        return own
+
+    def spread(self, scale: float) -> Array:
+        """Prior standard deviations in one channel: the rougher, the smaller."""
+        degree = smooth_functions(self.place[:, :1], _FIELD_DEGREE)[1]
+        return np.asarray(scale * 2.0 ** -(degree - 1.0).clip(0.0) / 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalLoss:
+    """A loss inside a box, in one channel.
+
+    Attributes:
+        channel: its index.
+        low, high: limits, shape (axes,).
+    """
+
+    channel: int
+    low: Array
+    high: Array
+
+    def columns(self, points: Observations) -> Array:
+        """As `Unlisted`: one column."""
+        place = points.place.T
+        own = np.zeros((len(points.readings), len(place), 1))
+        own[self.channel, :, 0] = points.readings[self.channel].unit_loss * np.all(
+            (place >= self.low) & (place <= self.high), axis=1)
+        return own
+
+
+def _with_loss(rival: Rival, loss: Unlisted, spreads: Iterable[Array]) -> Rival:
+    """Weigh a rival with a loss beside it, under several priors."""
+    observed, found = rival.fit.observed, []
+    for model in (rival.weighed, rival.plain):
+        columns = np.concatenate([model.columns, loss.columns(observed)], axis=-1)
+        found.append(weigh(
+            observed, columns, model.target,
+            np.stack([np.append(model.spread, spread) for spread in spreads]),
+            np.append(model.signs, np.full(columns.shape[-1] - len(model.signs), np.nan))))
+    best = int(np.argmax([item.log for item in found[0]]))
+    return Rival(rival.fit, found[0][best], found[1][best],
+                 log_mean([item.log for item in found[0]]), loss)
+
+
+def base_misfit(observed: Observations) -> tuple[SmoothLoss, Array]:
+    """A base model that is a little off in every channel, and its prior deviations."""
+    loss = SmoothLoss(tuple(range(len(observed.readings))), observed.place)
+    return loss, np.concatenate([loss.spread(reading.channel.misfit_spread)
+                                 for reading in observed.readings])
+
+
+def misfitting(bare: Rival) -> Rival:
+    """Weigh a base model that is a little off and nothing else."""
+    loss, spread = base_misfit(bare.fit.observed)
+    return _with_loss(bare, loss, [spread])
+
+
+def fields(rival: Rival) -> list[Rival]:
+    """Weigh a smooth loss that nobody listed beside a rival, channel by channel."""
+    observed = rival.fit.observed
+    losses = [SmoothLoss((i,), observed.place) for i in range(len(observed.readings))]
+    return [_with_loss(rival, loss, [loss.spread(scale) for scale in reading.channel.field_spreads])
+            for loss, reading in zip(losses, observed.readings, strict=True)]
+
+
+def local(rival: Rival, boxes: Regions) -> Rival | None:
+    """Weigh a loss inside any box beside a rival; `log` is over all boxes, the rest of the best.
+
+    The boxes are compared at the noise that the rival leaves, the best is weighed in full.
+    """
+    observed, model = rival.fit.observed, rival.weighed
+    if not len(boxes):
+        return None
+    root, gains = np.sqrt(model.noise), []
+    left = model.target - model.columns @ model.mean
+    for i, reading in enumerate(observed.readings):
+        column = boxes.members * reading.unit_loss / root[i]
+        shadow = column @ model.columns[i] / root[i]
+        squares = np.sum(column**2, axis=1) - np.einsum(
+            "bp,pq,bq->b", shadow, model.covariance, shadow)
+        pull = column @ left[i] / root[i]
+        ratios = np.square(reading.channel.step_spreads)[:, None] * squares
+        gains.append(np.logaddexp.reduce(
+            0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios)))
+            - math.log(len(ratios)))
+    channel, box = divmod(int(np.argmax(gains)), len(boxes))
+    # An edge of the campaign is none of the place.
+    ends = observed.place.min(axis=1), observed.place.max(axis=1)
+    low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
+    high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
+    found = _with_loss(rival, LocalLoss(channel, low, high), [
+        np.array([scale]) for scale in observed.readings[channel].channel.step_spreads])
+    return replace(found, log=found.log + log_mean(np.ravel(gains)) - float(np.max(gains)))

@@ -1,0 +1,123 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The family of forms of an effect spans what the literature writes for it.
+
+Each published form is put into the balance. What counts is what it leaves after the refit of the
+base, and of this the part that no form of its family makes.
+"""
+
+import numpy as np
+import pytest
+
+from hmcvt_core.benches.transmission import Transmission, observe
+from hmcvt_core.diagnosis.hypothesis import Hypothesis, linearise
+from hmcvt_core.diagnosis.system import forms_of
+from hmcvt_core.physics.balance import BalanceSolver
+from hmcvt_core.physics.effects.base import Effect
+from hmcvt_core.transmission.parameters import to_scaled
+
+from .campaigns import BASE, measure, random_points
+
+
+def _as_effect(**hooks):
+    return type("Published", (Effect,), {
+        name: lambda self, *given, f=function: f(*given) for name, function in hooks.items()})()
+
+
+def _clutch(peak, fall, feed, against=0.0):
+    """Shear of a full film, then a wetted radius that shrinks [Yuan et al. 2007]; late rise."""
+    def torque(state):
+        slip = state.output_speed - against * state.engine_speed
+        flow = (state.engine_speed / 150.0) ** feed  # of a pump on the engine, or held (0)
+        x = np.abs(slip) / (peak * flow)
+        film = flow * x / (1.0 + x**4) ** (fall / 4.0)
+        return 6.0 * np.sign(slip) * (film + 0.02 * (slip / 300.0) ** 2)  # [Pan & Zhou 2019]
+    return _as_effect(output_drag=torque, engine_drag=lambda state: -against * torque(state))
+
+
+def _mesh(part):
+    """Further part lost in a pair, of torque / 250 N m and speed / 150 rad/s."""
+    def loss(power, speed):
+        turning = np.maximum(np.abs(speed), 1.0)
+        return 0.002 * np.clip(part(np.abs(power) / turning / 250.0 + 0.004, turning / 150.0),
+                               0.0, 10.0)
+    return _as_effect(gear_loss=loss)
+
+
+def _benedict_kelley(decades, power):
+    """log10 of load / speed^power, above a floor where the film is full."""
+    return _mesh(lambda t, w: np.logaddexp(
+        0.0, 4.0 * (decades + np.log10(t) - power * np.log10(w))) / 4.0)
+
+
+def _leak(part):
+    """Leakage of part(dp / 20 MPa, stroke), at most one."""
+    return _as_effect(leakage_flow=lambda state: 3e-12 * state.pressure * part(
+        np.abs(state.pressure) / 20e6, np.abs(state.displacement_ratio)))
+
+
+def _eccentric(pump, motor, lifted):
+    """1.5 e^2, e = the side force / that which lifts the piston to the wall, at most 1."""
+    return _leak(lambda p, x: 1.5 * (pump * np.minimum(1.0, p * x / lifted) ** 2
+                                     + motor * np.minimum(1.0, p / lifted) ** 2))
+
+
+PUBLISHED = {
+    "clutch_drag": [_clutch(peak, fall, feed, against) for peak in (60.0, 110.0, 160.0)
+                    for fall in (1.4, 2.2) for feed in (0.0, 0.5, 1.0)
+                    for against in (0.0, 0.5, 0.8)],
+    "gear_mesh": [
+        _mesh(lambda t, w: t**0.2 * w**-0.2),  # ISO/TR 14179-2, Niemann, Schlenk
+        _mesh(lambda t, w: t**-0.4 * w**-0.7),  # ISO/TR 14179-1
+        _mesh(lambda t, w: t),  # teeth that bend
+        _mesh(lambda t, w: 0.4 + np.exp(-w / 0.5 * t**-0.13)),  # mixed film
+        *(_benedict_kelley(decades, power) for decades in (0.8, 1.4, 2.0) for power in (2, 3))],
+    "pressure_leakage": [
+        *(_eccentric(pump, motor, lifted) for lifted in (1.0, 2.0)
+          for pump, motor in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))),
+        _leak(lambda p, x: (1.0 + 0.3 * p) ** 3 - 1.0), _leak(lambda p, x: p**0.8)],
+    "displacement_error": [
+        _as_effect(stroke_lag=lambda state, p=p: 0.01 * np.tanh(state.pressure / p))
+        for p in (3e6, 8e6, 40e6)],
+}
+
+
+def unspanned():
+    """By name, the part of each published form that its family leaves, and what it shows."""
+    points = random_points(5)
+    motor = BalanceSolver(BASE.stage, BASE.parameters).flow(points).state.motor_speed
+    moving = np.abs(motor) > 25.0  # no friction holds it: a jump would be all that one sees
+    bench = observe(measure(points.map(lambda row: row[moving])), 0.004)
+    system = Transmission(BASE)
+    base = np.append(to_scaled(BASE.parameters.to_array()), np.zeros(len(system.base) - 3))
+    fit = linearise(Hypothesis(system), bench, base, np.ones(2))
+    here = bench.whiten(system.predict(base, (), bench.points))
+
+    def signature(effect):
+        there = bench.whiten(system.predict(base, (effect,), bench.points))
+        return fit.left((here - there)[None])[0]
+
+    found = {}
+    for name, published in PUBLISHED.items():
+        forms = [form.with_values({form.sizes()[0].name: 0.1 * form.sizes()[0].typical})
+                 for kind in system.library if kind.name == name for form in forms_of(kind)]
+        family = np.array([signature(form) for form in forms])
+        family /= np.linalg.norm(family, axis=1)[:, None]
+        found[name] = []
+        for effect in published:
+            shown = signature(effect)
+            level = np.linalg.norm(shown)
+            found[name].append((float(np.sqrt(1.0 - ((family @ shown).max() / level) ** 2)), level))
+    return found
+
+
+@pytest.fixture(scope="module")
+def left():
+    return unspanned()
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_a_family_spans_the_literature(left, name):
+    parts = np.array([part for part, level in left[name] if level > 3.0])  # what can be seen
+    assert len(parts) >= 2
+    assert parts.mean() < 0.2
+    assert parts.max() < 0.45
