@@ -108,7 +108,7 @@ class Transmission:
 
     def predict(self, base: Array, effects: Sequence[AnyEffect], points: Points) -> Array:
         """Return efficiency [-] and output speed [rad/s] as the bench reads them, (2, n)."""
-        return np.stack(self._refitted(base, effects).answer_at(OperatingPoints(**points))[:2])
+        return np.stack(self._refitted(base, effects).answer_at(OperatingPoints(**points)))
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return the working range of engine and campaign, as far as it can be carried."""
@@ -275,7 +275,7 @@ def read_plan(
     known, extra, found = read_columns(path, _POINT)
     points = OperatingPoints(
         **{axis: known[axis] for axis in OperatingPoints._fields if axis in known})
-    known["efficiency"], read_speed, _ = model.answer_at(points)
+    known["efficiency"], read_speed = model.answer_at(points)
     stalled = np.flatnonzero(np.isnan(known["efficiency"]))
     if len(stalled):
         raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "

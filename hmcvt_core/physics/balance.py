@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import Answer, OperatingPoints
+from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage
 from .effects.base import Effect
 from .shafts import PowerFlow, Shafts
@@ -56,21 +56,21 @@ class BalanceSolver(ArraySolver):
         self._effects = tuple(effects)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def solve(self, points: OperatingPoints) -> Answer:
+    def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency and output speed that a bench reads, through its meters."""
-        return Answer(*self._together(points, self.solve_in))
+        return Solution(*self._together(points, self.solve_in))
 
-    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Answer:
+    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
         """As `solve`, of points in one quadrant."""
         shafts, flow = self._flow(part, points)
         state, torque = flow.state, flow.engine_power / points.engine_speed
-        efficiency, speed, torque = Answer.of(
+        efficiency, speed, torque = Solution.of(
             state.load_power / points.engine_speed, torque, shafts.reflection * flow.output_speed)
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._effects:
             efficiency = effect.reading(efficiency, state)
             speed = effect.output_speed_reading(speed)
-        return Answer(efficiency, speed, torque)
+        return Solution(efficiency, speed, torque)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(self, points: OperatingPoints) -> PowerFlow:

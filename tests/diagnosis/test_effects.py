@@ -84,7 +84,7 @@ def test_size_zero_changes_nothing(kind):
 @every_kind
 def test_typical_size_shows_in_what_the_bench_reads(kind):
     for effect in _at(kind):
-        (efficiency, speed, _), base = (
+        (efficiency, speed), base = (
             replace(BASE, effects=(effect,)).answer_at(POINTS), BASE.answer_at(POINTS))
         change, slip = np.abs(efficiency - base.efficiency), np.abs(speed / base.output_speed - 1.0)
         assert np.nanmax(change) > 1e-3 or np.nanmax(slip) > 1e-3
