@@ -21,7 +21,13 @@ from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import ArraySolver, PointSolver
 from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
-from ..transmission.ranges import ENGINE_SPEED_LIMITS, Answer, OperatingPoints, is_plain
+from ..transmission.ranges import (
+    ENGINE_SPEED_LIMITS,
+    Answer,
+    OperatingPoints,
+    Solution,
+    is_plain,
+)
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import Domain, EfficiencyMap
 from .drive_line import DriveOptimum, drive_optimum
@@ -103,11 +109,7 @@ class EfficiencyModel:
                 for stage in (self.stage, *self.other_stages)}
 
     def in_stage(self, name: str) -> EfficiencyModel:
-        """Return the model of one stage.
-
-        Raises:
-            InputError: there is no such stage.
-        """
+        """Return the model of one stage; `InputError` where there is none of that name."""
         if name not in self.stages:
             raise InputError(f"stage {name!r} is not known to the model; there is "
                              f"{', '.join(self.stages)}")
@@ -163,7 +165,7 @@ class EfficiencyModel:
             # What a control loop asks for at every message, without the cost of arrays.
             return self._point_solver.solve(*point)
         points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
-        efficiency, output_speed, torque = self.answer_at(points)
+        efficiency, output_speed, torque = self.solution_at(points)
         return _like(efficiency, scalar), _like(output_speed, scalar), _like(torque, scalar)
 
     def predict(
@@ -185,11 +187,7 @@ class EfficiencyModel:
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
-        """Engine power less output power [W], at any load; what the transmission turns to heat.
-
-        Zero load and overrun (negative load torque) included: there the output gives power, and
-        the engine takes what is left of it or gives the rest of the loss.
-        """
+        """Engine power less output power [W], at any load: zero and overrun (negative) included."""
         model, point = self.without_meters(), (displacement_ratio, engine_speed, load_torque)
         lost = np.multiply(engine_speed, np.subtract(
             model._answer(point, oil_temperature, stage)[2], load_torque))
@@ -264,11 +262,7 @@ class EfficiencyModel:
 
     @property
     def array_solver(self) -> ArraySolver:
-        """What solves many points at once.
-
-        Raises:
-            InputError: the formulation is `published`.
-        """
+        """What solves many points at once; `InputError` where that is `published`."""
         if isinstance(self._solver, PublishedSolver):
             raise InputError(NO_OPTIMUM)
         return self._solver
@@ -298,18 +292,18 @@ class EfficiencyModel:
     # --- the same for points already checked ----------------------------------------------------
 
     def answer_at(self, points: OperatingPoints) -> Answer:
-        """Efficiency, output speed and engine torque at checked points of one shape.
+        """Efficiency and output speed at checked points of one shape; see `solution_at`."""
+        return Answer(*self.solution_at(points)[:2])
 
-        Raises:
-            InputError: the points name a stage that there is not.
-        """
-        return Answer(*self._stage_by_stage(points, lambda one: one._solver.solve))
+    def solution_at(self, points: OperatingPoints) -> Solution:
+        """Efficiency, output speed and engine torque at checked points of one shape."""
+        return Solution(*self._stage_by_stage(points, lambda one: one._solver.solve))
 
     def readings_at(self, points: OperatingPoints) -> Array:
         """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
 
         Raises:
-            InputError: the formulation is not `power_balance`, or as `answer_at`.
+            InputError: the formulation is not `power_balance`.
         """
         if self.formulation != "power_balance":
             raise InputError("a pressure needs formulation power_balance")

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import Answer, OperatingPoints
+from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage
 from .effects.base import Effect
 from .shafts import PowerFlow, Shafts
@@ -56,9 +56,9 @@ class BalanceSolver(ArraySolver):
         self._effects = tuple(effects)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def solve(self, points: OperatingPoints) -> Answer:
+    def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency and output speed that a bench reads, through its meters."""
-        return Answer(*self._together(points, self._readings)[:3])
+        return Solution(*self._together(points, self._readings)[:3])
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def readings(self, points: OperatingPoints) -> Array:
@@ -69,14 +69,14 @@ class BalanceSolver(ArraySolver):
         efficiency, speed, _, pressure = self._together(points, self._readings)
         return np.stack([efficiency, speed, pressure])
 
-    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Answer:
+    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
         """As `solve`, of points in one quadrant."""
-        return Answer(*self._readings(part, points)[:3])
+        return Solution(*self._readings(part, points)[:3])
 
     def _readings(self, part: tuple[int, int], points: OperatingPoints) -> tuple[Array, ...]:
         shafts, flow = self._flow(part, points)
         state, torque = flow.state, flow.engine_power / points.engine_speed
-        efficiency, speed, torque = Answer.of(
+        efficiency, speed, torque = Solution.of(
             state.load_power / points.engine_speed, torque, shafts.reflection * flow.output_speed)
         pressure = shafts.turns * state.pressure
         # Of powers, not of meters: an effect on a meter comes after.

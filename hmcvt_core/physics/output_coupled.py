@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import Answer, OperatingPoints
+from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage
 
 Array = NDArray[np.float64]
@@ -82,12 +82,12 @@ class OutputCoupledState:
             motor * parameters.motor_damping * self.motor_ratio,
             brace, brace * parameters.pump_damping, engine, engine * parameters.pump_damping)
 
-    def solve(self, points: OperatingPoints) -> Answer:
+    def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
         speed = points.engine_speed
         output, torque = self.output(
             self.full * points.displacement_ratio, points.load_torque / speed)
-        return Answer.of(points.load_torque, torque * speed, self.turning * speed * output)
+        return Solution.of(points.load_torque, torque * speed, self.turning * speed * output)
 
     def output(self, ratio: Array, load: Array) -> tuple[Array, Array]:
         """Output speed y and engine torque, per engine speed, for e and a load per engine speed."""

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import Answer, OperatingPoints
+from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage, member_speed_coefficients, speed_ratio
 
 Array = NDArray[np.float64]
@@ -132,12 +132,12 @@ class PublishedSolver(NamedTuple):
     stage: Stage
     parameters: Parameters
 
-    def solve(self, points: OperatingPoints) -> Answer:
+    def solve(self, points: OperatingPoints) -> Solution:
         """eta_total of eq. (18), NaN where the formulas contradict themselves; speed of eq. (5)."""
         stroke = points.displacement_ratio
         # An output at rest divides by zero; what comes of it is inconsistent and ends as NaN.
         hydraulic = hydraulic_efficiency(self.stage, self.parameters, points)
         values = efficiencies(self.stage, stroke, hydraulic)
         total = np.where(is_consistent(values, stroke), values.total, np.nan)
-        return Answer(total, points.engine_speed * speed_ratio(self.stage, stroke),
+        return Solution(total, points.engine_speed * speed_ratio(self.stage, stroke),
                       points.load_torque / total)

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import Answer, OperatingPoints
+from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
 from .output_coupled import OutputCoupledState
 
@@ -187,7 +187,7 @@ class PointSolver:
     def solve(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> tuple[float, float, float]:
-        """What `Answer` holds; NaN where the load cannot be carried."""
+        """What `Solution` holds; NaN where the load cannot be carried."""
         state = self._usual
         flow = state.full_flow * displacement_ratio
         free = state.mechanical_ratio + state.hydraulic_ratio * flow  # (5)
@@ -218,7 +218,7 @@ class PointSolver:
 class ArrayState(SteadyState):
     """One quadrant at points of shape (n,); parameters of shape (..., 1) give (..., n)."""
 
-    def solve(self, points: OperatingPoints) -> Answer:
+    def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
         engine_speed, load_torque = points.engine_speed, points.load_torque
         flow, load = self.full_flow * points.displacement_ratio, load_torque / engine_speed
@@ -226,7 +226,7 @@ class ArrayState(SteadyState):
         output = self.selected(*self.output_speeds(flow, load), self.mechanical_ratio, load)
         output = self.turning(output, load_torque)
         torque = self.engine_torque(flow, free, output, engine_speed, load_torque)
-        return Answer.of(load_torque, torque, self.reflection * engine_speed * output)
+        return Solution.of(load_torque, torque, self.reflection * engine_speed * output)
 
     def turning(self, output: Array, load_torque: Array) -> Array:
         """Return y where it has its sign, or nothing loads the output; NaN elsewhere."""
@@ -285,11 +285,11 @@ class ArraySolver:
         self.mechanical_ratio = stage.mechanical_speed_ratio
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def solve(self, points: OperatingPoints) -> Answer:
+    def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
-        return Answer(*self._together(points, self.solve_in))
+        return Solution(*self._together(points, self.solve_in))
 
-    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Answer:
+    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
         """As `solve`, of points in one quadrant (sense of the output, of the power)."""
         return self._state(part).solve(points)
 

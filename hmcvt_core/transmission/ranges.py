@@ -182,16 +182,22 @@ class Answer(NamedTuple):
         efficiency: output power / engine power [-]; in overrun (negative load) engine power /
             output power, NaN where the wheels do not turn the engine all alone.
         output_speed: [rad/s], negative backward.
-        engine_torque: [N m].
     """
+
+    efficiency: Array
+    output_speed: Array
+
+
+class Solution(NamedTuple):
+    """An `Answer`, and the engine torque [N m], which is there where no efficiency is."""
 
     efficiency: Array
     output_speed: Array
     engine_torque: Array
 
     @classmethod
-    def of(cls, load_torque: Array, engine_torque: Array, output_speed: Array) -> Answer:
-        """Answer with the efficiency that the torques tell."""
+    def of(cls, load_torque: Array, engine_torque: Array, output_speed: Array) -> Solution:
+        """Solution with the efficiency that the torques tell."""
         efficiency = np.where(engine_torque > 0.0, load_torque / engine_torque, np.nan)
         if (overrun := load_torque < 0.0).any():
             back = np.where(engine_torque < 0.0, engine_torque / load_torque, np.nan)

@@ -62,7 +62,7 @@ def test_balance_closes_at_any_load(name):
         (-1.0, 1.0), (78.0, 230.0), (-300.0, 300.0)))
     torque[:500] = 0.0
     watts = model.breakdown(stroke, speed, torque)
-    efficiency, output, engine = model.answer_at(OperatingPoints(stroke, speed, torque))
+    efficiency, output, engine = model.solution_at(OperatingPoints(stroke, speed, torque))
     lost = model.power_loss(stroke, speed, torque)
     carried = np.isfinite(engine)
     assert carried[torque <= 0.0].all() and carried.mean() > 0.5
@@ -105,7 +105,7 @@ def test_agrees_with_a_second_solution(name):
     for stroke, speed, torque in zip(rng.uniform(-1, 1, 60), rng.uniform(80, 220, 60),
                                      rng.uniform(-250, 250, 60), strict=True):
         point = (float(stroke), float(speed), float(torque))
-        _, output, engine = (column[0] for column in model.answer_at(
+        _, output, engine = (column[0] for column in model.solution_at(
             OperatingPoints(*np.atleast_2d(point).T)))
         if not np.isfinite(engine) or abs(output) < 0.05 * speed:
             continue
