@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..files.columns import read_columns
-from ..model.agreement import gear_train_remark, pressure_remark
+from ..model.agreement import by_stage, gear_train_remark, pressure_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
@@ -59,6 +59,9 @@ AXES = (
 OIL_TEMPERATURE = Axis("oil_temperature", "deg C", "oil temperature", "oil [deg C]", 0, 1.0,
                        steered=False)
 
+# The place of the stage engaged among those of the model.
+STAGE = Axis("stage", "-", "stage", "stage", 0, 0.1, steered=False)
+
 EFFICIENCY_CHANNEL = Channel("efficiency", "points", 100.0, 2, PAPER_EFFICIENCY_UNCERTAINTY,
                              relative=False, field_spreads=(0.003, 0.01, 0.03),
                              step_spreads=(0.01, 0.03), misfit_spread=0.0012)
@@ -95,7 +98,7 @@ class Transmission:
         InputError: the formulation is not `power_balance`.
     """
 
-    axes: tuple[Axis, ...] = (*AXES, OIL_TEMPERATURE)
+    axes: tuple[Axis, ...] = (*AXES, OIL_TEMPERATURE, STAGE)
     channels: tuple[Channel, ...] = CHANNELS
     refusal = "ask for a load that the model cannot carry"
     advice = "check load_torque, which is output power / engine speed, and the stage"
@@ -128,7 +131,10 @@ class Transmission:
 
     def predict(self, base: Array, effects: Sequence[AnyEffect], points: Points) -> Array:
         """Return efficiency [-], output speed [rad/s] and pressure [Pa] as read, (3, n)."""
-        found = self._refitted(base, effects).readings_at(OperatingPoints(**points))
+        known: dict[str, Any] = {**points}
+        if STAGE.name in known:
+            known["stage"] = np.array(list(self.model.stages))[known["stage"].astype(int)]
+        found = self._refitted(base, effects).readings_at(OperatingPoints(**known))
         if len(base) > 4:
             gain, zero = self.base.values(base)[4:].tolist()
             found[2] = found[2] * (1.0 + gain) + zero
@@ -147,6 +153,9 @@ class Transmission:
         torque = lowest + part * (highest - lowest)
         possible = {name: np.full(len(speed), np.median(points[name])) for name in points}
         possible.update(zip(_POINT, (stroke, speed, torque), strict=True))
+        if STAGE.name in points:  # the one that most tests were in
+            stages, counts = np.unique(points["stage"], return_counts=True)
+            possible["stage"] = np.full(len(speed), stages[counts.argmax()])
         # NaN is no answer, and is not contained.
         usable = EFFICIENCY.contains(self.predict(base, (), possible)[0])
         return {name: values[usable] for name, values in possible.items()}
@@ -184,11 +193,14 @@ def _base_values(base: Array) -> Array:
 _with_gear_loss = lru_cache(maxsize=64)(Stage.with_gear_loss)
 
 
-def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
+def observe(
+    samples: BenchSamples, noise: float | None = None, stages: Sequence[str] = ()
+) -> Observations:
     """Set up the channels that bench samples hold.
 
     Args:
         samples: bench samples.
+        stages: of the model, where it has several; each sample then names its own.
         noise: standard deviation of the efficiency [-]; None takes `efficiency_std`, else repeated
             points, else the paper's 1.12 %.
 
@@ -199,6 +211,12 @@ def observe(samples: BenchSamples, noise: float | None = None) -> Observations:
         noise = float(EFFICIENCY_STD.check(noise, "noise"))
     axes = AXES if samples.oil_temperature is None else (*AXES, OIL_TEMPERATURE)
     points = {axis.name: getattr(samples, axis.name) for axis in axes}
+    if len(stages) > 1:
+        if samples.points.stage is None:
+            raise InputError(f"{samples.source}: column stage is missing; the model has "
+                             f"{', '.join(stages)}")
+        axes = (*axes, STAGE)
+        points["stage"] = np.array([stages.index(name) for name in samples.points.stage], float)
     stated = samples.efficiency_std
     first, source = reading_of(
         EFFICIENCY_CHANNEL, samples.efficiency, noise,
@@ -237,10 +255,12 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    remarks = gear_train_remark(model.stage, samples), pressure_remark(model, samples)
+    remarks = [*(gear_train_remark(model.in_stage(name).stage, part)
+                 for name, part in by_stage(model, samples)), pressure_remark(model, samples)]
     notes: list[str] = []
-    observed = _distinct(samples, noise, notes)
-    held = None if holdout is None else _fresh(holdout, samples, notes)
+    stages = list(model.stages)
+    observed = _distinct(samples, noise, notes, stages)
+    held = None if holdout is None else _fresh(holdout, samples, notes, stages)
     return diagnose_system(Transmission(model, samples.pressure is not None), observed, held,
                            warnings=[each for each in remarks if each is not None],
                            notes=notes, seed=seed, progress=progress)
@@ -264,7 +284,7 @@ def next_test(
         InputError: as `diagnose`.
     """
     system, observed = Transmission(model, samples.pressure is not None), _distinct(
-        samples, noise, [])
+        samples, noise, [], list(model.stages))
     points = None if possible is None else {
         axis.name: getattr(possible, axis.name) if getattr(possible, axis.name, None) is not None
         else np.full(len(possible), np.median(observed.points[axis.name]))
@@ -272,7 +292,9 @@ def next_test(
     return next_test_of_system(system, observed, points)
 
 
-def _distinct(samples: BenchSamples, noise: float | None, notes: list[str]) -> Observations:
+def _distinct(
+    samples: BenchSamples, noise: float | None, notes: list[str], stages: Sequence[str]
+) -> Observations:
     """Observations without rows that copy another one, which are noted."""
     told = list(zip(_rows(samples, [item.name for item in BENCH_COLUMNS]),
                     *samples.extra.values(), strict=True))
@@ -283,7 +305,7 @@ def _distinct(samples: BenchSamples, noise: float | None, notes: list[str]) -> O
     if len(rows) < len(samples):
         notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
                      "column and were left out")
-    return replace(observe(samples.select(rows), noise), number=rows)
+    return replace(observe(samples.select(rows), noise, stages), number=rows)
 
 
 def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
@@ -291,7 +313,9 @@ def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...
     return list(zip(*(each.tolist() for each in columns if each is not None), strict=True))
 
 
-def _fresh(holdout: BenchSamples, samples: BenchSamples, notes: list[str]) -> Observations:
+def _fresh(
+    holdout: BenchSamples, samples: BenchSamples, notes: list[str], stages: Sequence[str]
+) -> Observations:
     """Leave out what the diagnosis has seen already, and note so."""
     if holdout.oil_temperature is None and samples.oil_temperature is not None:
         raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
@@ -305,7 +329,7 @@ def _fresh(holdout: BenchSamples, samples: BenchSamples, notes: list[str]) -> Ob
     if len(kept) < len(holdout):
         notes.append(f"{len(holdout) - len(kept)} of {len(holdout)} samples held out are among "
                      "those diagnosed and were left out")
-    return replace(observe(holdout.select(kept)), number=kept)
+    return replace(observe(holdout.select(kept), stages=stages), number=kept)
 
 
 def separable(
@@ -322,12 +346,13 @@ def separable(
             pressure and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
-    system, observed, fuller = Transmission(model, True), observe(plan, noise), None
+    stages = list(model.stages)
+    system, observed, fuller = Transmission(model, True), observe(plan, noise, stages), None
     base = np.append(to_scaled(model.parameters.to_array()), np.zeros(len(_TOLERANCES)))
     readings = system.predict(base, (), observed.points)
     for channel, row in zip(system.channels, readings, strict=True):
         if getattr(plan, channel.name) is None:  # the first that a bench may read besides
-            fuller = observe(replace(plan, **{channel.name: row}), noise)
+            fuller = observe(replace(plan, **{channel.name: row}), noise, stages)
             break
     return isolability(system, observed, base, fuller)
 
@@ -347,7 +372,8 @@ def read_plan(
     """
     known, extra, found = read_columns(path, _POINT)
     points = OperatingPoints(
-        **{axis: known[axis] for axis in OperatingPoints._fields if axis in known})
+        **{axis: known[axis] for axis in OperatingPoints._fields if axis in known},
+        stage=np.array(extra["stage"]) if "stage" in extra else None)
     expected = dict(zip((item.name for item in CHANNELS), model.readings_at(points), strict=True))
     stalled = np.flatnonzero(np.isnan(expected["efficiency"]))
     if len(stalled):

@@ -108,7 +108,7 @@ def gear_train_remark(stage: Stage, samples: BenchSamples) -> str | None:
     proportion to load torque / output speed. An error of the stroke moves either a little.
     """
     measured = samples.output_speed
-    if measured is None:
+    if measured is None or stage.layout == "output_coupled":  # no line over the stroke
         return None
     from scipy.optimize import least_squares
 

@@ -22,6 +22,7 @@ from ..physics.published import PublishedSolver
 from ..physics.steady_state import ArraySolver, PointSolver
 from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
 from ..transmission.ranges import (
+    CHUNK,
     ENGINE_SPEED_LIMITS,
     Answer,
     OperatingPoints,
@@ -45,8 +46,6 @@ NO_OPTIMUM = ("formulation 'published' has no optimum: it has a pole, eq. (11), 
               "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
 INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. (11), "
                 "or an efficiency outside 0 to 1)")
-_CHUNK = 8192
-"""Values worked out at a time: their arrays stay in the cache of the processor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,9 +314,9 @@ class EfficiencyModel:
         solve: Callable[[EfficiencyModel], Callable[[OperatingPoints], Any]],
     ) -> Array:
         if points.stage is None:
-            return _in_chunks(solve(self), points)
+            return points.in_chunks(solve(self))
         columns = points.map(np.ravel).by_stage(
-            lambda name, at: tuple(_in_chunks(solve(self.in_stage(name)), at)))
+            lambda name, at: tuple(at.in_chunks(solve(self.in_stage(name)))))
         return np.stack(columns).reshape(len(columns), *points.engine_speed.shape)
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
@@ -334,7 +333,7 @@ class EfficiencyModel:
             return points.by_stage(lambda name, at: (
                 self.in_stage(name).efficiency_of_candidates(values, at),))[0]
         rows, n = values.reshape(-1, values.shape[-1]), len(points.engine_speed)
-        found, part = np.empty((len(rows), n)), max(1, _CHUNK // max(1, n))
+        found, part = np.empty((len(rows), n)), max(1, CHUNK // max(1, n))
         for i in range(0, len(rows), part):
             solver = self._solver_of(Candidates(*rows[i:i + part].T[:, :, None]))
             found[i:i + part] = solver.solve(points).efficiency
@@ -393,14 +392,6 @@ class EfficiencyModel:
         physics["parameters"] = self.parameters.to_array().tolist()
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-def _in_chunks(solve: Callable[[OperatingPoints], Any], points: OperatingPoints) -> Array:
-    """Rows that `solve` gives at points, shape (rows, ...)."""
-    shape, flat = points.engine_speed.shape, points.map(np.ravel)
-    parts = [np.stack(solve(flat.map(lambda axis, i=i: axis[i:i + _CHUNK])))
-             for i in range(0, max(points.engine_speed.size, 1), _CHUNK)]
-    return np.concatenate(parts, axis=1).reshape(len(parts[0]), *shape)
 
 
 def _like(values: NDArray[Any], scalar: bool) -> Any:

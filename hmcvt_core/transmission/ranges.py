@@ -116,6 +116,10 @@ ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)
 """Working speeds of the paper's engine (section 4.2), rad/s."""
 
 
+CHUNK = 8192
+"""Values worked out at a time: their arrays stay in the cache of the processor."""
+
+
 class OperatingPoints(NamedTuple):
     """Where the transmission works; arrays of one shape (or None), SI units.
 
@@ -160,6 +164,13 @@ class OperatingPoints(NamedTuple):
     def map(self, function: Any) -> OperatingPoints:
         """Return the points with a function applied to each array."""
         return OperatingPoints._make(None if axis is None else function(axis) for axis in self)
+
+    def in_chunks(self, solve: Callable[[OperatingPoints], Any]) -> Array:
+        """Rows that a function gives at points of any shape, shape (rows, ...)."""
+        flat = self.map(np.ravel)
+        parts = [np.stack(solve(flat.map(lambda axis, i=i: axis[i:i + CHUNK])))
+                 for i in range(0, max(self.engine_speed.size, 1), CHUNK)]
+        return np.concatenate(parts, axis=1).reshape(len(parts[0]), *self.engine_speed.shape)
 
     def by_stage(
         self, function: Callable[[str, OperatingPoints], tuple[Array, ...]]
