@@ -89,8 +89,8 @@ class Ranking:
     def effects(self) -> dict[str, float]:
         """Probability that an effect is present, by name, most probable first."""
         names = {name for rival in self.rivals for name in rival.names}
-        each = {name: sum(p for rival, p in self.entries() if name in rival.names
-                          and not rival.fit.hypothesis.opposite) for name in sorted(names)}
+        each = {name: min(1.0, sum(p for rival, p in self.entries() if name in rival.names
+                          and not rival.fit.hypothesis.opposite)) for name in sorted(names)}
         return dict(sorted(((name, p) for name, p in each.items() if p), key=lambda item: -item[1]))
 
     def best_with(self, name: str) -> Rival:
