@@ -153,6 +153,11 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
         return answer("settled", measure=None if alive[0][0] else "look at the regions")
     pool = as_measured(base, possible)
     rivals = [_foretold(rival, pool) for rival, _ in labels.values()]
+    able = np.isfinite([each.mean for each in rivals]).all(axis=(0, 2))  # all can carry the load
+    if not able.any():
+        return answer("cannot be settled by tests", measure="none of the tests can be carried")
+    pool = as_measured(base, {name: row[able] for name, row in pool.points.items()})
+    rivals = [each._replace(mean=each.mean[able], columns=each.columns[able]) for each in rivals]
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
     names = list(labels)
@@ -162,6 +167,8 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
         names[i] or ())), order[1])
     if max(rivals[first].against(rivals[second]),
            rivals[second].against(rivals[first])) * _MANY / len(pool) < _DECISIVE:
+        if names[first] is None:
+            return answer("no gap worth a test")
         remedy = [effect.remedy for i in (first, second) if names[i] is not None
                   for effect in labels[names[i]][0].fit.effects if effect.remedy]
         if remedy:

@@ -58,10 +58,14 @@ class GapField:
             means.append(deviation * shift[0])
             variances.append(deviation**2 * np.einsum(
                 "np,pq,nq->n", columns[0], rival.plain.covariance, columns[0]))
-            weights.append(p)
-        mean = np.einsum("k,kn->n", weights, means)
-        within = np.array(variances) + (np.array(means) - mean) ** 2
-        return mean, np.sqrt(np.einsum("k,kn->n", weights, within))
+            # Who has no answer at a point has no say there.
+            weights.append(np.where(np.isfinite(shift[0]), p, 0.0))
+        weight = np.array(weights)
+        with np.errstate(invalid="ignore"):
+            weight /= weight.sum(axis=0)
+        mean = np.sum(weight * np.nan_to_num(means), axis=0)
+        within = np.array(variances) + (np.nan_to_num(means) - mean) ** 2
+        return mean, np.sqrt(np.sum(weight * within, axis=0))
 
 
 def as_measured(base: Fit, points: Points) -> Observations:

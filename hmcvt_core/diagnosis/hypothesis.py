@@ -229,7 +229,7 @@ def _within(
     found = least_squares(
         lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
         (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
-        max_nfev=_STEPS, method="dogbox")
+        max_nfev=_STEPS)
     return whole(found.x), found.status > 0
 
 

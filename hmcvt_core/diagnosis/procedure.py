@@ -229,10 +229,11 @@ def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
 
 
 def _sets(study: _Study) -> tuple[CauseSet, ...]:
-    told = list(study.ranking.sets.items())[:_TOLD_SETS]
-    shrunk = [study.shrunk(rival) for _, (rival, _) in told]
-    return tuple(CauseSet(names, p, item.after, item.fraction)
-                 for (names, (_, p)), item in zip(told, shrunk, strict=True))
+    shrunk = {names: study.shrunk(rival)
+              for names, (rival, _) in list(study.ranking.sets.items())[:_TOLD_SETS]}
+    return tuple(CauseSet(names, p, *(
+        (shrunk[names].after, shrunk[names].fraction) if names in shrunk else (None, None)))
+        for names, (_, p) in study.ranking.sets.items())
 
 
 def _next_tests(advice: Advice) -> tuple[NextTest, ...]:
@@ -338,10 +339,11 @@ def _where(study: _Study, expected: Array) -> tuple[Region, ...]:
     boxes, found = study.boxes, study.found
     if not study.significant or not len(boxes):
         return ()
-    chosen = covering(boxes.members, np.abs(expected) > _rms(expected),
-                      study.base.observed.count, _MOST_REGIONS)
+    count = study.base.observed.count
+    chosen = covering(boxes.members, np.abs(expected) > _rms(expected), count, _MOST_REGIONS)
+    chosen.sort(key=lambda i: -abs(np.sum((expected * count)[boxes.members[i]])))
     observed = study.base.observed
-    residual, count = study.base.whitened[0] * observed.scale[0], observed.count
+    residual = study.base.whitened[0] * observed.scale[0]
     # Cells end before the samples in them do.
     place, whole = observed.place, observed.whole.place
     low = np.where(boxes.low == place.min(axis=1), whole.min(axis=1), boxes.low)

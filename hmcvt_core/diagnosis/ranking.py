@@ -34,6 +34,7 @@ PRIOR_MISFIT = 0.10
 PRIOR_UNLISTED = 0.10
 """Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
 
+_KINDS = 12  # single effects refitted
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 # A form stays in the race whose gain is so near the best, in part and in nats.
@@ -88,8 +89,8 @@ class Ranking:
     def effects(self) -> dict[str, float]:
         """Probability that an effect is present, by name, most probable first."""
         names = {name for rival in self.rivals for name in rival.names}
-        each = {name: sum(p for rival, p in self.entries() if name in rival.names
-                          and not rival.fit.hypothesis.opposite) for name in sorted(names)}
+        each = {name: min(1.0, sum(p for rival, p in self.entries() if name in rival.names
+                          and not rival.fit.hypothesis.opposite)) for name in sorted(names)}
         return dict(sorted(((name, p) for name, p in each.items() if p), key=lambda item: -item[1]))
 
     def best_with(self, name: str) -> Rival:
@@ -159,10 +160,10 @@ def search(base: Fit) -> tuple[list[tuple[Rival, float]], int]:
         return [rival for rival, _ in sorted(sized, key=lambda item: -item[1])[:count]]
 
     alone = screen(base)
-    refitted(_promising(_distinct(alone, by_form=True)))
+    refitted(_promising(_distinct(alone, by_form=True))[:_KINDS])
     for rival in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item[1][0].name in rival.names
-                             and item[1] != rival.fit.hypothesis.effects]))
+                             and item[1] != rival.fit.hypothesis.effects])[:_SETS])
     # Two that hold the leader are found from it, below.
     first, = leaders(1, 1)
     refitted([item for item in _promising(_distinct(screen(base, 2)))

@@ -12,7 +12,7 @@ from typing import Any
 from . import words
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
 
-_TOLD_SET = 0.01
+_TOLD_SET, _SETS = 0.01, 5
 _DETAILED = 3  # causes told at length; the page has all
 _POINTS, _TESTS = 4, 5  # most points, most tests told; the page has all
 _WIDTH, _MARGIN = 100, 11
@@ -53,7 +53,7 @@ def _causes(found: Outcome) -> list[str]:
     if not found.causes:
         return []
     told = [f"{words.named(each.effects)} {words.probability(each.probability)}"
-            for each in found.sets if each.probability >= _TOLD_SET]
+            for each in found.sets if each.probability >= _TOLD_SET][:_SETS]
     told.append(f"something unlisted {words.probability(found.unlisted)}")
     lines = [f"sets       {', '.join(told)}",
              "causes     each in any of the sets"]

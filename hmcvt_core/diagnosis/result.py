@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from .advice import Advice
 from .gap_field import GapField
 from .system import Axis, Channel
@@ -108,12 +109,12 @@ class CauseSet:
     Attributes:
         effects: names, sorted.
         probability: that it is these and no others.
-        gap_after, shrinkage: as of a `Cause`, with all of them added.
+        gap_after, shrinkage: as of a `Cause`, with all of them added; None for improbable sets.
     """
 
     effects: tuple[str, ...]
     probability: float
-    gap_after: float
+    gap_after: float | None
     shrinkage: float | None
 
 
@@ -217,23 +218,31 @@ class Outcome:
     extent: Mapping[str, tuple[float, float]]
     channel: Channel
 
-    def gap_at(self, *place: Array | float, **recorded: Array | float) -> tuple[Array, Array]:
+    def gap_at(self, *place: Array | float, **named: Array | float) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at any operating point.
 
         Measured minus refitted base, averaged over the explanations alive, the unlisted among them;
-        NaN where the base model has no answer.
+        NaN where the model has no answer.
 
         Args:
-            place: a value along each of `axes`; arrays are broadcast against each other.
-            recorded: along axes that are only recorded; the median of the samples if left out.
+            place: a value along each of `axes`, in their order; arrays are broadcast.
+            named: the same by the name of the axis; of an axis that is only recorded the median of
+                the samples, if left out.
+
+        Raises:
+            InputError: a value is missing, or there is no such axis.
         """
         observed = self.field.base.observed
-        given = dict(zip((axis.name for axis in self.axes), place, strict=True), **recorded)
+        given = {**dict(zip((axis.name for axis in self.axes), place, strict=False)), **named}
+        known = [axis.name for axis in observed.axes]
+        for name in (*(axis.name for axis in self.axes), *named):
+            if name not in given or name not in known:
+                raise InputError(f"gap_at needs {', '.join(known)}: {name} is "
+                                 f"{'unknown' if name in given else 'missing'}")
         values = np.broadcast_arrays(*(
-            np.asarray(given.get(axis.name, np.median(observed.points[axis.name])), dtype=float)
-            for axis in observed.axes))
-        mean, deviation = self.field.at({
-            axis.name: value.ravel() for axis, value in zip(observed.axes, values, strict=True)})
+            np.asarray(given.get(name, np.median(observed.points[name])), dtype=float)
+            for name in known))
+        mean, deviation = self.field.at(dict(zip(known, map(np.ravel, values), strict=True)))
         return mean.reshape(values[0].shape), deviation.reshape(values[0].shape)
 
     @property

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .evidence import evidence, gram, log_mean, respread
-from .hypothesis import Fit, Hypothesis, linearise, refit
+from .hypothesis import REFUSED, Fit, Hypothesis, linearise, refit
 from .observations import Observations
 from .regions import Regions, smooth_functions
 from .system import Effect, forms_of
@@ -34,6 +34,7 @@ FORM_ALLOWANCES = (0.07, 0.25)
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _FIELD_DEGREE = 3
+_NOTHING_LEFT = 1e-9
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _SCREENED_SIZE, _SCREENED_SPREAD = 0.1, 1.5  # in typical sizes
 
@@ -113,8 +114,8 @@ class Rival:
         """What it foretells of points as the campaign was measured, in deviations of the readings.
 
         Returns:
-            Readings above those predicted by `fit`, shape (channels, n), and columns of `plain`,
-            shape (channels, n, p).
+            Readings above those of the points, shape (channels, n), NaN where it has no answer, and
+            columns of `plain`, shape (channels, n, p).
         """
         there = linearise(self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
         columns, change = there.jacobian, np.zeros(len(self.plain.mean))
@@ -123,7 +124,8 @@ class Rival:
             change = self.plain.mean - np.append(
                 self.fit.theta - self.fit.hypothesis.prior_mean,
                 np.zeros(len(change) - len(self.fit.theta)))
-        return columns @ change - there.whitened, columns
+        refused = (there.whitened == REFUSED).any(axis=0)
+        return np.where(refused, np.nan, columns @ change - there.whitened), columns
 
 
 def nothing(base: Fit) -> Rival:
@@ -349,8 +351,9 @@ def local(rival: Rival, boxes: Regions) -> Rival | None:
     for i, reading in enumerate(observed.readings):
         column = boxes.members * reading.unit_loss / root[i]
         shadow = column @ model.columns[i] / root[i]
-        squares = np.sum(column**2, axis=1) - np.einsum(
-            "bp,pq,bq->b", shadow, model.covariance, shadow)
+        whole = np.sum(column**2, axis=1)
+        squares = np.maximum(whole - np.einsum(  # of what the rival leaves; all but none at least
+            "bp,pq,bq->b", shadow, model.covariance, shadow), _NOTHING_LEFT * whole)
         pull = column @ left[i] / root[i]
         ratios = np.square(reading.channel.step_spreads)[:, None] * squares
         gains.append(np.logaddexp.reduce(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 from .advice import Advice
@@ -15,6 +16,7 @@ NOTHING = "\N{EN DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
+_MOST_WORDS = 25  # of the sentence for the mechanic
 _ALIVE, _MOST_TOLD = 0.03, 4  # sets named in the verdict
 
 
@@ -96,7 +98,8 @@ def advice(found: Advice) -> str:
                  f"about {found.tests_expected} more until it is settled"]
     if found.measure is not None:
         lines.append(f"measure: {found.measure}")
-    return "\n".join([*lines, f"alive: {', '.join(told)}, no gap ({probability(found.no_gap)})"])
+    lines.append(f"alive: {', '.join(told)}, no gap ({probability(found.no_gap)})")
+    return "\n".join(textwrap.fill(line, 100, break_on_hyphens=False) for line in lines)
 
 
 def mechanic(found: Outcome) -> str:
@@ -111,19 +114,17 @@ def mechanic(found: Outcome) -> str:
     cost = f"about {watts:.0f} W {'lost' if found.lost_power > 0.0 else 'gained'} on average"
     if found.named is None:
         place = region_words(found.where[0], found) if found.where else ""
-        return (f"Something that is not in the library, {cost}: look at "
-                f"{place or 'the whole range'}.")
-    leading = next((each for each in found.sets), None)
-    names = list(map(plain, leading.effects if leading else (found.named.effect,)))
+        return f"Something unlisted, {cost}: look at {place or 'the whole range'}."
+    names = list(map(plain, found.sets[0].effects))
+    what = f"Probably {listed(names, 'and')}"
     if found.verdict == "ambiguous":
-        others = [named(each.effects) for each in found.sets[1:2]]
-        what = f"Either {listed([' with '.join(names), *others])}"
-    else:
-        what = f"Probably {listed(names, 'and')}"
+        what = f"Perhaps {listed(names, 'and')}, perhaps {named(found.sets[1].effects)}" if len(
+            found.sets) > 1 and len(names) == 1 else f"Perhaps {listed(names, 'and')}, or others"
     if found.named.component == "sensor":
         cost = "a meter, not a loss"
     todo = (found.advice.measure or found.named.remedy).split("; or ")[0]
-    return f"{what}, {cost}: {todo}." if todo else f"{what}, {cost}."
+    short, whole = f"{what}, {cost}.", f"{what}, {cost}: {todo}."
+    return whole if todo and len(whole.split()) <= _MOST_WORDS else short
 
 
 def verdict(found: Outcome) -> str:

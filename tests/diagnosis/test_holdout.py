@@ -61,7 +61,8 @@ def test_the_model_measured_is_the_model_saved():
                           (found.residuals_after, found.model)):
         np.testing.assert_allclose(errors, held.efficiency - model.efficiency(
             held.displacement_ratio, held.engine_speed, held.load_torque), atol=1e-12)
-    assert "On the samples held out, with the leading set added," in found.report().replace("\n", " ")
+    text = found.report().replace("\n", " ")
+    assert "On the samples held out, with the leading set added," in text
 
 
 def test_without_a_gap_and_of_one_sample():
