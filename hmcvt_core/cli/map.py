@@ -131,8 +131,8 @@ def _drive_line(
         write_atomically(Path(out), text)
     if as_json:
         common.print_json(rows)
-    elif picture is None and out is None:
-        click.echo(text, nl=False)
+    elif out is None:
+        click.echo(text if picture is None else f"written to {picture}\n", nl=False)
 
 
 def _csv(found: EfficiencyMap) -> str:

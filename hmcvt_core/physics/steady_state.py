@@ -45,6 +45,7 @@ from ..transmission.stage import Stage, speed_ratio
 from .output_coupled import OutputCoupledState
 
 Array = NDArray[np.float64]
+_ROUNDED = 1e-14  # x that is none but for rounding
 _STANDING = math.ulp(0.0)  # y of an output at rest without load: no torque over no speed is none
 
 
@@ -268,7 +269,7 @@ class ArrayState(SteadyState):
         """As `ArraySolver.displacement_ratio`."""
         output = self.reflection * output_speed / engine_speed
         motor = (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
-        drives = motor > 0.0
+        drives = motor > _ROUNDED  # a motor at rest does not
         load = np.where(drives, self.motoring_load, self.pumping_load)
         torque = load * load_torque / output + self.motor_damping * engine_speed * motor
         friction = self.motor_friction * np.where(drives, 1.0, -1.0) * np.sign(torque)
