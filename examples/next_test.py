@@ -22,7 +22,7 @@ STARTED, MOST = 24, 12  # tests before the first question, tests asked for
 COLUMNS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed")
 
 MODEL = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-PLANT = replace(MODEL, effects=(StrokeLeakage(6e-12),))
+PLANT = replace(MODEL, effects=(StrokeLeakage(3e-12),))
 
 
 def measure(points: OperatingPoints, rng: np.random.Generator) -> hmcvt.BenchSamples:
@@ -36,7 +36,7 @@ def measure(points: OperatingPoints, rng: np.random.Generator) -> hmcvt.BenchSam
 def joined(*parts: hmcvt.BenchSamples) -> hmcvt.BenchSamples:
     """Put campaigns one after another."""
     return hmcvt.BenchSamples(**{
-        name: np.concatenate([part[name] for part in parts]) for name in COLUMNS})
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS})
 
 
 def main() -> None:
