@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.hydraulic import StrokeLeakage
+from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.transmission.ranges import RPM, OperatingPoints
 
 EFFICIENCY_NOISE, SPEED_NOISE = 0.004, 0.001
@@ -22,7 +22,7 @@ STARTED, MOST = 24, 12  # tests before the first question, tests asked for
 COLUMNS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed")
 
 MODEL = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-PLANT = replace(MODEL, effects=(StrokeLeakage(3e-12),))
+PLANT = replace(MODEL, effects=(PressureLeakage(6e-12),))
 
 
 def measure(points: OperatingPoints, rng: np.random.Generator) -> hmcvt.BenchSamples:
