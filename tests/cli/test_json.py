@@ -15,6 +15,7 @@ CASES = {  # others: test_commands.py, test_import_csv.py
             "--bench", TABLE2),
     "breakdown": (*POINT, "--picture", "losses.svg"),
     "diagnose": (TABLE2, "--report", "report.html", "--save-model", "d.yaml"),
+    "next": (TABLE2, "--noise", "0.0085", "--limits", TABLE2),
     "separable": (TABLE2, "--output-speed", "--pressure"),
 }
 

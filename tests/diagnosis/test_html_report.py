@@ -14,6 +14,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary, words
+from hmcvt_core.diagnosis.result import CauseSet
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html, write_html
 
@@ -39,15 +40,16 @@ def diagnosis(name: str) -> Diagnosis:
             found, verdict=name, causes=(), where=(), next_tests=(),
             gap=replace(found.gap, p_value=0.3, significant=False), residuals_after=(
                 found.residuals_before))
-    if name == "certain":
-        nothing = diagnosis("no_gap")
-        return replace(nothing, gap=replace(nothing.gap, p_value=0.009))
     if name == "cause_found":
-        return replace(found, verdict=name, causes=(clear,), next_tests=())
+        alone = CauseSet((first.effect,), 0.97, first.gap_after, first.shrinkage)
+        return replace(found, verdict=name, causes=(clear,), sets=(alone,), next_tests=())
     if name == "pair":
         pair = (replace(clear, together_with=second.effect),
                 replace(second, together_with=first.effect, indistinguishable_from=("churning",)))
-        return replace(found, causes=(*pair, *others))
+        both = CauseSet((first.effect, second.effect), 0.6, first.gap_after, None)
+        return replace(found, causes=(*pair, *others), sets=(both, *found.sets[:2]))
+    if name == "machine":
+        return replace(found, warnings=("The ratio at stroke 0 is 1.31, the file says 1.20",))
     if name == "two_found":
         return replace(diagnosis("pair"), verdict="cause_found")
     if name == "unexplained":
@@ -76,6 +78,7 @@ def hostile(found: Diagnosis) -> Diagnosis:
              NextTest(None, ("churning", "charge_pump"), 0.0, None))
     return replace(
         found, samples=replace(found.samples, source=HOSTILE), causes=(bad, *found.causes[1:]),
+        sets=(replace(found.sets[0], effects=(HOSTILE,), shrinkage=None),), warnings=(HOSTILE,),
         next_tests=tests, notes=(HOSTILE,),
         shrinkage=replace(found.shrinkage, interval=None))
 
@@ -159,22 +162,35 @@ def test_shows_no_missing_number_as_code_does(name: str) -> None:
 
 def test_escapes_every_text_from_outside() -> None:
     assert not re.search(r"<img|[\x00-\x08\x0b-\x1f\u202a-\u202e\ud800-\udfff]", page("hostile"))
-    # Title, heading and data; cause; sizes; tests; notes.
+    # Title, heading and data; warning; sets; cause; sizes; tests; notes.
     assert text("hostile").count("<img src=x onerror=alert(1)>") >= 14
     assert "<img src=x" in parsed("hostile").findtext("head/title")
 
 
-@pytest.mark.parametrize(("name", "badge", "remark"), [
-    ("no_gap", "No gap", "Chance alone gives as much disagreement in 30 of 100 campaigns."),
-    ("certain", "No gap", "Chance alone gives as much disagreement in fewer than 1 of 100 "),
-    ("cause_found", "Cause found", "One cause stands out."),
-    ("two_found", "Cause found", "Two effects act together;"),
-    ("pair", "Ambiguous", "More than one cause fits these data."),
-    ("unexplained", "Unexplained", "Do not add an effect on the strength of these data.")])
-def test_says_the_verdict_first(name: str, badge: str, remark: str) -> None:
-    told = [" ".join(item.itertext()) for item in parsed(name).find("body/header")]
-    assert told[:3] == ["Model against bench: simulated", badge, words.verdict(diagnosis(name))]
-    assert " ".join(told[3].split()).startswith(remark)
+@pytest.mark.parametrize(("name", "badge", "first"), [
+    ("no_gap", "No gap", "Bench and model agree: nothing to look for."),
+    ("cause_found", "Cause found", "Probably "), ("two_found", "Cause found", "Probably "),
+    ("pair", "Ambiguous", "Either "), ("unexplained", "Unexplained", "Something that is not "),
+    ("machine", "Ambiguous", "The readings do not fit this machine")])
+def test_says_the_sentence_for_the_mechanic_first(name: str, badge: str, first: str) -> None:
+    found = diagnosis(name)
+    told = [" ".join(" ".join(item.itertext()).split())
+            for item in parsed(name).find("body/header")]
+    assert told[:3] == ["Model against bench: simulated", badge, words.mechanic(found)]
+    assert told[2].startswith(first) and len(told[2].split()) <= 25
+    grounds = told[3 + len(found.warnings)]
+    assert grounds.startswith(words.verdict(found))
+    assert told[3:3 + len(found.warnings)] == [f"{each}." for each in found.warnings]
+
+
+def test_sets_of_causes_stand_in_a_table_with_the_unlisted() -> None:
+    found = diagnosis("pair")
+    first = found.sets[0]
+    rows = [[" ".join(cell.itertext()).strip() for cell in row]
+            for row in parsed("pair").iter("tr")]
+    assert [words.named(first.effects), "60 %", words.amount(found, first.gap_after),
+            words.NOTHING] in rows
+    assert ["something unlisted", words.probability(found.unlisted), *2 * [words.NOTHING]] in rows
 
 
 def test_figures_of_the_page_are_those_of_the_diagnosis() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from hmcvt_core.diagnosis import Region, words
-from hmcvt_core.diagnosis.result import Cause
+from hmcvt_core.diagnosis.result import Cause, CauseSet
 
 from .campaigns import diagnosed
 
@@ -80,23 +80,29 @@ def test_verdicts():
     assert "differs from the 48 samples by no more than their noise of 0." in words.verdict(nothing)
     assert "No effect in the library explains it" in words.verdict(band)
     alone = Cause("charge_pump", "", "pump", 0.95, (), None, {}, 0.001, 0.7, {}, "", "", "", None)
-    found = replace(band, verdict="cause_found", causes=(alone,), shrinkage=replace(
+    one = CauseSet(("charge_pump",), 0.9, 0.001, 0.7)
+    found = replace(band, verdict="cause_found", causes=(alone,), sets=(one,), shrinkage=replace(
         band.shrinkage, fraction=0.8, interval=(0.6, 0.9), on="cross-validation"))
-    name = "charge pump"
     assert words.verdict(found).endswith(
-        f"; {name} (95 %) explains it. On samples left out, with the effect picked anew without "
-        f"them each time, 80 % of the squared gap is removed (60 to 90 %); 70 % with {name} held "
-        "as the effect.")
-    pair = replace(alone, together_with="churning")
-    beside = replace(alone, effect="churning", together_with=alone.effect, probability=0.6,
-                     indistinguishable_from=("a_b", "c", "d", "e", "f"))
-    both = replace(found, causes=(pair, beside))
-    assert (f"{name} (95 %) together with churning (60 %) explain it, but these data cannot tell "
-            "churning from a b, c, d or 2 others.") in words.verdict(both)
-    many = replace(found, verdict="ambiguous", causes=tuple(
-        replace(alone, probability=p) for p in (0.25, 0.2, 0.2, 0.1)))
-    assert (f"several causes remain possible, among them {name} (25 %), {name} (20 %) and {name} "
-            "(20 %).") in words.verdict(many)
+        "; charge pump (90 %) explains it. On samples left out, with the effect picked anew "
+        "without them each time, 80 % of the squared gap is removed (60 to 90 %); 70 % with charge "
+        "pump held as the effect.")
+    pair = CauseSet(("charge_pump", "churning"), 0.85, 0.001, None)
+    both = replace(found, causes=(replace(alone, together_with="churning"),), sets=(pair, one))
+    assert "; charge pump + churning (85 %) explain it. On samples" in words.verdict(both)
+    assert words.mechanic(both).startswith("Probably charge pump and churning, about ")
+    doubt = replace(both, verdict="ambiguous", sets=tuple(
+        replace(each, probability=p) for each, p in ((pair, 0.5), (one, 0.4))))
+    assert ("charge pump + churning (50 %) explains it best, but these data cannot tell it from "
+            "charge pump (40 %).") in words.verdict(doubt)
+    assert words.mechanic(doubt).startswith("Either charge pump with churning or charge pump, ")
+    many = replace(doubt, sets=tuple(replace(one, probability=p) for p in (0.25, 0.2, 0.2, 0.1)))
+    assert ("several sets of causes remain possible, among them charge pump (25 %), charge pump "
+            "(20 %) and charge pump (20 %).") in words.verdict(many)
+    smooth = replace(band, unlisted=0.9, misfit=0.8)
+    assert words.mechanic(smooth) == (
+        "The model is slightly off, smoothly: too little to blame any part.")
+    assert "smoothly: smaller than what a cause would need" in words.verdict(smooth)
     for fraction, end in ((None, "cannot be told from these samples."),
                           (-0.1, "the gap does not shrink yet.")):
         told = replace(found, shrinkage=replace(found.shrinkage, fraction=fraction))

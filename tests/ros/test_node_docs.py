@@ -186,8 +186,8 @@ def test_replies(replies, service):
 
 def test_diagnosis_leaves_a_report_and_stands_in_diagnostics(node, replies):
     found, page = replies["diagnose"], node.state / "reports" / "0001.html"
-    assert {"gap", "where", "component", "verdict", "causes", "shrinkage", "next_tests"} <= set(
-        found)
+    assert {"gap", "where", "component", "verdict", "causes", "sets", "shrinkage", "delivered",
+            "next_tests", "advice"} <= set(found)
     assert found["gap"]["samples"] == 8 and found["report"] == "reports/0001.html"
     text = page.read_text()
     assert text.startswith("<!DOCTYPE html>") and text.rstrip().endswith("</html>")
