@@ -14,13 +14,12 @@ from .errors import HmcvtError, IdentificationError, InputError
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, read_raw_bench, write_bench
 from .identification import Identification, Schedule, identify
-from .model.domain import Domain, EfficiencyMap
+from .model.domain import Domain, EfficiencyMap, Prediction
 from .model.drive_line import DriveOptimum
 from .model.engine import Engine, load_engine
 from .model.model import EfficiencyModel
 from .model.optimum import Optimum
 from .model.parameter_file import load_model, load_stage, save_model
-from .model.uncertainty import Prediction
 from .physics.balance import Breakdown
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
 from .report import write_html

@@ -10,7 +10,7 @@ import click
 from ..errors import HmcvtError
 from ..model.model import STALLED
 from . import common
-from .quantities import point_from, point_options, stage_option
+from .common import point_from, point_options, stage_option
 
 
 @click.command("breakdown", epilog="""\b

@@ -16,7 +16,7 @@ from ..model.model import EfficiencyModel
 from ..model.optimum import HOLDS
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
-from .quantities import (
+from .common import (
     fraction,
     measured_options,
     output_speed,

@@ -12,7 +12,7 @@ from ..files.bench import read_bench
 from ..model.agreement import RelativeError, predicted_at
 from ..model.model import DRAGGED, EfficiencyModel
 from . import common
-from .quantities import point_from, point_options, stage_option
+from .common import point_from, point_options, stage_option
 
 
 @click.command("predict", epilog="""\b

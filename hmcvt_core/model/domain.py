@@ -1,16 +1,18 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The region of working points that a model was identified from, and a map that knows it."""
+"""How far and how surely a model reaches: the region of its data, standard errors, a map."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
+from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_RANGES, HydraulicParameters
 from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, OperatingPoints
 
 Array = NDArray[np.float64]
@@ -131,3 +133,46 @@ class EfficiencyMap:
             return None
         return self.domain.contains(OperatingPoints(*np.meshgrid(
             self.displacement_ratio, self.engine_speed, self.load_torque, indexing="ij")))
+
+
+class Prediction(NamedTuple):
+    """What the model says at operating points; floats, or arrays of one shape.
+
+    Attributes:
+        efficiency: output power / engine power [-]; NaN where the model has no answer.
+        standard_error: from the covariance of the parameters [-]; NaN where none is known.
+        inside_domain: whether the point lies in the box of the identification data.
+    """
+
+    efficiency: Any
+    standard_error: Any
+    inside_domain: Any
+
+
+class Uncertainty:
+    """Of one model.
+
+    Attributes:
+        neighbours: parameters a small step away from the model's, one after the other, (3, 3).
+    """
+
+    def __init__(
+        self, parameters: HydraulicParameters, standard_errors: Mapping[str, float],
+        correlation: Array,
+    ) -> None:
+        self._errors = np.array([standard_errors[name] for name in PARAMETER_NAMES])
+        self._correlation, base = correlation, parameters.to_array()
+        # A step of a thousandth of the error stays in the linear range, also next to a bound.
+        steps = np.maximum(1e-3 * self._errors, 1e-6 * base + 1e-18)
+        highest = [limits.high for limits in PARAMETER_RANGES]
+        self._steps = np.where(base + steps <= highest, steps, -steps)
+        self.neighbours = base + np.diag(self._steps)
+
+    def of(self, here: Array | float, there: Array) -> Array:
+        """Standard error of answers `here`, shape (...), that are `there`, (3, ...), next to it."""
+        slope = (there - here).T / self._steps
+        gradient = slope * self._errors
+        variance = ((gradient @ self._correlation) * gradient).sum(axis=-1)
+        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
+        blind = (slope == 0.0).all(axis=-1)
+        return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0)))

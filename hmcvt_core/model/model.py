@@ -30,11 +30,10 @@ from ..transmission.ranges import (
     is_plain,
 )
 from ..transmission.stage import Stage, stages_to_mapping
-from .domain import Domain, EfficiencyMap
+from .domain import Domain, EfficiencyMap, Prediction, Uncertainty
 from .drive_line import DriveOptimum, drive_optimum
 from .engine import Engine
 from .optimum import Optimum, optimum
-from .uncertainty import Prediction, Uncertainty
 
 Array = NDArray[np.float64]
 SCHEMA = "hmcvt-model/1"

@@ -82,23 +82,6 @@ def test_optimum_of_the_drive_line(hmcvt):
     assert kept["stage"] == "HM3" and math.isfinite(kept["fuel_rate"])
 
 
-def test_map_of_the_drive_line(hmcvt, tmp_path):
-    picture, table = tmp_path / "drive.svg", tmp_path / "drive.csv"
-    done = hmcvt("map", "--drive-line", "300", "--power", "90kW", "--params", TRACTOR, "--engine",
-                 ENGINE, "--picture", str(picture), "--out", str(table), "--json")
-    rows = done.json
-    assert len(rows) == 48 * 30 and {row["stage"] for row in rows} >= {"H0", "HM1", "HM4", None}
-    for row in rows[::97]:
-        if row["stage"] is not None:
-            best = hmcvt("optimum", "--params", TRACTOR, "--engine", ENGINE, "--output-speed",
-                         str(row["output_speed"]), "--output-power", str(row["output_power"]),
-                         "--json").json
-            assert best == {name: row[name] for name in best}
-    assert len(table.read_text(encoding="utf-8").splitlines()) == len(rows) + 1
-    drawn = picture.read_text(encoding="utf-8")
-    assert "HM3" in drawn and "output power [kW]" in drawn
-
-
 def test_stages_that_pass_standstill_have_a_picture(hmcvt, tmp_path):
     for stage, power in (("H0", "3kW"), ("HM1", "20kW")):
         picture = tmp_path / f"{stage}.svg"
