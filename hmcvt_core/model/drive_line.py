@@ -24,12 +24,12 @@ from .engine import Engine
 Array = NDArray[np.float64]
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
-_SCAN, _FINE, _ZOOMS = 65, 41, 3
+_SCAN, _FINE, _ZOOMS = 65, 129, 2
 _SLIP = 0.3  # part of the kinematic ratio that a stage may lose, or gain in overrun
 _HELD = 1e-6  # of the output speed
 _EDGE = 1e-9  # of the stroke
 _BESIDE = 1e-9  # of the speed at rest
-_CLOSE = 0.02  # of the best: stages that the first grid cannot tell apart
+_CLOSE = 0.01  # of the best: stages that the first grid cannot tell apart
 _BINDS = 1e-4  # of a range
 
 
