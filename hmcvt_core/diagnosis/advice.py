@@ -164,13 +164,11 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
     order = np.argsort(-p)
     first, *others = order.tolist()
     # A larger set of the same effects gives way to more samples, and so does an unlisted loss.
-    twin = next((i for i in others if names[i] and not set(names[first] or ()) < set(names[i])),
-                None) if names[first] != () else None
+    twin = next((i for i in others if names[i] and not set(names[first]) < set(names[i])),
+                None) if names[first] else None
     if twin is not None and max(
             rivals[first].against(rivals[twin]),
             rivals[twin].against(rivals[first])) * _MANY / len(pool) < _DECISIVE:
-        if names[first] is None:
-            return answer("no gap worth a test")
         remedy = [effect.remedy for i in (first, twin)
                   for effect in labels[names[i]][0].fit.effects if effect.remedy]
         if remedy:
