@@ -27,7 +27,7 @@ Examples:
 @click.option("--report", "report", type=common.OutputFile(), metavar="R.html",
               help="Write the report page.")
 @click.option("--save-model", type=common.OutputFile(), metavar="P.yaml",
-              help="Write the model with the leading cause in it.")
+              help="Write the model with the leading set of causes in it.")
 @common.seed_option
 @common.json_option
 def command(
@@ -62,7 +62,8 @@ def command(
 def _added(found: Diagnosis) -> str:
     if found.model is found.base:
         return ""
-    cause = found.causes[0]
+    leading = found.sets[0]
+    names = " and ".join(leading.effects)
     if found.verdict == "cause_found":
-        return f" with {cause.effect}"
-    return f" with {cause.effect} ({100 * cause.probability:.0f} %, not certain)"
+        return f" with {names}"
+    return f" with {names} ({100 * leading.probability:.0f} %, not certain)"

@@ -162,14 +162,14 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
     p /= p.sum()
     names = list(labels)
     order = np.argsort(-p)
-    # A larger set of the same effects gives way to more samples, wherever they are.
-    first, second = order[0], next((i for i in order[1:] if not set(names[order[0]] or ()) < set(
-        names[i] or ())), order[1])
-    if max(rivals[first].against(rivals[second]),
-           rivals[second].against(rivals[first])) * _MANY / len(pool) < _DECISIVE:
-        if names[first] is None:
-            return answer("no gap worth a test")
-        remedy = [effect.remedy for i in (first, second) if names[i] is not None
+    first, *others = order.tolist()
+    # A larger set of the same effects gives way to more samples, and so does an unlisted loss.
+    twin = next((i for i in others if names[i] and not set(names[first]) < set(names[i])),
+                None) if names[first] else None
+    if twin is not None and max(
+            rivals[first].against(rivals[twin]),
+            rivals[twin].against(rivals[first])) * _MANY / len(pool) < _DECISIVE:
+        remedy = [effect.remedy for i in (first, twin)
                   for effect in labels[names[i]][0].fit.effects if effect.remedy]
         if remedy:
             return answer("cannot be settled by tests", measure="; or ".join(dict.fromkeys(remedy)))

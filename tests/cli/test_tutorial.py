@@ -85,7 +85,7 @@ def test_worked_example_of_the_diagnosis(hmcvt, tmp_path, monkeypatch):
         printed = follow(hmcvt, block, printed)
         told += printed
     assert (tmp_path / "better.yaml").is_file()
-    assert "model with charge_pump (53 %, not certain) written to better.yaml" in told
+    assert "model with charge_pump (50 %, not certain) written to better.yaml" in told
 
 
 def test_effect_of_the_page_is_found():

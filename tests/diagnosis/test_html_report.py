@@ -170,7 +170,7 @@ def test_escapes_every_text_from_outside() -> None:
 @pytest.mark.parametrize(("name", "badge", "first"), [
     ("no_gap", "No gap", "Bench and model agree: nothing to look for."),
     ("cause_found", "Cause found", "Probably "), ("two_found", "Cause found", "Probably "),
-    ("pair", "Ambiguous", "Either "), ("unexplained", "Unexplained", "Something that is not "),
+    ("pair", "Ambiguous", "Perhaps "), ("unexplained", "Unexplained", "Something unlisted, "),
     ("machine", "Ambiguous", "The readings do not fit this machine")])
 def test_says_the_sentence_for_the_mechanic_first(name: str, badge: str, first: str) -> None:
     found = diagnosis(name)

@@ -18,7 +18,8 @@ from .campaigns import BASE, campaign
 SYSTEM = Transmission(BASE)
 TRUE = to_scaled(BASE.parameters.to_array())
 SMALL = 1e-5  # stated noise: small enough for priors not to matter
-KINDS = {f"{kind.name} {kind.form}".strip(): forms_of(kind) for kind in SYSTEM.library}
+KINDS = {f"{kind.name} {kind.form}".strip(): forms_of(kind) for kind in SYSTEM.library
+         if kind.name != "pressure_sensor"}  # where it is read: test_pressure.py
 
 
 def _typical(form):
@@ -45,7 +46,7 @@ def test_sizes_stay_within_their_bounds():
     below = refit(hypothesis, _exact([EngineTorqueZero(-12.0)]))
     assert below.sizes[0] == 0.0
     alone = refit(Hypothesis(SYSTEM), _exact([EngineTorqueZero(-12.0)]))
-    np.testing.assert_allclose(below.base, alone.base, rtol=1e-3)
+    np.testing.assert_allclose(below.base, alone.base, rtol=2e-2)
     beyond = refit(hypothesis, _exact([ChargePump(60.0)]))
     limit, = ChargePump.sizes()
     assert beyond.effects[0].torque == pytest.approx(limit.high)
@@ -77,7 +78,8 @@ def test_a_refit_is_where_the_penalised_squares_are_least_and_its_jacobian_their
     step = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3])
     moved = hypothesis.predict(found.theta + step, observed.points)
     here = hypothesis.predict(found.theta, observed.points)
-    np.testing.assert_allclose((moved - here) / observed.scale, found.jacobian @ step, atol=2e-3)
+    change = observed.read(moved - here) / observed.scale
+    np.testing.assert_allclose(change, found.jacobian @ step, atol=2e-3)
     np.testing.assert_allclose(found.target, found.whitened + found.jacobian @ away)
     there = linearise(hypothesis, observed, found.theta, found.noise)
     np.testing.assert_array_equal(there.whitened, found.whitened)
@@ -92,7 +94,8 @@ def test_the_noise_of_each_channel_follows_its_residuals():
 def test_gears_are_known_within_a_tolerance_as_are_gauges_where_they_are_read():
     observed = _exact((), noise=0.003)
     worse, here = (SYSTEM.predict(np.append(TRUE, loss), (), observed.points) for loss in (1.0, 0))
-    np.testing.assert_allclose(worse[0] / here[0] - 1.0, -0.0006 * 5, rtol=0.4)  # pairs in a path
+    lost = 1.0 - worse[0] / here[0]  # over two to five pairs in a path
+    assert (lost > 0.0006 * 2).all() and (lost < 0.0006 * 5).all()
     gauged = Transmission(BASE, pressure=True)
     assert gauged.base.names[3:] == ("gear_loss", "pressure_gain", "pressure_zero")
     off = gauged.predict(np.array([*TRUE, 0.0, 2.0, 1.0]), (), observed.points)

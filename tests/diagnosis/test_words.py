@@ -95,7 +95,7 @@ def test_verdicts():
         replace(each, probability=p) for each, p in ((pair, 0.5), (one, 0.4))))
     assert ("charge pump + churning (50 %) explains it best, but these data cannot tell it from "
             "charge pump (40 %).") in words.verdict(doubt)
-    assert words.mechanic(doubt).startswith("Either charge pump with churning or charge pump, ")
+    assert words.mechanic(doubt).startswith("Perhaps charge pump and churning, or others, about ")
     many = replace(doubt, sets=tuple(replace(one, probability=p) for p in (0.25, 0.2, 0.2, 0.1)))
     assert ("several sets of causes remain possible, among them charge pump (25 %), charge pump "
             "(20 %) and charge pump (20 %).") in words.verdict(many)
