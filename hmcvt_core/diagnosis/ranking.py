@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 
 from .hypothesis import Fit
 from .regions import Regions
-from .rivals import Rival, explanation, fields, local, misfitting, nothing, screen
+from .rivals import (
+    Rival,
+    Signature,
+    explanation,
+    fields,
+    local,
+    misfitting,
+    nothing,
+    screen,
+    signatures,
+)
 from .system import Effect
 
 Array = NDArray[np.float64]
@@ -106,7 +116,8 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
         boxes: where a loss that nobody listed may lie.
     """
     bare = nothing(base)
-    sets, kinds = search(base)
+    library = signatures(base)
+    sets, kinds = search(base, library)
     found = [(rival, math.log(PRIOR_OF_SIZE[len(rival.names)]
                               / math.comb(kinds, len(rival.names))) + log) for rival, log in sets]
     found.sort(key=lambda item: -item[1])
@@ -118,7 +129,7 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
     found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
     placed = local(bare, boxes)
-    wrong = _distinct(screen(base, opposite=True))
+    wrong = _distinct(screen(base, library, opposite=True))
     families = [fields(bare), [] if placed is None else [placed],
                 [replace(rival := explanation(base, forms, opposite=True), log=rival.log + price)
                  for gain, forms, price in wrong[:_OPPOSITE] if gain > 0.0]]
@@ -138,8 +149,8 @@ def _shared(rivals: Sequence[Rival], prior: float, count: int = 0) -> list[tuple
     return [(rival, prior + rival.log - math.log(count or len(rivals))) for rival in rivals]
 
 
-def search(base: Fit) -> tuple[list[tuple[Rival, float]], int]:
-    """Refit the sets that may explain a gap.
+def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, float]], int]:
+    """Refit the sets of listed effects that may explain a gap.
 
     Returns:
         The best refit of each set and its log evidence over all forms, and how many effects there
@@ -159,20 +170,20 @@ def search(base: Fit) -> tuple[list[tuple[Rival, float]], int]:
         sized = [item for names, item in found.items() if len(names) == size]
         return [rival for rival, _ in sorted(sized, key=lambda item: -item[1])[:count]]
 
-    alone = screen(base)
+    alone = screen(base, library)
     refitted(_promising(_distinct(alone, by_form=True))[:_KINDS])
     for rival in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item[1][0].name in rival.names
                              and item[1] != rival.fit.hypothesis.effects])[:_SETS])
     # Two that hold the leader are found from it, below.
     first, = leaders(1, 1)
-    refitted([item for item in _promising(_distinct(screen(base, 2)))
+    refitted([item for item in _promising(_distinct(screen(base, library, 2)))
               if first.names[0] not in {effect.name for effect in item[1]}][:_SETS])
     for size in (1, 2):
         refitted(_distinct(sorted((
             (rival.log + gain, (*rival.fit.effects, *forms), price + price_of[rival.names])
             for rival in leaders(size, _LEADERS)
-            for gain, forms, price in _distinct(screen(rival.fit))[:_SETS] if gain > 0.0),
+            for gain, forms, price in _distinct(screen(rival.fit, library))[:_SETS] if gain > 0.0),
             key=lambda item: -item[0]))[:2 * _SETS])
     return list(found.values()), len({forms[0].name for _, forms, _ in alone})
 

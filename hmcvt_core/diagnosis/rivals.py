@@ -139,21 +139,16 @@ def nothing(base: Fit) -> Rival:
 # --- known effects --------------------------------------------------------------------------------
 
 
-def signatures(fit: Fit, without: Sequence[str] = ()) -> list[tuple[Effect, Array]]:
-    """Every form of the library that can show, and the change of prediction / deviation by it.
+Signature = tuple[Effect, Array]
+"""A form, and the change of prediction / deviation by one typical size, shape (channels, n)."""
 
-    Args:
-        fit: of the hypothesis that each form is added to.
-        without: names of effects to leave out.
 
-    Returns:
-        Form, and the change by one typical size, shape (channels, n).
-    """
+def signatures(fit: Fit) -> list[Signature]:
+    """Every form of the library that can show, and its signature at a refit."""
     observed, system = fit.observed, fit.hypothesis.system
     here = observed.whiten(fit.hypothesis.predict(fit.theta, observed.points))
     found = []
-    for form in (form for kind in system.library if kind.name not in without
-                 for form in forms_of(kind)):
+    for form in (form for kind in system.library for form in forms_of(kind)):
         # The refit leaves little of an effect: the slope that counts is that of a small one.
         small = form.with_values({item.name: _SCREENED_SIZE * item.typical
                                   for item in form.sizes()})
@@ -166,12 +161,13 @@ def signatures(fit: Fit, without: Sequence[str] = ()) -> list[tuple[Effect, Arra
 
 
 def screen(
-    fit: Fit, count: int = 1, opposite: bool = False
+    fit: Fit, library: Sequence[Signature], count: int = 1, opposite: bool = False
 ) -> list[tuple[float, tuple[Effect, ...], float]]:
     """Weigh some forms of different names added to a refit, in linear approximation, best first.
 
     Args:
         fit: what they are added to, without names that it has.
+        library: the forms; that their signatures are those at the base is near enough to propose.
         count: how many at a time.
         opposite: with the wrong sign; effects that have either sign are left out.
 
@@ -180,7 +176,10 @@ def screen(
         forms of these names against the best.
     """
     present = fit.hypothesis.effects
-    forms, changes = _columns(signatures(fit, [effect.name for effect in present]), opposite)
+    names = {effect.name for effect in present}
+    kept = [(form, change) for form, change in library
+            if form.name not in names and (not opposite or _sign(form))]
+    forms = [form for form, _ in kept]
     combined = [chosen for chosen in itertools.combinations(range(len(forms)), count)
                 if len({forms[i].name for i in chosen}) == count]
     if not combined:
@@ -188,6 +187,7 @@ def screen(
     observed, own = fit.observed, len(fit.theta)
     which = np.concatenate([np.tile(np.arange(own), (len(combined), 1)), own + np.array(combined)],
                            axis=1)
+    changes = np.stack([change for _, change in kept], axis=-1)
     whole = gram(np.concatenate([fit.jacobian, changes], axis=-1), fit.target)
     with_target = np.append(which, np.full((len(which), 1), own + len(forms)), axis=1)
     grams = np.moveaxis(whole[:, with_target[:, :, None], with_target[:, None, :]], 0, 1)
@@ -206,11 +206,6 @@ def screen(
     return [(float(log[i]), tuple(forms[j] for j in combined[i]),
              log_mean(own_logs) - max(own_logs))
             for i in order for own_logs in [named[tuple(forms[j].name for j in combined[i])]]]
-
-
-def _columns(found: list[tuple[Effect, Array]], opposite: bool) -> tuple[list[Effect], Array]:
-    kept = [(form, change) for form, change in found if not opposite or _sign(form)]
-    return [form for form, _ in kept], np.stack([change for _, change in kept], axis=-1)
 
 
 def _sign(effect: Effect) -> float:
