@@ -180,40 +180,41 @@ def refit(hypothesis: Hypothesis, observed: Observations, base: Array | None = N
     prior = np.eye(shared, len(theta)) / spread[:, None]
     scale = np.concatenate([spread, np.ones(len(theta) - shared)])
 
-    # A pass begins where the one before ended: nothing is predicted twice.
     @lru_cache(maxsize=2)
-    def linear(at: bytes) -> tuple[Array, Array]:
-        return _linear(hypothesis, observed, np.frombuffer(at))
+    def whitened(at: bytes) -> Array:
+        return _whitened(hypothesis, observed, np.frombuffer(at))
 
     def rows(at: Array) -> Array:
-        return np.concatenate([(linear(at.tobytes())[0] / root).ravel(),
+        return np.concatenate([(whitened(at.tobytes()) / root).ravel(),
                                prior @ (at - hypothesis.prior_mean)])
 
-    def slopes(at: Array) -> Array:
-        own = linear(at.tobytes())[1] / root[..., None]
-        return np.concatenate([-own.reshape(-1, len(at)), prior])
-
-    variance = _noise(observed, linear(theta.tobytes())[0], len(theta))
+    variance = _noise(observed, whitened(theta.tobytes()), len(theta))
     root = np.sqrt(variance)[:, None]
     free = np.ones(len(theta), dtype=bool)
     for _ in range(_PASSES):
+        # One slope a pass: predictions are nearly linear, and each slope costs as many as there
+        # are parameters.
+        slope = _jacobian(hypothesis, observed, theta, whitened(theta.tobytes()))
+        slopes = np.concatenate([-(slope / root[..., None]).reshape(-1, len(theta)), prior])
         theta, settled = _within(rows, slopes, theta, bounds, scale, free)
-        variance = _noise(observed, linear(theta.tobytes())[0], len(theta))
+        variance = _noise(observed, whitened(theta.tobytes()), len(theta))
         settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
         root = np.sqrt(variance)[:, None]
         # What is pressed against a bound is put on it and held; the search stays inside.
-        gain = -slopes(theta).T @ rows(theta)
+        gain = -slopes.T @ rows(theta)
         theta = np.where((gain < 0.0) & (theta - bounds[0] < _AT_BOUND * scale), bounds[0], theta)
         theta = np.where((gain > 0.0) & (bounds[1] - theta < _AT_BOUND * scale), bounds[1], theta)
         before, free = free, ~(((theta <= bounds[0]) & (gain < 0.0))
                                | ((theta >= bounds[1]) & (gain > 0.0)))
         if settled and (free == before).all():
             break
-    return Fit(hypothesis, observed, theta, *linear(theta.tobytes()), variance)
+    here = whitened(theta.tobytes())
+    return Fit(hypothesis, observed, theta, here, _jacobian(hypothesis, observed, theta, here),
+               variance)
 
 
 def _within(
-    rows: Callable[[Array], Array], slopes: Callable[[Array], Array], theta: Array,
+    rows: Callable[[Array], Array], slopes: Array, theta: Array,
     bounds: tuple[Array, Array], scale: Array, free: NDArray[np.bool_],
 ) -> tuple[Array, bool]:
     """Take a few steps in the free parameters; return where they end, and whether all is still."""
@@ -227,7 +228,7 @@ def _within(
     if not free.any():
         return theta, True
     found = least_squares(
-        lambda part: rows(whole(part)), theta[free], lambda part: slopes(whole(part))[:, free],
+        lambda part: rows(whole(part)), theta[free], lambda part: slopes[:, free],
         (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
         max_nfev=_STEPS)
     return whole(found.x), found.status > 0
@@ -237,25 +238,27 @@ def linearise(
     hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array
 ) -> Fit:
     """Return a fit as it stands at given parameters, also at points it was not fitted to."""
-    return Fit(hypothesis, observed, theta, *_linear(hypothesis, observed, theta), noise)
+    here = _whitened(hypothesis, observed, theta)
+    return Fit(hypothesis, observed, theta, here, _jacobian(hypothesis, observed, theta, here),
+               noise)
 
 
-def _linear(hypothesis: Hypothesis, observed: Observations, theta: Array) -> tuple[Array, Array]:
-    """`whitened` and `jacobian` of a fit."""
-    high = hypothesis.bounds[1]
+def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> Array:
+    found = observed.whiten(hypothesis.predict(theta, observed.points))
+    return np.where(np.isnan(found), REFUSED, found)
 
-    def whitened(at: Array) -> Array:
-        found = observed.whiten(hypothesis.predict(at, observed.points))
-        return np.where(np.isnan(found), REFUSED, found)
 
-    here = whitened(theta)
-    jacobian = np.empty((*here.shape, len(theta)))
+def _jacobian(
+    hypothesis: Hypothesis, observed: Observations, theta: Array, here: Array
+) -> Array:
+    """Change of the prediction / deviation by each parameter, where `here` is left."""
+    high, jacobian = hypothesis.bounds[1], np.empty((*here.shape, len(theta)))
     for i in range(len(theta)):
         step = _BASE_STEP if i < hypothesis.shared else _SIZE_STEP
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= high[i] else -step
-        jacobian[..., i] = (here - whitened(moved)) / (moved[i] - theta[i])
-    return here, jacobian
+        jacobian[..., i] = (here - _whitened(hypothesis, observed, moved)) / (moved[i] - theta[i])
+    return jacobian
 
 
 def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:

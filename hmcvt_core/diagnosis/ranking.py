@@ -46,6 +46,7 @@ PRIOR_UNLISTED = 0.10
 
 _KINDS = 12  # single effects refitted
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
+_SAMPLES_EACH = 16  # for each cause of a set: three causes need about 48
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 # A form stays in the race whose gain is so near the best, in part and in nats.
 _NEAR, _BEHIND = 0.7, 4.0
@@ -175,11 +176,12 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     for rival in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item[1][0].name in rival.names
                              and item[1] != rival.fit.hypothesis.effects])[:_SETS])
-    # Two that hold the leader are found from it, below.
-    first, = leaders(1, 1)
-    refitted([item for item in _promising(_distinct(screen(base, library, 2)))
-              if first.names[0] not in {effect.name for effect in item[1]}][:_SETS])
-    for size in (1, 2):
+    largest = int(base.observed.count.sum()) // _SAMPLES_EACH
+    if largest > 1:  # two that hold the leader are found from it, below
+        first, = leaders(1, 1)
+        refitted([item for item in _promising(_distinct(screen(base, library, 2)))
+                  if first.names[0] not in {effect.name for effect in item[1]}][:_SETS])
+    for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
         refitted(_distinct(sorted((
             (rival.log + gain, (*rival.fit.effects, *forms), price + price_of[rival.names])
             for rival in leaders(size, _LEADERS)
