@@ -34,11 +34,12 @@ MAY_WRITE = {
     "engine_speed": {"bench_player", "control_stack"},
     "load_torque": {"bench_player", "control_stack"},
     "operating_point": {"bench_player", "control_stack"},
+    "stage": {"bench_player", "control_stack"},
     "bench_sample": {"bench_player"},
     "clock": set(),
 }
-ANSWERS = {"efficiency", "optimal_displacement_ratio", "optimal_engine_speed", "advice",
-           "hmcvt/model", "hmcvt/efficiency_map", "diagnostics"}
+ANSWERS = {"efficiency", "optimal_displacement_ratio", "optimal_engine_speed",
+           "optimal_stage", "advice", "hmcvt/model", "hmcvt/efficiency_map", "diagnostics"}
 LOGS = {"rosout", "parameter_events"}
 MAY_CALL = {f"hmcvt/{name}": {"bench_player"} for name in (
     "reidentify", "adopt", "diagnose", "revert", "clear_samples", "cancel")}
