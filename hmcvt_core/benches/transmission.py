@@ -20,7 +20,7 @@ from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..files.columns import read_columns
-from ..model.agreement import by_stage, gear_train_remark, pressure_remark
+from ..model.agreement import gear_train_remarks, pressure_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
@@ -255,14 +255,14 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    remarks = [*(gear_train_remark(model.in_stage(name).stage, part)
-                 for name, part in by_stage(model, samples)), pressure_remark(model, samples)]
+    pressure = pressure_remark(model, samples)
     notes: list[str] = []
     stages = list(model.stages)
     observed = _distinct(samples, noise, notes, stages)
     held = None if holdout is None else _fresh(holdout, samples, notes, stages)
     return diagnose_system(Transmission(model, samples.pressure is not None), observed, held,
-                           warnings=[each for each in remarks if each is not None],
+                           warnings=[*gear_train_remarks(model, samples),
+                                     *([] if pressure is None else [pressure])],
                            notes=notes, seed=seed, progress=progress)
 
 
@@ -285,10 +285,12 @@ def next_test(
     """
     system, observed = Transmission(model, samples.pressure is not None), _distinct(
         samples, noise, [], list(model.stages))
-    points = None if possible is None else {
-        axis.name: getattr(possible, axis.name) if getattr(possible, axis.name, None) is not None
-        else np.full(len(possible), np.median(observed.points[axis.name]))
-        for axis in observed.axes}
+    points = None
+    if possible is not None:  # what a plan leaves out stays as it mostly was
+        points = {name: np.full(len(possible), np.median(row))
+                  for name, row in observed.points.items()}
+        points.update((name, row) for name in points
+                      if (row := getattr(possible, name, None)) is not None)
     return next_test_of_system(system, observed, points)
 
 

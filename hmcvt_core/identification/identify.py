@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import IdentificationError, InputError
 from ..files import data_path
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, by_stage, gear_train_remark
+from ..model.agreement import RelativeError, by_stage, gear_train_remarks
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
@@ -137,8 +137,7 @@ class Identification:
         Args:
             numbers: of the samples in their file; 1, 2, ... when left out.
         """
-        kinematics = gear_train_remark(self.model.stage, self.samples)
-        first = [] if kinematics is None else [kinematics]
+        first = gear_train_remarks(self.model, self.samples)
         return "\n".join([*first, *self._result_lines(), *self._sample_lines(numbers),
                           *(f"  note: {sentence}" for sentence in self.warnings[len(first):])])
 
@@ -231,8 +230,7 @@ def identify(
                             other_stages=tuple(stages[1:]))
     problem = Problem(model, samples)
     parts = dict(by_stage(model, samples))
-    told = [remark for name, part in parts.items()
-            if (remark := gear_train_remark(model.in_stage(name).stage, part)) is not None]
+    told = gear_train_remarks(model, samples)
     schedule = SCHEDULES[formulation] if schedule is None else schedule
     roots: list[HydraulicRoots] = []
     start = None

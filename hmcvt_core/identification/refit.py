@@ -28,13 +28,7 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import (
-    RelativeError,
-    by_stage,
-    carried_at,
-    gear_train_remark,
-    predicted_at,
-)
+from ..model.agreement import RelativeError, carried_at, gear_train_remarks, predicted_at
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_NAMES, to_scaled
@@ -138,10 +132,8 @@ def refit(
         np.array([carried_at(part, grid) for part in parts if campaign.prior.stated]), grid, drift,
         limit), "")
     expected, aside = campaign.predicted(fit), np.flatnonzero(~belongs)
-    kinematics = [gear_train_remark(served.in_stage(name).stage, part)
-                  for name, part in by_stage(served, samples)]
     warnings = [
-        *(remark for remark in kinematics if remark is not None),
+        *gear_train_remarks(served, samples),
         *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
           f"{expected[i]:.4g}" for i in aside[:_NAMED]),
         *([] if len(aside) <= _NAMED else [

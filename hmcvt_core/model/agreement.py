@@ -100,6 +100,13 @@ def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None
             "that the low side is taken off")
 
 
+def gear_train_remarks(model: EfficiencyModel, samples: BenchSamples) -> list[str]:
+    """Say of each stage that occurs that its output speed is not one of its gear train, if so."""
+    remarks = (gear_train_remark(model.in_stage(name).stage, part)
+               for name, part in by_stage(model, samples))
+    return [remark for remark in remarks if remark is not None]
+
+
 def gear_train_remark(stage: Stage, samples: BenchSamples) -> str | None:
     """Say that the output speed is not one of this gear train; None where it may be.
 

@@ -96,3 +96,16 @@ def test_an_unknown_stage_or_none_is_named():
         hmcvt.identify(samples)
     with pytest.raises(hmcvt.InputError, match="samples with a column stage"):
         hmcvt.identify(replace(samples, extra={}), stage=STAGES)
+
+
+def test_the_gear_train_is_checked_stage_by_stage():
+    samples = bench(("HM2", "HM4"), 12, 5)
+    speed = TRACTOR.output_speed(*samples.points[:3], stage=samples.points.stage)
+    right, wrong = (hmcvt.identify(
+        replace(samples, output_speed=factor * speed), stage=STAGES,
+        schedule=hmcvt.Schedule(chains=8, moves=2)) for factor in (1.0, 1.5))
+    assert not any("gear train" in line for line in (*right.warnings, right.report()))
+    lines = wrong.report().splitlines()
+    assert ["gear train" in line for line in lines[:3]] == [True, True, False]
+    assert lines[:2] == list(wrong.warnings[:2]), "each once, and nothing else is left out"
+    assert sum("gear train" in line for line in lines) == 2
