@@ -15,11 +15,10 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
-from ..errors import InputError
 from ..files import data_path, plain
 from ..files.bench import BenchSamples
 from ..model.domain import AXES
-from ..model.measured import operating_point
+from ..model.measured import LOADS, STROKES, operating_point
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import Effect
@@ -206,14 +205,12 @@ def point_from(given: Mapping[str, Any], model: EfficiencyModel) -> Point:
     values = {**given, "output_speed": output_speed(given)}
     if values["engine_speed"] is None:
         raise click.UsageError("--engine-speed is needed")
-    try:
-        stroke, load = operating_point(model, values["engine_speed"], {
-            name: values[name] for name in ("displacement_ratio", "output_speed", "load_torque",
-                                            "output_power", "output_torque", "engine_torque")})
-    except InputError as error:
-        if "is needed" in str(error):
-            raise click.UsageError(str(error)) from None
-        raise
+    for names in (STROKES, LOADS):
+        if sum(values[name] is not None for name in names) != 1:
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in names)
+            raise click.UsageError(f"one of {options} is needed, and one only")
+    stroke, load = operating_point(model, values["engine_speed"], {
+        name: values[name] for name in (*STROKES, *LOADS)})
     return Point(stroke, values["engine_speed"], load, values["oil_temperature"])
 
 

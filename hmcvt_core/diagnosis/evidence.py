@@ -152,4 +152,9 @@ def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Arra
 
 def log_mean(values: Sequence[float] | Array) -> float:
     """log of the mean of exp(values)."""
-    return float(np.logaddexp.reduce(values) - np.log(len(values)))
+    return float(log_means(values))
+
+
+def log_means(values: Sequence[float] | Sequence[Array] | Array) -> Array:
+    """The same along the first axis."""
+    return np.asarray(np.logaddexp.reduce(values) - np.log(len(values)))

@@ -31,7 +31,7 @@ class GapField:
 
     Attributes:
         base: the refitted base model.
-        alive: rivals and their probabilities; what is missing to 1 is no gap.
+        alive: rivals and their probabilities given that there is a gap; they sum to 1.
     """
 
     base: Fit

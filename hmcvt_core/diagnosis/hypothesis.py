@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .observations import Observations
-from .system import Effect, Points, System
+from .system import Effect, Points, System, forms_of
 
 Array = NDArray[np.float64]
+Signature = tuple[Effect, Array]
+"""A form, and the change of prediction / deviation by one typical size, shape (channels, n)."""
 
 REFUSED = 100.0
 """Standard deviations charged where a hypothesis has no answer.
@@ -28,7 +30,8 @@ REFUSED = 100.0
 More than any misfit, or refits to a large gap would hide the worst points where there is none.
 """
 
-_FIRST_SIZE = 0.1  # in typical sizes
+_FIRST_SIZE = _SCREENED_SIZE = 0.1  # in typical sizes
+_UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _PASSES, _STEPS = 8, 3  # estimates of the noise, and evaluations between two of them, at most
 _TOLERANCE = 1e-4  # of the squares
 _NOISE_SETTLED = 2e-2
@@ -147,6 +150,22 @@ class Fit:
         basis, _ = np.linalg.qr(
             np.concatenate([scaled.reshape(-1, len(self.theta)), prior]))
         return np.asarray(basis)
+
+    @cached_property
+    def signatures(self) -> list[Signature]:
+        """Every form of the library that can show."""
+        observed, system, found = self.observed, self.hypothesis.system, list[Signature]()
+        here = observed.whiten(self.hypothesis.predict(self.theta, observed.points))
+        for form in (form for kind in system.library for form in forms_of(kind)):
+            # The refit leaves little of an effect: the slope that counts is that of a small one.
+            small = form.with_values({item.name: _SCREENED_SIZE * item.typical
+                                      for item in form.sizes()})
+            there = system.predict(self.base, (*self.effects, small), observed.points)
+            change = np.nan_to_num((here - observed.whiten(there)) / _SCREENED_SIZE)
+            # Where the typical size cannot be carried it says nothing.
+            if np.abs(change).max() >= _UNSEEN:
+                found.append((form, change))
+        return found
 
     def left(self, readings: Array, prior: Array | float = 0.0) -> Array:
         """What a refit leaves of changes of the readings, shape (k, channels, n), and of priors.

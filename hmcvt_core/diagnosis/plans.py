@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from .hypothesis import Hypothesis, linearise
 from .observations import Observations
-from .rivals import signatures
 from .system import System
 from .words import plain
 
@@ -151,7 +150,7 @@ def isolability(
     """
     # Nothing is read yet to which base parameters could be fitted.
     fit = linearise(Hypothesis(system), plan, base, np.ones(len(plan.readings)))
-    found = signatures(fit)
+    found = fit.signatures
     left = fit.left(np.stack([change for _, change in found]))
     effects = tuple(sorted({form.name for form, _ in found}))
     index = np.array([effects.index(form.name) for form, _ in found])

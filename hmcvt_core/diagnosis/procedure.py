@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from .regions import Regions, regions
 from .report import Diagnosis
 from .result import (
     GAP_SIGNIFICANCE,
+    NAMING,
     Cause,
     CauseSet,
     Delivered,
@@ -86,10 +87,12 @@ class _Study:
         return cross_validated_errors(
             [rival.plain for rival in rivals], self.base.observed, self.dealt)
 
-    def shrunk(self, rival: Rival) -> ShrinkageSummary:
-        """How far the gap shrinks with a set held in every fold."""
-        return shrinkage(self.before, self.errors([rival]), self.noise, "cross-validation",
-                         self.seed, weight=self.base.observed.count)
+    @cached_property
+    def shrunk(self) -> Callable[[Rival], ShrinkageSummary]:
+        """How far the gap shrinks with a set held in every fold; worked out once for each."""
+        return cache(lambda rival: shrinkage(
+            self.before, self.errors([rival]), self.noise, "cross-validation", self.seed,
+            weight=self.base.observed.count))
 
     @cached_property
     def noise(self) -> Array:
@@ -147,7 +150,7 @@ def diagnose_system(
         after = study.errors([ranking.bare, *(
             rival for rival, _ in list(ranking.sets.values())[:_RIVALS])])
     verdict, why = _verdict(study)
-    left = study.errors([study.leading[0]]) if verdict in ("cause_found", "ambiguous") else before
+    left = study.errors([study.leading[0]]) if verdict in NAMING else before
     delivered = Delivered(_rms(observed.at_samples(before)), _rms(observed.at_samples(left)))
     residuals = observed.at_samples(before)
     if held is not None:
@@ -217,7 +220,7 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
 
 def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
     """Mean over the samples, of the leading set [W]; where none is named, over where the gap is."""
-    fit = study.leading[0].fit if verdict in ("cause_found", "ambiguous") else study.base
+    fit = study.leading[0].fit if verdict in NAMING else study.base
     system, points = fit.hypothesis.system, study.base.observed.points
     expected, = system.predict(fit.base, (), points)[:1]
     weight = study.base.observed.count
@@ -250,7 +253,7 @@ def _errors_on(
 ) -> tuple[Array, Array, Array, Observations, list[str]]:
     """Errors before and after on samples held out, their noise, those with an answer, and notes.
 
-    After: of the model of the first cause, the one that is saved. Samples that do not state
+    After: of the model of the leading set, the one that is saved. Samples that do not state
     their noise have that of the campaign.
     """
     base, refusal = study.base, study.base.hypothesis.system.refusal

@@ -15,20 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .hypothesis import Fit
+from .hypothesis import Fit, Signature
 from .regions import Regions
-from .rivals import (
-    Rival,
-    Signature,
-    explanation,
-    fields,
-    local,
-    misfitting,
-    nothing,
-    screen,
-    signatures,
-)
-from .system import Effect
+from .rivals import Proposal, Rival, explanation, fields, local, misfitting, nothing, screen
 
 Array = NDArray[np.float64]
 
@@ -52,8 +41,6 @@ _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 _NEAR, _BEHIND = 0.7, 4.0
 _OPPOSITE = 3  # effects tried with the wrong sign
 Names = tuple[str, ...]
-Proposal = tuple[float, tuple[Effect, ...], float]
-"""Gain in log evidence in linear approximation, forms, price of their choice; see `screen`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +103,7 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
         base: the refit without any effect.
         boxes: where a loss that nobody listed may lie.
     """
-    bare = nothing(base)
-    library = signatures(base)
+    bare, library = nothing(base), base.signatures
     sets, kinds = search(base, library)
     found = [(rival, math.log(PRIOR_OF_SIZE[len(rival.names)]
                               / math.comb(kinds, len(rival.names))) + log) for rival, log in sets]

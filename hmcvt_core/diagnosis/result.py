@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 GAP_SIGNIFICANCE = 0.02
 """A gap counts when chance alone would show as much in one campaign of fifty."""
+NAMING = ("cause_found", "ambiguous")
+"""Verdicts that name a cause."""
 REGION_SIGNIFICANCE = 0.05
 """Family-wise p value up to which a place is one by itself."""
 
@@ -246,9 +248,14 @@ class Outcome:
         return mean.reshape(values[0].shape), deviation.reshape(values[0].shape)
 
     @property
+    def merely_off(self) -> bool:
+        """Whether the gap is most likely a base model that is a little off, and nothing else."""
+        return self.misfit > self.unlisted / 2.0 > 0.25
+
+    @property
     def named(self) -> Cause | None:
         """The leading cause, if the verdict names one."""
-        stands = self.causes and self.verdict in ("cause_found", "ambiguous")
+        stands = self.causes and self.verdict in NAMING
         return self.causes[0] if stands else None
 
     @property

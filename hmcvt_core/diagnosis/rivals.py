@@ -8,7 +8,6 @@ effects come an allowance for forms that are a little off, and one for a base th
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,11 +16,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .evidence import evidence, gram, log_mean, respread
-from .hypothesis import REFUSED, Fit, Hypothesis, linearise, refit
+from .evidence import evidence, gram, log_mean, log_means, respread
+from .hypothesis import REFUSED, Fit, Hypothesis, Signature, linearise, refit
 from .observations import Observations
 from .regions import Regions, smooth_functions
-from .system import Effect, forms_of
+from .system import Effect
 
 Array = NDArray[np.float64]
 
@@ -35,8 +34,7 @@ _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _FIELD_DEGREE = 3
 _NOTHING_LEFT = 1e-9
-_UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
-_SCREENED_SIZE, _SCREENED_SPREAD = 0.1, 1.5  # in typical sizes
+_SCREENED_SPREAD = 1.5  # in typical sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,30 +137,13 @@ def nothing(base: Fit) -> Rival:
 # --- known effects --------------------------------------------------------------------------------
 
 
-Signature = tuple[Effect, Array]
-"""A form, and the change of prediction / deviation by one typical size, shape (channels, n)."""
-
-
-def signatures(fit: Fit) -> list[Signature]:
-    """Every form of the library that can show, and its signature at a refit."""
-    observed, system = fit.observed, fit.hypothesis.system
-    here = observed.whiten(fit.hypothesis.predict(fit.theta, observed.points))
-    found = []
-    for form in (form for kind in system.library for form in forms_of(kind)):
-        # The refit leaves little of an effect: the slope that counts is that of a small one.
-        small = form.with_values({item.name: _SCREENED_SIZE * item.typical
-                                  for item in form.sizes()})
-        there = system.predict(fit.base, (*fit.effects, small), observed.points)
-        change = np.nan_to_num((here - observed.whiten(there)) / _SCREENED_SIZE)
-        # Where the typical size cannot be carried it says nothing.
-        if np.abs(change).max() >= _UNSEEN:
-            found.append((form, change))
-    return found
+Proposal = tuple[float, tuple[Effect, ...], float]
+"""Gain in log evidence in linear approximation, forms, and the price of their choice."""
 
 
 def screen(
     fit: Fit, library: Sequence[Signature], count: int = 1, opposite: bool = False
-) -> list[tuple[float, tuple[Effect, ...], float]]:
+) -> list[Proposal]:
     """Weigh some forms of different names added to a refit, in linear approximation, best first.
 
     Args:
@@ -172,8 +153,8 @@ def screen(
         opposite: with the wrong sign; effects that have either sign are left out.
 
     Returns:
-        Gain in log evidence, the forms, and the price of their choice: log of the mean over all
-        forms of these names against the best.
+        The gain, the forms, and the price: log of the mean over all forms of these names against
+        the best.
     """
     present = fit.hypothesis.effects
     names = {effect.name for effect in present}
@@ -198,14 +179,15 @@ def screen(
     logs = [evidence(grams, len(observed), np.tile(np.append(spread, np.full(count, scale)),
                                                    (len(which), 1)), observed.trusts, signs).log
             for scale in SIZE_SPREADS]
-    log = np.logaddexp.reduce(logs) - math.log(len(logs)) - without.log
-    named: dict[tuple[str, ...], list[float]] = {}
-    for chosen, value in zip(combined, log.tolist(), strict=True):
-        named.setdefault(tuple(forms[i].name for i in chosen), []).append(value)
-    order = np.argsort(-log)
-    return [(float(log[i]), tuple(forms[j] for j in combined[i]),
-             log_mean(own_logs) - max(own_logs))
-            for i in order for own_logs in [named[tuple(forms[j].name for j in combined[i])]]]
+    log = log_means(logs) - without.log
+    # Members of one set come in the order of the library.
+    kinds = [tuple(forms[i].name for i in chosen) for chosen in combined]
+    of_kind: dict[tuple[str, ...], list[float]] = {}
+    for kind, value in zip(kinds, log.tolist(), strict=True):
+        of_kind.setdefault(kind, []).append(value)
+    price = {kind: log_mean(values) - max(values) for kind, values in of_kind.items()}
+    return [(float(log[i]), tuple(forms[j] for j in combined[i]), price[kinds[i]])
+            for i in np.argsort(-log)]
 
 
 def _sign(effect: Effect) -> float:
@@ -351,9 +333,8 @@ def local(rival: Rival, boxes: Regions) -> Rival | None:
             "bp,pq,bq->b", shadow, model.covariance, shadow), _NOTHING_LEFT * whole)
         pull = column @ left[i] / root[i]
         ratios = np.square(reading.channel.step_spreads)[:, None] * squares
-        gains.append(np.logaddexp.reduce(
-            0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios)))
-            - math.log(len(ratios)))
+        gains.append(log_means(
+            0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios))))
     channel, box = divmod(int(np.argmax(gains)), len(boxes))
     # An edge of the campaign is none of the place.
     ends = observed.place.min(axis=1), observed.place.max(axis=1)

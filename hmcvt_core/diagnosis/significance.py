@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from .hypothesis import Fit
 from .observations import FEW
 from .regions import Regions
-from .rivals import signatures
 
 Array = NDArray[np.float64]
 REPLICATES = 999
@@ -88,7 +87,7 @@ class _Search:
         looks = [(slice(i * n, (i + 1) * n),
                   (boxes.members * reading.unit_loss / root[i]).astype(np.float32))
                  for i, reading in enumerate(observed.readings)]
-        effects = np.stack([change for _, change in signatures(fit)]) / root[:, None]
+        effects = np.stack([change for _, change in fit.signatures]) / root[:, None]
         looks.append((slice(effects[0].size), effects.reshape(len(effects), -1)))
         self.looks = [(own, look, _norms(np.sum(look**2, axis=1), look @ fit.absorbed[own]))
                       for own, look in looks]

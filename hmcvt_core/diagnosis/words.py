@@ -108,7 +108,7 @@ def mechanic(found: Outcome) -> str:
         return "The readings do not fit this machine: settle what the next lines say first."
     if found.verdict == "no_gap":
         return "Bench and model agree: nothing to look for."
-    if found.misfit > found.unlisted / 2.0 > 0.25:
+    if found.merely_off:
         return "The model is slightly off, smoothly: too little to blame any part."
     watts = abs(float(f"{found.lost_power:.2g}"))
     cost = f"about {watts:.0f} W {'lost' if found.lost_power > 0.0 else 'gained'} on average"
@@ -133,7 +133,7 @@ def verdict(found: Outcome) -> str:
         return (f"No gap is seen: with its base parameters refitted, the model differs from the "
                 f"{found.gap.samples} samples by no more than their noise of "
                 f"{amount(found, found.gap.noise)} explains.")
-    if found.misfit > found.unlisted / 2.0 > 0.25:
+    if found.merely_off:
         return (f"{_lies(found)}. The model is off by {amount(found, found.shrinkage.before)}, "
                 "smoothly: smaller than what a cause would need, and none is named.")
     if found.verdict == "unexplained" or not found.causes:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..diagnosis.result import NAMING
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS
 
 Entry = dict[str, Any]
@@ -34,7 +35,6 @@ _LEAST_DEVIATION = 1e-6  # of the largest value: less is rounding, not scatter
 
 GAP = "gap"
 _LOGARITHMIC = ("leakage",)
-_NAMED = ("cause_found", "ambiguous")  # verdicts that name a cause
 
 
 class Scores(NamedTuple):
@@ -72,7 +72,7 @@ def record(result: Mapping[str, Any]) -> Entry:
     `gap` is the error of prediction, rms [-]; what the diagnosis does not tell is None.
     """
     parameters, found = result["identification"]["parameters"], result["diagnosis"]
-    named = found is not None and found["verdict"] in _NAMED
+    named = found is not None and found["verdict"] in NAMING
     return {
         "log": result["log"],
         "parameters": {name: {key: parameters[name][key]

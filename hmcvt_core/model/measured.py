@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..transmission.ranges import ANY_LOAD, DISPLACEMENT_RATIO, ENGINE_SPEED
 from .model import EfficiencyModel
 
+STROKES = ("displacement_ratio", "output_speed")
 LOADS = ("load_torque", "output_power", "output_torque", "engine_torque")
 _HALVINGS = 60
 
@@ -24,17 +25,13 @@ def operating_point(
     Args:
         model: of one stage, formulation `power_balance`.
         engine_speed: [rad/s].
-        given: one of `displacement_ratio` and `output_speed`, and one of `LOADS`; SI units. Torques
+        given: one of `STROKES` and one of `LOADS`, the others None or left out; SI units. Torques
             are negative in overrun, in either sense of the output.
 
     Raises:
-        InputError: not one of each is given, a value is out of range or cannot be reached.
+        InputError: a value is out of range or cannot be reached.
     """
     known = {name: value for name, value in given.items() if value is not None}
-    for names in (("displacement_ratio", "output_speed"), LOADS):
-        if len(known.keys() & set(names)) != 1:
-            options = ", ".join(f"--{name.replace('_', '-')}" for name in names)
-            raise InputError(f"one of {options} is needed, and one only")
     speed = float(ENGINE_SPEED.check(engine_speed))
     output = known.get("output_speed")
     if "output_torque" in known and output is not None:
@@ -49,7 +46,7 @@ def operating_point(
         raise InputError(f"output_speed = {output:g} rad/s is out of reach of stage "
                          f"{model.stage.name} at this engine speed and load: it would take a "
                          f"displacement ratio of {stroke:.3g}")
-    return min(max(float(DISPLACEMENT_RATIO.check(min(max(stroke, -1.0), 1.0))), -1.0), 1.0), load
+    return min(max(stroke, -1.0), 1.0), load
 
 
 def _stroke(
