@@ -215,6 +215,9 @@ def observe(
         if samples.points.stage is None:
             raise InputError(f"{samples.source}: column stage is missing; the model has "
                              f"{', '.join(stages)}")
+        if unknown := sorted(set(samples.points.stage.tolist()) - set(stages)):
+            raise InputError(f"{samples.source}: stage {unknown[0]!r} is not known to the model; "
+                             f"there is {', '.join(stages)}")
         axes = (*axes, STAGE)
         points["stage"] = np.array([stages.index(name) for name in samples.points.stage], float)
     stated = samples.efficiency_std
