@@ -31,7 +31,7 @@ def test_citation_is_of_this_version():
     assert citation["title"] == "hmcvt" and citation["authors"] and citation["message"]
     assert citation["license"] == "Apache-2.0"
     paper, = citation["references"]
-    assert paper["type"] == "article" and "HMCVT" in paper["title"]
+    assert paper["type"] == "article" and "HMCVT" in paper["title"] and paper["authors"]
 
 
 def test_changelog_begins_with_this_version():
