@@ -259,7 +259,8 @@ class Shafts(ArrayQuadrant):
             self.engine_speed, pump_speed, output, self.sense * speed,
             self.sense * self.direction * stroke, self.sense * pressure, self.viscosity, rolling,
             sun_torque, self.load_power, max(units.pump_displacement, units.motor_displacement),
-        )
+            [(engine, self.turns * output) for _, engine, output in stage.open_clutches]
+            or ((0.0, 1.0),))
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
