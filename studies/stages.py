@@ -6,8 +6,8 @@
 HM4 is published. The second row is taken as driven at its ring through pair 1, giving at its
 carrier (pair 1 has the ratio of pairs 2 and 3 together), with pump, motor and sun as in HM4. Going
 down from HM4 each stage must meet the last at full stroke, where the pump stands already; what is
-open is the set of pairs behind the row. Prints every set that meets within 3 % and the misses of
-the stages shipped in params/tractor.yaml.
+open is the set of pairs behind the row. Prints every set that meets within 3 %, and of the stages
+shipped in params/tractor.yaml the misses and what the clutches of the others slip in each.
 """
 
 from __future__ import annotations
@@ -63,6 +63,15 @@ def main() -> None:
         ends = shipped[low][end], shipped[high][end]
         print(f"  {low}-{high}: {ends[0]:.4f} and {ends[1]:.4f}, "
               f"{100 * (ends[0] / ends[1] - 1):+.2f} %")
+    print("slip of the open clutches, per engine speed and per output speed:")
+    for name in STAGES:
+        stage, slips = model.stages[name].stage, []
+        for other in (model.stages[each].stage for each in STAGES if each != name):
+            # What the other stage would make of the speeds of engine and motor as they are.
+            part = other.motor_speed_ratio / stage.motor_speed_ratio
+            engine = part * stage.mechanical_speed_ratio - other.mechanical_speed_ratio
+            slips.append(f"{other.name} {engine:.4f}, {1.0 - part:.4f}")
+        print(f"  {name}: " + "; ".join(slips))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..physics.steady_state import ArraySolver
-from ..transmission.ranges import ENGINE_SPEED, OUTPUT_SPEED, OperatingPoints, Range
+from ..transmission.ranges import ENGINE_SPEED, OUTPUT_SPEED, Range
 from ..transmission.stage import Stage, speed_ratio
 from .engine import Engine
 
@@ -26,7 +26,6 @@ OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
 _SCAN, _FINE, _ZOOMS = 65, 129, 2
 _SLIP = 0.3  # part of the kinematic ratio that a stage may lose, or gain in overrun
-_HELD = 1e-6  # of the output speed
 _EDGE = 1e-9  # of the stroke
 _BESIDE = 1e-9  # of the speed at rest
 _CLOSE = 0.01  # of the best: stages that the first grid cannot tell apart
@@ -73,14 +72,11 @@ class _Line:
 
     def state(self, speed: Array) -> tuple[Array, Array]:
         """Displacement ratio and engine torque; NaN where the stage cannot hold the demand."""
-        load, part = self.output_power / speed, (1 if self.output_speed > 0.0 else -1, 1)
-        target = np.full_like(speed, self.output_speed)
-        stroke = self.solver.stroke_in(part, speed, target, load)
+        stroke, torque = self.solver.held_in(
+            (1 if self.output_speed > 0.0 else -1, 1), speed,
+            np.full_like(speed, self.output_speed), self.output_power / speed)
         within = np.fmin(np.fmax(stroke, -1.0), 1.0)
-        _, reached, torque = self.solver.solve_in(part, OperatingPoints(within, speed, load))
-        held = (np.abs(reached - target) < _HELD * abs(self.output_speed)) & (
-            np.abs(stroke - within) < _EDGE)
-        return within, np.where(held, torque, np.nan)
+        return within, np.where(np.abs(stroke - within) < _EDGE, torque, np.nan)
 
     def cost(self, speed: Array, torque: Array) -> Array:
         """Fuel [kg/s], or engine power [W] without an engine; infinite where it is not possible."""

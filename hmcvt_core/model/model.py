@@ -116,8 +116,7 @@ class EfficiencyModel:
     @cached_property
     def _point_solver(self) -> PointSolver | None:
         """What answers single points in a microsecond, where formulation and layout allow it."""
-        exact = (self.formulation == "power_balance" and not self.effects
-                 and self.stage.layout != "output_coupled")
+        exact = self.formulation == "power_balance" and not self.effects
         return PointSolver(self.stage, self.parameters) if exact else None
 
     @cached_property
@@ -155,11 +154,11 @@ class EfficiencyModel:
             (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)[1]
 
     def _answer(
-        self, point: tuple[ArrayLike, ArrayLike, ArrayLike],
+        self, point: tuple[Any, Any, Any],
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> tuple[Any, Any, Any]:
         if (self._point_solver is not None and oil_temperature is None and stage is None
-                and is_plain(point)):
+                and is_plain(*point)):
             # What a control loop asks for at every message, without the cost of arrays.
             return self._point_solver.solve(*point)
         points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
@@ -171,9 +170,9 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
-        point = displacement_ratio, engine_speed, load_torque
+        point: tuple[Any, Any, Any] = displacement_ratio, engine_speed, load_torque
         if (self._point_solver is not None and oil_temperature is None and stage is None
-                and is_plain(point)):
+                and is_plain(*point)):
             return self._predict_point(self._point_solver, *point)
         points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
         inside = (self.domain.contains(points) if self.domain is not None

@@ -33,7 +33,6 @@ _LIMIT_SLACK = 1e-5  # of the width between two limits
 _SCAN = 65
 _ZOOMS = 4
 _RESTING = 1e-12  # part of the speed beside a standing motor
-_HELD = 1e-6  # of the output speed held
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _PARTS = 8  # of the strokes on either side of rest
 _START = 1e-3  # of a piece
@@ -192,15 +191,10 @@ def _best_engine_speed(
     target, power = np.repeat(target, 2 * _SCAN), np.repeat(power, 2 * _SCAN)
 
     def value(speed: Array) -> Array:
-        torque = power / speed
-        stroke = solver.displacement_ratio(speed, target, torque)
-        within = np.minimum(np.maximum(stroke, -1.0), 1.0)
-        efficiency, reached, _ = solver.solve(OperatingPoints(within, speed, torque))
-        # The line also holds states that no steady motor keeps.
-        sound = np.where(np.abs(reached - target) < _HELD * np.abs(target), efficiency, np.nan)
+        stroke, torque = solver.held(speed, target, power / speed)
         # Out of reach, less is better: it leads to the window.
         reach = np.abs(stroke)
-        return np.where(reach > 1.0 + 1e-12, -reach, sound)
+        return np.where(reach > 1.0 + 1e-12, -reach, power / speed / torque)
 
     return _highest(value, np.stack([np.full_like(below, low), above]),
                     np.stack([below, np.full_like(above, high)]))

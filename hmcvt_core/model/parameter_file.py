@@ -35,7 +35,8 @@ _GEAR_TRAIN = {
     "pump_motor": dict.fromkeys((
         "pump_displacement_cm3_per_rev", "motor_displacement_cm3_per_rev", "pump_friction",
         "motor_friction")),
-    "stages": {"*": {**dict.fromkeys(("layout", "reverse", "planetary_row")),
+    "stages": {"*": {**dict.fromkeys(("layout", "reverse", "planetary_row",
+                                    "open_clutches")),
                      **dict.fromkeys(("mechanical", "pump", "motor", "output"), _PATH)}},
 }
 _KNOWN: Mapping[str, Mapping[str, Any]] = {

@@ -27,6 +27,7 @@ from .shafts import PowerFlow, Shafts
 from .steady_state import ArraySolver, quadrants
 
 Array = NDArray[np.float64]
+_HELD = 1e-6  # of the output speed
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,8 @@ class BalanceSolver(ArraySolver):
         count = len(points.engine_speed)
         into, out = np.zeros((2, count))
         losses: dict[str, Array] = {}
-        for part, chosen in quadrants(self.idle_speed(points), points.load_torque):
+        for part, chosen in quadrants(
+                self.turns_forward(points.displacement_ratio), points.load_torque):
             at = points.map(lambda axis, i=chosen: axis[i])
             found = self._breakdown(*self._flow(part, at))
             into[chosen], out[chosen] = found.input_power, found.output_power
@@ -139,7 +141,7 @@ class BalanceSolver(ArraySolver):
                 # A pair that serves two paths loses on both.
                 losses[name] = losses.get(name, 0.0) + (before - after) * speed
         if stage.has_row:
-            hydraulic = (-flow.torques["pump"][-1] * speeds["pump"] if shafts.pump_on_row
+            hydraulic = (-flow.torques["pump"][-1] * speeds["pump"] if shafts.braced
                          else flow.torques["motor"][0] * speeds["motor"])
             losses["planetary_row"] = (hydraulic
                                        + flow.torques["mechanical"][0] * state.engine_speed
@@ -155,10 +157,11 @@ class BalanceSolver(ArraySolver):
                 losses[effect.name] = losses.get(effect.name, 0.0) + watts
         return Breakdown(np.asarray(flow.engine_power), flow.output_power, losses)
 
-    def stroke_in(self, part: tuple[int, int], *columns: Array) -> Array:
-        """As `displacement_ratio`, in one quadrant."""
+    def held_in(self, part: tuple[int, int], *columns: Array) -> tuple[Array, Array]:
+        """As `held`, in one quadrant; by a search and a look at where it leads."""
         speed, output, torque = columns
-        first = super().stroke_in(part, *columns)
-        points = OperatingPoints(first, speed, torque)
+        points = OperatingPoints(super().held_in(part, *columns)[0], speed, torque)
         shafts = Shafts(self._stage, self._parameters, self._effects, points, *part)
-        return shafts.stroke_for(output)
+        stroke = shafts.stroke_for(output)
+        _, reached, given = self.solve_in(part, points._replace(displacement_ratio=stroke))
+        return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), given, np.nan)

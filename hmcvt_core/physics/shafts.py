@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -13,8 +14,7 @@ from ..transmission.parameters import Candidates, Parameters
 from ..transmission.ranges import OperatingPoints
 from ..transmission.stage import Stage, member_speed_coefficients
 from .effects.base import Effect, ShaftState, Value
-from .output_coupled import OutputCoupledState
-from .steady_state import ArrayState
+from .steady_state import ArrayQuadrant
 
 Array = NDArray[np.float64]
 _ITERATIONS = 40
@@ -48,7 +48,7 @@ class PowerFlow(NamedTuple):
     engine_power: Value = np.nan
 
 
-class Shafts(ArrayState):
+class Shafts(ArrayQuadrant):
     """One call's constants in one quadrant; the functions of the unknown read them.
 
     With the pump on the row (output-coupled) the row's member that drives the output is braced by
@@ -70,15 +70,9 @@ class Shafts(ArrayState):
             parameters.pump_damping * self.viscosity)
         super().__init__(stage, self.given, turning, power)
         self.turns, self.power = turning, power
-        self.pump_on_row = stage.layout == "output_coupled"
-        if self.pump_on_row:
-            self.mechanical_ratio, self.reflection, self.sense = 0.0, turning, 1
         self.engine_speed = points.engine_speed
-        self.pump_ratios = stage.pump_speed_ratios
-        units = stage.pump_motor
-        self.size = units.pump_displacement / units.motor_displacement
         self.load_power = points.load_torque * points.engine_speed
-        self.direction = self.reflection * np.sign(stage.motor_speed_ratio)
+        self.direction = math.copysign(1.0, self.full)
         self.row = member_speed_coefficients(stage.planetary_constant)
         self.stroke = self.true_stroke(points.displacement_ratio)
 
@@ -92,16 +86,13 @@ class Shafts(ArrayState):
 
     def motor_speed(self) -> tuple[Array, Array]:
         """Return motor speed and direction (the part of friction in use where it stands)."""
-        if self.pump_on_row:
-            closed = OutputCoupledState(self.stage, self.given, self.turns)
-            output, _ = closed.output(closed.full * self.stroke,
-                                      self.points.load_torque / self.engine_speed)
-            speed = output * self.engine_speed / self.hydraulic_ratio
+        ratio, load = self.full * self.stroke, self.points.load_torque / self.engine_speed
+        if self.braced:
+            speed = self.output(ratio, load) * self.engine_speed / self.hydraulic_ratio
             return (self._settled(speed, np.sign(speed)) if self.effects else speed), np.sign(speed)
-        load = self.points.load_torque / self.engine_speed
         motoring, pumping = (
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
-            for output in self.output_speeds(self.full_flow * self.stroke, load))
+            for output in self.output_speeds(ratio, load))
         if self.effects:
             motoring, pumping = self._with_effects(motoring, pumping)
         speed = self.selected(motoring, pumping, 0.0, load)
@@ -139,7 +130,7 @@ class Shafts(ArrayState):
         speed = (self.reflection * output_speed - self.mechanical_ratio * self.engine_speed) / (
             self.hydraulic_ratio)  # (4)
         surplus = self._surplus_at(np.where(speed > 0.0, 1.0, -1.0))
-        flow = self.direction * self.size * self._pump_speed(speed)
+        flow = self.full * self._pump_speed(speed)
 
         def corrected(commanded: Array) -> Array:
             return np.asarray(commanded - surplus(speed, self.true_stroke(commanded)) / flow)
@@ -157,7 +148,7 @@ class Shafts(ArrayState):
             nonlocal pressure
             found = self.torques(speed, direction, stroke, pressure)
             pressure = self.sense * found.state.pressure
-            delivered = (self.size * self.sense * found.state.displacement_ratio
+            delivered = (abs(self.full) * self.sense * found.state.displacement_ratio
                          * found.state.pump_speed)
             return np.asarray(delivered - self.sense * found.leakage_flow
                               / self.stage.pump_motor.motor_displacement - speed)
@@ -167,12 +158,11 @@ class Shafts(ArrayState):
     def _pump_speed(self, speed: Array) -> Array:
         engine, output = self.pump_ratios
         turned = self.mechanical_ratio * self.engine_speed + self.hydraulic_ratio * speed
-        return np.asarray(engine * self.engine_speed + self.reflection * output * turned)
+        return np.asarray(engine * self.engine_speed + output * turned)
 
     def _row_share(self, stroke: Array) -> Array:
         """What a motor speed adds to the flow of a pump on the row, per motor speed [-]."""
-        return np.asarray(self.size * self.direction * stroke * self.hydraulic_ratio
-                          * self.reflection * self.pump_ratios[1])
+        return np.asarray(self.full * stroke * self.hydraulic_ratio * self.pump_ratios[1])
 
     # --- the shafts ---------------------------------------------------------------------------
 
@@ -195,7 +185,7 @@ class Shafts(ArrayState):
         load = load + self.sense * self._sum("output_drag", state)
         drag = self._sum("motor_drag", state)
         torques = {}
-        if self.pump_on_row:
+        if self.braced:
             torques = self._braced(self._lagged(state), output_speed)
             load, direction = load - torques["output"][0], np.sign(speed)
             motor = self._geared("motor", load * hydraulic, speed, np.sign(load * speed))
@@ -231,7 +221,7 @@ class Shafts(ArrayState):
         held = self.stage.mechanical.direction * np.sign(self.row[driven] / self.row[braked])
         output_share, engine_share = self._row_shares(
             state, braked, self.stage.output_member, held * np.sign(pump[-1]))
-        reaction = -self.reflection * output * pump[-1] * output_share
+        reaction = -output * pump[-1] * output_share
         given = self._geared("output", np.asarray(reaction), output_speed,
                              -np.sign(reaction * output_speed), from_row=True)
         return {"pump": pump, "output": given[::-1], "mechanical": self._geared(
@@ -262,18 +252,19 @@ class Shafts(ArrayState):
             sun = self.row["sun"]
             sun_torque = np.abs(
                 pressure * units.pump_displacement * stroke * stage.pump.ratio
-                * sun / self.row[stage.motor_member] if self.pump_on_row else
+                * sun / self.row[stage.motor_member] if self.braced else
                 self.load_power / output * sun / self.row[stage.output_member]
                 / stage.output.ratio)
         return ShaftState(
             self.engine_speed, pump_speed, output, self.sense * speed,
             self.sense * self.direction * stroke, self.sense * pressure, self.viscosity, rolling,
             sun_torque, self.load_power, max(units.pump_displacement, units.motor_displacement),
-        )
+            [(engine, self.turns * output) for _, engine, output in stage.open_clutches]
+            or ((0.0, 1.0),))
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
-        units, torque = self.stage.pump_motor, torque + self.motor_damping * speed
+        units, torque = self.stage.pump_motor, torque + self.given.motor_damping * speed
         friction = units.motor_friction * direction * np.sign(torque)
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 
@@ -322,7 +313,7 @@ class Shafts(ArrayState):
     def with_pump(self, speed: Array, direction: Array) -> PowerFlow:
         """Return the whole power flow at a motor speed found."""
         found = self.torques(speed, direction, self.stroke)
-        for _ in range(_ITERATIONS if self.effects or self.pump_on_row else 0):
+        for _ in range(_ITERATIONS if self.effects or self.braced else 0):
             # Friction that an effect ties to the pressure settles in a few passes.
             before = found.state.pressure
             found = self.torques(speed, direction, self.stroke, self.sense * before)
@@ -333,7 +324,7 @@ class Shafts(ArrayState):
         torque = self._sum("engine_drag", state)
         if "mechanical" in torques:
             torque = torque + torques["mechanical"][-1]
-        if not self.pump_on_row:
+        if not self.braced:
             torque = torque + pump[-1] * self.pump_ratios[0]
         power = np.asarray(torque * self.engine_speed)
         return found._replace(torques={**torques, "pump": pump}, engine_power=power)

@@ -1,32 +1,36 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""The power balance of eqs (4), (13)-(15) without effects: at one point, and at many.
+r"""The power balance of eqs (4), (13)-(15) without effects, of every layout: at one point, at many.
 
 Powers are balanced shaft by shaft: the motor speed follows from the flow, the torques from the
 load, and every loss is paid on the shaft where it arises. Positive losses then give
-0 < efficiency < 1 everywhere, without a pole. With, per engine speed, the motor speed x, the output
-speed y and the flow s of the pump (the motor speed that it gives without leakage), and with the
-pressure as a torque of the motor :math:`\pi = p V_m`:
+0 < efficiency < 1 everywhere, without a pole. With, per engine speed, the output speed y, the motor
+speed x, the pump speed z, the load :math:`L = T / \omega`, the displacement ratio e as set times
+:math:`V_p / V_m`, and the pressure as a torque of the motor :math:`\pi = p V_m / \omega`:
 
-.. math:: y = m + h x \;(4), \qquad x = s - \frac{\pi}{K \omega} \;(13), \qquad
-          \pi = \frac{L T / y + f_m \omega x}{1 \mp c_{fm}} \;(14), \qquad
-          T_e = \frac{G T}{y} + \frac{(1 \pm c_{fp})\, \pi s + f_p \omega}{\eta_p^{\pm 1}} \;(15)
+.. math:: y = m + h x, \quad z = a + c y \;(4), \qquad \frac{\pi}{K} = e z - x \;(13)
 
-Eqs (4), (13), (14) together are a quadratic in y in each regime of the motor: where it drives the
-row (motoring), where the row drives it (pumping), and where it is driven so fast that its damping
-reverses the pressure:
+.. math:: M = (1 \mp c_{fm}) \pi - f_m x \;(14), \qquad
+          P = (1 \pm c_{fp}) e \pi + f_p z \;(15), \qquad
+          \frac{L}{y} = \alpha M + \rho P, \qquad \frac{T_e}{\omega} = \frac{G L}{y} + \gamma P
 
-.. math:: y^2 - 2 y \left(\frac{m}{2} + k s\right) + g \frac{T}{\omega} = 0, \qquad
-          k = \frac{h}{2 d}, \qquad g = \frac{h L}{(1 \mp c_{fm}) K d}, \qquad
-          d = 1 + \frac{f_m}{(1 \mp c_{fm}) K}
+Input-coupled the motor acts on the row: c = 0 and :math:`\rho = 0`. Without a row (hydrostatic) m
+and G are 0 too. Output-coupled the pump braces the row that drives the output, and the motor is
+geared to the output: m = 0 and G = 0. Friction and gears take their signs from the way in which
+power flows; in each regime of them y is a root of a quadratic, from pi of (13):
 
-Its larger root tends to m + h s, eq. (5), as leakage vanishes. Between motoring and pumping
-friction holds the motor, as any stiction does. Without a planetary row (hydrostatic) m = 0.
+.. math:: A y^2 - B y + L = 0, \qquad S = K (\alpha (1 \mp c_{fm}) + \rho (1 \pm c_{fp}) e)
 
-An output that turns backward and a load that drives the engine (overrun) reflect the signs of x, y,
-s, m and of every torque between, so that the row always asks the motor for a torque in its positive
+.. math:: A = S \left(\frac{1}{h} - c e\right) + \frac{\alpha f_m}{h} - \rho f_p c, \qquad
+          B = S \left(\frac{m}{h} + a e\right) + \frac{\alpha f_m m}{h} + \rho f_p a
+
+Its larger root tends to m + h a e, eq. (5), as leakage vanishes. From high pressure to low the
+regimes are: the motor drives; it is driven; its damping reverses the pressure; the pump drives.
+Between the first two friction holds a motor on the row, as any stiction does.
+
+An output that turns backward reflects y, x, e, m, c. On the row a load that drives the engine
+(overrun) reflects them too, so that the row always asks the motor for a torque in its positive
 sense; overrun then has y < 0, and the lower root. Each of these four quadrants has its constants.
 
-`PointState` (plain floats, what a control loop calls) and `ArrayState` say the same line by line.
 Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; here it takes torque.
 """
 
@@ -42,239 +46,348 @@ from numpy.typing import NDArray
 from ..transmission.parameters import Parameters
 from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
-from .output_coupled import OutputCoupledState
 
 Array = NDArray[np.float64]
 _ROUNDED = 1e-14  # x that is none but for rounding
 _STANDING = math.ulp(0.0)  # y of an output at rest without load: no torque over no speed is none
+_DRIVEN, _REVERSED, _MOTORED = 1, 2, 3  # regimes after the first, in which the motor drives
 
 
 class Regime(NamedTuple):
-    """k and g of the quadratic in y, in one regime of the motor."""
+    """Constants of one regime; per pressure torque, per speed of motor or pump.
 
-    flow_share: Any
-    load_share: Any
+    Attributes:
+        motor, motor_drag: output torque of the motor.
+        brace, brace_drag: output torque that the pump braces; 0 but on the row.
+        pump: 1 + c_fp or 1 - c_fp, for a positive displacement ratio.
+        square, level, flow: A and B / 2 at e = 0, and what e adds to B / 2 but for the brace.
+    """
+
+    motor: Any
+    motor_drag: Any
+    brace: float
+    brace_drag: Any
+    pump: float
+    square: Any
+    level: Any
+    flow: Any
 
 
-class SteadyState:
+class Quadrant:
     """The constants of one quadrant without effects; arrays where its parameters are.
 
     Args:
-        stage: input-coupled or hydrostatic.
+        stage: of any layout.
         parameters: of the units.
         turning: sense of the output, 1 forward or -1 backward.
         power: 1 where the load takes power, -1 in overrun.
 
     Attributes:
-        reflection: sign of what is reflected, `turning` x `power`.
-        sense: sign of y, `power`.
-        mechanical_ratio: m, output speed per engine speed while the motor stands [-].
-        hydraulic_ratio: h, change of output speed per motor speed [-].
-        full_flow: s at displacement ratio 1 [-]; negative where that slows the output.
+        braced: whether the pump is on the row (output-coupled).
+        reflection, sense: signs of what is reflected, and of y.
+        mechanical_ratio, hydraulic_ratio: m, h [-].
+        pump_ratios: a, c [-].
+        full: e at displacement ratio 1 [-]; negative where that slows the output.
         stiffness: K = V_m^2 / leakage [N m s/rad].
-        leak_torque: K / h: pressure torque per output speed lost to leakage [N m s/rad].
-        motor_damping: f_m [N m s/rad].
-        motoring, pumping, reversal: k and g in each regime.
-        motoring_load, pumping_load: L while the motor drives, and while it is driven [-].
-        motor_friction, pump_friction: c_fm, c_fp [-].
+        regimes: from high pressure to low; a pump that is not on the row needs three.
         mechanical_load: G, engine torque per output torque, over the mechanical path [-].
-        pump_damping: f_p, referred to the engine [N m s/rad].
-        pump_gears: mean and half the difference of what the engine gives per torque of the pump,
-            driving it and driven by it, over the pairs between the two [-].
-        idle_ratio: change of output speed per flow s without load [-]: the sense in which the
-            output turns then is the one it keeps.
-        stall_load: load torque / engine speed [N m s/rad] above which a motor that comes to rest
-            goes on to stall: a slower output then asks for more leakage than flow.
+        pump_friction, pump_damping: c_fp, f_p.
+        pump_gears: mean and half the difference of gamma where the pump is driven and drives.
+        stall_load: L above which a motor that comes to rest goes on to stall: a slower output then
+            asks for more leakage than flow [N m s/rad].
+        standing: displacement ratio at which an output without load stands [-].
     """
 
     def __init__(
         self, stage: Stage, parameters: Parameters, turning: int = 1, power: int = 1
     ) -> None:
         units, ratio = stage.pump_motor, stage.motor_speed_ratio
-        self.reflection, self.sense = turning * power, power
-        self.mechanical_ratio = self.reflection * stage.mechanical_speed_ratio
-        self.hydraulic_ratio = abs(ratio)
-        pump_gear = 1.0 / stage.pump.ratio
-        self.full_flow = (math.copysign(pump_gear, self.reflection * ratio)
-                          * units.pump_displacement / units.motor_displacement)
+        self.braced = stage.layout == "output_coupled"
+        self.sense = 1 if self.braced else power
+        self.reflection = turning * self.sense
+        self.hydraulic_ratio = h = abs(ratio)
+        self.mechanical_ratio = m = 0.0 if self.braced else (
+            self.reflection * stage.mechanical_speed_ratio)
+        a, fed = stage.pump_speed_ratios
+        self.pump_ratios = a, c = a, self.reflection * fed
+        self.full = (math.copysign(1.0, self.reflection * ratio)
+                     * units.pump_displacement / units.motor_displacement)
         self.stiffness: Any = units.motor_displacement**2 / parameters.leakage
-        self.leak_torque: Any = self.stiffness / self.hydraulic_ratio
-        self.motor_damping: Any = parameters.motor_damping
-        output_load = self.hydraulic_ratio / stage.output.efficiency**power
-        self.motoring_load = output_load / stage.motor.efficiency
-        self.pumping_load = output_load * stage.motor.efficiency
-        self.motor_friction, self.pump_friction = units.motor_friction, units.pump_friction
-        # The row drives the mechanical path back where the other one gives more than the load.
-        way = -1 if self.mechanical_ratio < 0.0 else 1
-        self.mechanical_load = self.mechanical_ratio / (
-            stage.output.efficiency**power * stage.mechanical.efficiency**way)
-        self.pump_damping: Any = parameters.pump_damping * pump_gear**2
-        gears = stage.pump.efficiency
-        self.pump_gears = 0.5 * (1.0 / gears + gears), 0.5 * (1.0 / gears - gears)
-        friction = self.motor_friction
-        self.motoring = self._regime(self.motoring_load, friction)
-        self.pumping = self._regime(self.pumping_load, -friction)
-        self.reversal = self._regime(self.pumping_load, friction)
-        self.idle_ratio: Any = 2.0 * self.motoring.flow_share
-        self.stall_load: Any = self.mechanical_ratio**2 / self.motoring.load_share
+        self.pump_friction = units.pump_friction
+        self.pump_damping: Any = parameters.pump_damping
+        self.mechanical_load = 0.0
+        pump_gears, output_gears = stage.pump.efficiency, stage.output.efficiency
+        if self.braced:
+            pump_gears *= stage.mechanical.efficiency
+        else:
+            # The row drives the mechanical path back where the other one gives more than the load.
+            way = -1 if m < 0.0 else 1
+            self.mechanical_load = m / (
+                output_gears**power * stage.mechanical.efficiency**way)
+        self.pump_gears = 0.5 * a * (1.0 / pump_gears + pump_gears), (
+            0.5 * a * (1.0 / pump_gears - pump_gears))
+        self.regimes = []
+        for drives, pressure, takes in (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (-1, -1, -1):
+            gear, brace = stage.motor.efficiency**drives / h, 0.0
+            if self.braced:
+                # The row drives the output while the pump brakes it; driven by it, it drives on.
+                gives = takes if c < 0.0 else -takes
+                brace = -c * stage.pump.efficiency**-takes * output_gears**gives
+                friction = units.motor_friction * pressure
+            else:
+                gear *= output_gears**power
+                friction = units.motor_friction * pressure * drives
+            drag, brace_drag = gear * parameters.motor_damping, brace * parameters.pump_damping
+            stiff = self.stiffness * gear * (1.0 - friction)
+            self.regimes.append(Regime(
+                gear * (1.0 - friction), drag, brace, brace_drag,
+                1.0 + units.pump_friction * pressure,
+                (stiff + drag) / h - brace_drag * c,
+                0.5 * ((stiff + drag) * m / h + brace_drag * a), 0.5 * stiff * a))
+        if not self.braced:
+            del self.regimes[_MOTORED]
+        self.stall_load: Any = (m**2 * self.regimes[0].square if m >= 0.0 and not self.braced
+                                else -math.inf)
+        self.standing: Any = self._standing(self.regimes[_REVERSED if c < 0.0 else 0])
 
-    def _regime(self, load: float, friction: float) -> Regime:
-        """Return the constants of (4), (13), (14) with so much load and signed friction."""
-        stiffness = (1.0 - friction) * self.stiffness
-        damped = 1.0 + self.motor_damping / stiffness
-        return Regime(self.hydraulic_ratio / (2.0 * damped),
-                      self.hydraulic_ratio * load / (stiffness * damped))
+    def _standing(self, regime: Regime) -> Any:
+        """Displacement ratio of B = 0, where the pump takes torque."""
+        a, _ = self.pump_ratios
+        square = self.stiffness * regime.brace * (1.0 + self.pump_friction) * a
+        root = (regime.flow * regime.flow - 2.0 * square * regime.level) ** 0.5
+        return -2.0 * regime.level / (regime.flow + root) / self.full
 
-    def engine_torque(
-        self, flow: Any, free: Any, output: Any, engine_speed: Any, load_torque: Any
-    ) -> Any:
-        """Torque T_e for a flow s, with the output speeds y without leakage and with it [N m]."""
-        # (13), with what friction holds too: the whole flow leaks there.
-        ideal = self.leak_torque * (free - output) * engine_speed * flow
-        pump = ideal + self.pump_friction * abs(ideal) + self.pump_damping * engine_speed
-        mean, half = self.pump_gears
-        row = self.mechanical_load * load_torque / output
-        return row + mean * pump + half * abs(pump)  # (15)
+    def quadratic(self, regime: Regime, ratio: Any, load: Any) -> tuple[Any, Any, Any]:
+        """B / 2A, L / A and A in one regime, for e and L."""
+        square, level = regime.square, regime.level + regime.flow * ratio
+        if regime.brace:
+            a, c = self.pump_ratios
+            brace = self.stiffness * regime.brace * (ratio + (regime.pump - 1.0) * abs(ratio))
+            level = level + 0.5 * brace * a * ratio
+            square = (square + brace / self.hydraulic_ratio
+                      - (self.stiffness * regime.motor + brace) * c * ratio)
+        return level / square, load / square, square
+
+    def pressure(self, ratio: Any, output: Any) -> Any:
+        """Return pi for e and y, eq. (13); what friction holds too: the whole flow leaks there."""
+        a, c = self.pump_ratios
+        return self.stiffness * (ratio * (a + c * output) - (
+            output - self.mechanical_ratio) / self.hydraulic_ratio)
+
+    def pump_torque(self, ratio: Any, output: Any, pressure: Any) -> Any:
+        """Return P, eq. (15)."""
+        (a, c), ideal = self.pump_ratios, ratio * pressure
+        return ideal + self.pump_friction * abs(ideal) + self.pump_damping * (a + c * output)
+
+    def drives(self, pressure: Any, output: Any) -> Any:
+        """Whether a motor at the output drives it, M > 0."""
+        first = self.regimes[0]
+        return first.motor * pressure > first.motor_drag * output / self.hydraulic_ratio
+
+    def engine_torque(self, ratio: Any, output: Any, load: Any) -> Any:
+        """Torque of the engine per engine speed [N m s/rad]."""
+        pump, (mean, half) = self.pump_torque(ratio, output, self.pressure(ratio, output)), (
+            self.pump_gears)
+        return self.mechanical_load * load / output + mean * pump + half * abs(pump)
 
 
-class PointState(SteadyState):
-    """One quadrant at one point, in plain floats."""
+def at_point(
+    stage: Stage, parameters: Parameters, turning: int, power: int
+) -> Callable[[float, float, float], tuple[float, float]]:
+    """Return what solves one quadrant at one point, in plain floats, to engine torque and speed.
+
+    It says what `ArrayQuadrant.solve` says, to the last digit, without a call: a control loop waits
+    for it.
+    """
+    own = Quadrant(stage, parameters, turning, power)
+    (a, c), h, rest, braced, sense = (own.pump_ratios, own.hydraulic_ratio, own.mechanical_ratio,
+                                      own.braced, own.sense)
+    full, stiffness, stall, carried = own.full, own.stiffness, own.stall_load, own.mechanical_load
+    rubbing, damping, (mean, half) = own.pump_friction, own.pump_damping, own.pump_gears
+    drag, reflection, sqrt, nan = own.regimes[0].motor_drag, own.reflection, math.sqrt, math.nan
+    regimes = [(number, each.square, each.level, each.flow, each.motor, stiffness * each.motor,
+                stiffness * each.brace, each.pump - 1.0) for number, each in enumerate(own.regimes)]
 
     def solve(
-        self, flow: float, free: float, engine_speed: float, load_torque: float
+        displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> tuple[float, float]:
-        """Engine torque and output speed; NaN where the load cannot be carried."""
-        output = self._output(flow, free, load_torque / engine_speed)  # (4)
-        if not output * self.sense > 0.0:
-            if load_torque:
-                return math.nan, math.nan
+        ratio, load = full * displacement_ratio, load_torque / engine_speed
+        for number, square, level, flow, motor, stiff, brace, rubbed in regimes:
+            middle = level + flow * ratio
+            if brace:
+                held = brace * (ratio + rubbed * abs(ratio))
+                middle += 0.5 * held * a * ratio
+                square = square + held / h - (stiff + held) * c * ratio
+            middle /= square
+            inside = middle * middle - load / square
+            if not inside >= 0.0 or square <= 0.0:
+                if number == 0 and not load > stall:
+                    continue
+                return nan, nan
+            output = middle + sense * sqrt(inside) if load else 2.0 * middle
+            if number == 0 and not braced:
+                if output > rest:
+                    break
+                continue
+            if number == _DRIVEN and not braced and output >= rest:
+                output = rest
+                break
+            pressure = stiffness * (ratio * (a + c * output) - (output - rest) / h)
+            if number == 0:
+                if motor * pressure > drag * output / h:
+                    break
+            elif number == _DRIVEN:
+                if pressure >= 0.0:
+                    break
+            elif braced:
+                ideal = ratio * pressure
+                if ideal + rubbing * abs(ideal) + damping * (a + c * output) >= 0.0:
+                    break
+        if not output * sense > 0.0:
+            if load:
+                return nan, nan
             output = output or _STANDING
-        torque = self.engine_torque(flow, free, output, engine_speed, load_torque)
-        return torque, self.reflection * engine_speed * output
+        pump = a + c * output
+        ideal = ratio * (stiffness * (ratio * pump - (output - rest) / h))
+        torque = ideal + rubbing * abs(ideal) + damping * pump
+        return ((carried * load / output + mean * torque + half * abs(torque)) * engine_speed,
+                reflection * engine_speed * output)
 
-    def _output(self, flow: float, free: float, load: float) -> float:
-        """Output speed y for a flow s."""
-        rest = self.mechanical_ratio
-        output = self._root(self.motoring, flow, load)
-        if output > rest:
-            return output
-        if math.isnan(output) and (load > self.stall_load or rest < 0.0):
-            return math.nan
-        output = self._root(self.pumping, flow, load)
-        if output >= rest:
-            return rest
-        if not output <= free:
-            faster = self._root(self.reversal, flow, load)
-            if faster > free:
-                return faster
-        return output
-
-    def _root(self, regime: Regime, flow: float, load: float) -> float:
-        middle = 0.5 * self.mechanical_ratio + regime.flow_share * flow
-        if not load:
-            return 2.0 * middle
-        inside = middle * middle - regime.load_share * load
-        return middle + self.sense * math.sqrt(inside) if inside >= 0.0 else math.nan
+    return solve
 
 
 class PointSolver:
     """The steady state at one point in range, in plain floats."""
 
     def __init__(self, stage: Stage, parameters: Parameters) -> None:
-        self._states = {(turning, power): PointState(stage, parameters, turning, power)
-                        for turning in (1, -1) for power in (1, -1)}
-        self._usual = self._states[-1 if stage.reverse else 1, 1]
+        first = Quadrant(stage, parameters)
+        self._sense, self._standing = math.copysign(1.0, first.full), first.standing
+        self._usual = Quadrant(stage, parameters, -1) if stage.reverse else first
+        self._quadrants = [at_point(stage, parameters, turning, power)
+                           for turning in (-1, 1) for power in (-1, 1)]
 
     def solve(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> tuple[float, float, float]:
         """What `Solution` holds; NaN where the load cannot be carried."""
-        state = self._usual
-        flow = state.full_flow * displacement_ratio
-        free = state.mechanical_ratio + state.hydraulic_ratio * flow  # (5)
-        forward = state.mechanical_ratio + state.idle_ratio * flow > 0.0
-        if not (forward and load_torque >= 0.0):
-            turning = state.reflection if forward else -state.reflection
-            power = 1 if load_torque >= 0.0 else -1
-            if state.reflection != turning * power:
-                flow, free = -flow, -free
-            state = self._states[turning, power]
-        torque, speed = state.solve(flow, free, engine_speed, load_torque)
+        forward = (displacement_ratio - self._standing) * self._sense > 0.0
+        torque, speed = self._quadrants[2 * forward + (load_torque >= 0.0)](
+            displacement_ratio, engine_speed, load_torque)
         if load_torque < 0.0:
             return torque / load_torque if torque < 0.0 else math.nan, speed, torque
         return load_torque / torque if torque > 0.0 else math.nan, speed, torque
 
     def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
-        """Displacement ratios between which friction holds the motor or it stalls, lowest first."""
-        state, ratios = self._usual, []
-        rest = state.mechanical_ratio
-        for regime in (state.motoring, state.pumping):
-            product = regime.load_share * load_torque / engine_speed
-            slowest = max(rest, math.sqrt(product))
-            flow = (slowest + product / slowest - rest) / (2.0 * regime.flow_share)
-            ratios.append(flow / state.full_flow)
+        """Displacement ratios between which friction holds the motor or it stalls, lowest first.
+
+        Both 0 where the motor is not on the row.
+        """
+        usual, ratios = self._usual, []
+        if usual.braced:
+            return [0.0, 0.0]
+        load = load_torque / engine_speed
+        for regime in usual.regimes[:_REVERSED]:
+            slowest = max(usual.mechanical_ratio, math.sqrt(load / regime.square))
+            level = 0.5 * (regime.square * slowest + load / slowest)
+            ratios.append((level - regime.level) / regime.flow / usual.full)
         return sorted(ratios)
 
 
-class ArrayState(SteadyState):
+class ArrayQuadrant(Quadrant):
     """One quadrant at points of shape (n,); parameters of shape (..., 1) give (..., n)."""
 
     def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
         engine_speed, load_torque = points.engine_speed, points.load_torque
-        flow, load = self.full_flow * points.displacement_ratio, load_torque / engine_speed
-        free = self.mechanical_ratio + self.hydraulic_ratio * flow  # (5)
-        output = self.selected(*self.output_speeds(flow, load), self.mechanical_ratio, load)
-        output = self.turning(output, load_torque)
-        torque = self.engine_torque(flow, free, output, engine_speed, load_torque)
+        ratio, load = self.full * points.displacement_ratio, load_torque / engine_speed
+        output = self.turning(self.output(ratio, load), load)
+        torque = self.engine_torque(ratio, output, load) * engine_speed
         return Solution.of(load_torque, torque, self.reflection * engine_speed * output)
 
-    def turning(self, output: Array, load_torque: Array) -> Array:
+    def turning(self, output: Array, load: Array) -> Array:
         """Return y where it has its sign, or nothing loads the output; NaN elsewhere."""
         known = output * self.sense > 0.0
-        if load_torque.all():
+        if load.all():
             return np.where(known, output, np.nan)
-        known |= load_torque == 0.0
+        known |= load == 0.0
         return np.where(known, np.where(output == 0.0, _STANDING, output), np.nan)
 
-    def output_speeds(self, flow: Array, load: Array) -> tuple[Array, Array]:
-        """Output speed y while motoring and while pumping, valid or not: see `selected`."""
-        motoring, pumping = (self._root(regime, flow, load)
-                             for regime in (self.motoring, self.pumping))
-        free = self.mechanical_ratio + self.hydraulic_ratio * flow
-        reverses = ~(pumping <= free)
-        if reverses.any():
-            faster = self._root(self.reversal, flow, load)
-            pumping = np.where(reverses & (faster > free), faster, pumping)
-        return motoring, pumping
+    def output(self, ratio: Array, load: Array) -> Array:
+        """Output speed y for e."""
+        driving, driven = self.output_speeds(ratio, load)
+        if not self.braced:
+            return self.selected(driving, driven, self.mechanical_ratio, load)
+        drives = self.drives(self.pressure(ratio, driving), driving) | np.isnan(driving)
+        return np.where(drives, driving, driven)
 
-    def _root(self, regime: Regime, flow: Array, load: Array) -> Array:
-        middle = 0.5 * self.mechanical_ratio + regime.flow_share * flow
-        root = middle + self.sense * np.sqrt(middle * middle - regime.load_share * load)
+    def output_speeds(self, ratio: Array, load: Array) -> tuple[Array, Array]:
+        """Output speed y while the motor drives and while it is driven, valid or not."""
+        driving, driven = (self._root(regime, ratio, load) for regime in (0, _DRIVEN))
+        reversed_ = ~(self.pressure(ratio, driven) >= 0.0)
+        if reversed_.any():
+            slower = self._root(_REVERSED, ratio, load)
+            if self.braced:
+                motored = ~(self.pump_torque(ratio, slower, self.pressure(ratio, slower)) >= 0.0)
+                slower = np.where(motored, self._root(_MOTORED, ratio, load), slower)
+            driven = np.where(reversed_, slower, driven)
+        return driving, driven
+
+    def _root(self, regime: int, ratio: Array, load: Array) -> Array:
+        middle, product, square = self.quadratic(self.regimes[regime], ratio, load)
+        root = middle + self.sense * np.sqrt(middle * middle - product)
+        if self.braced:
+            root = np.where(square > 0.0, root, np.nan)
         return np.asarray(root) if load.all() else np.where(load == 0.0, 2.0 * middle, root)
 
-    def selected(self, motoring: Array, pumping: Array, rest: float, load: Array) -> Array:
-        """Speed that is taken, of those in either regime; that at rest where friction holds it.
+    def selected(self, driving: Array, driven: Array, rest: float, load: Array) -> Array:
+        """Speed that is taken of a motor on the row; that at rest where friction holds it.
 
-        Friction asks for more pressure while motoring, so motoring < pumping: at most one is valid.
+        Friction asks for more pressure while it drives, so driving < driven: at most one is valid.
         """
-        slow = np.minimum(pumping, rest)
-        stalls = np.isnan(motoring) & (
-            (load > self.stall_load) if self.mechanical_ratio >= 0.0 else True)
-        return np.where(motoring > rest, motoring, np.where(stalls, np.nan, slow))
+        stalls = np.isnan(driving) & (load > self.stall_load)
+        return np.where(driving > rest, driving,
+                        np.where(stalls, np.nan, np.minimum(driven, rest)))
 
-    def displacement_ratio(
+    def held(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
-    ) -> Array:
-        """As `ArraySolver.displacement_ratio`."""
-        output = self.reflection * output_speed / engine_speed
-        motor = (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
-        drives = motor > _ROUNDED  # a motor at rest does not
-        load = np.where(drives, self.motoring_load, self.pumping_load)
-        torque = load * load_torque / output + self.motor_damping * engine_speed * motor
-        friction = self.motor_friction * np.where(drives, 1.0, -1.0) * np.sign(torque)
-        pressure = torque / (1.0 - friction)  # (14)
-        return (motor + pressure / (self.stiffness * engine_speed)) / self.full_flow  # (13)
+    ) -> tuple[Array, Array]:
+        """Displacement ratio and engine torque that make an output speed.
+
+        The torque is NaN where no steady motor keeps the state. With the motor at rest many
+        ratios do: the least is given, which leaks least.
+        """
+        output, load = self.reflection * output_speed / engine_speed, load_torque / engine_speed
+        (a, c), motor = self.pump_ratios, (output - self.mechanical_ratio) / self.hydraulic_ratio
+        pump = a + c * output  # (4)
+
+        def found_in(regime: Regime) -> Array:
+            gear, drag, brace, brace_drag, rubbed, square, *_ = regime
+            pressure = (load / output + drag * motor) / gear
+            ratio = (motor + pressure / self.stiffness) / pump  # (13)
+            if brace:
+                brace *= rubbed
+                rest, linear = pressure * gear - brace_drag * pump, gear + brace * motor / pump
+                pressure = 2.0 * rest / (linear + np.sqrt(
+                    linear * linear + 4.0 * brace * rest / (self.stiffness * pump)))
+                ratio = (motor + pressure / self.stiffness) / pump
+                square = self.quadratic(regime, ratio, load)[2]
+            return np.stack(np.broadcast_arrays(pressure, ratio, square))
+
+        found = found_in(self.regimes[0])
+        past = driven = ~(self.drives(found[0], output) if self.braced else motor > _ROUNDED)
+        for number, regime in enumerate(self.regimes[1:], 1):
+            if not past.any():
+                break
+            found = np.where(past, found_in(regime), found)
+            past = past & ~((found[0] if number == _DRIVEN else self.pump_torque(
+                found[1], output, found[0])) >= 0.0)
+        _, ratio, square = found
+        # The larger root, and no motor that stalls.
+        keeps = square * output * output >= load
+        if not self.braced:
+            keeps &= ~driven | (load <= self.stall_load)
+        torque = self.engine_torque(ratio, output, load) * engine_speed
+        return ratio / self.full, np.where(keeps, torque, np.nan)
 
 
 class ArraySolver:
@@ -282,7 +395,7 @@ class ArraySolver:
 
     def __init__(self, stage: Stage, parameters: Parameters) -> None:
         self._stage, self._parameters = stage, parameters
-        self._states: dict[tuple[int, int], ArrayState | OutputCoupledState] = {}
+        self._quadrants: dict[tuple[int, int], ArrayQuadrant] = {}
         self.mechanical_ratio = stage.mechanical_speed_ratio
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
@@ -292,49 +405,50 @@ class ArraySolver:
 
     def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
         """As `solve`, of points in one quadrant (sense of the output, of the power)."""
-        return self._state(part).solve(points)
+        return self._quadrant(part).solve(points)
 
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def displacement_ratio(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
     ) -> Array:
-        """Displacement ratio that makes an output speed [-]; beyond -1 to 1 where none does.
+        """As `held`, the first of it; beyond -1 to 1 where no displacement ratio does."""
+        return self.held(engine_speed, output_speed, load_torque)[0]
 
-        With the motor at rest many do: the least is given, which leaks least.
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def held(
+        self, engine_speed: Array, output_speed: Array, load_torque: Array
+    ) -> tuple[Array, Array]:
+        """Displacement ratio [-] and engine torque [N m] that make an output speed.
+
+        See `ArrayQuadrant.held`.
         """
         columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
-        found = np.empty(columns[0].shape)
-        for part, chosen in quadrants(columns[1], columns[2]):
-            found[chosen] = self.stroke_in(part, *(column[chosen] for column in columns))
-        return found
+        found = np.empty((2, *columns[0].shape))
+        for part, chosen in quadrants(columns[1] > 0.0, columns[2]):
+            found[:, chosen] = self.held_in(part, *(column[chosen] for column in columns))
+        return found[0], found[1]
 
-    def _state(self, part: tuple[int, int]) -> ArrayState | OutputCoupledState:
-        if part not in self._states:
-            given = self._stage, self._parameters
-            self._states[part] = (OutputCoupledState(*given, part[0])
-                                  if self._stage.layout == "output_coupled"
-                                  else ArrayState(*given, *part))
-        return self._states[part]
+    def held_in(self, part: tuple[int, int], *columns: Array) -> tuple[Array, Array]:
+        """As `held`, in one quadrant."""
+        return self._quadrant(part).held(*columns)
 
-    def stroke_in(self, part: tuple[int, int], *columns: Array) -> Array:
-        """As `displacement_ratio`, in one quadrant."""
-        return self._state(part).displacement_ratio(*columns)
+    def _quadrant(self, part: tuple[int, int]) -> ArrayQuadrant:
+        if part not in self._quadrants:
+            self._quadrants[part] = ArrayQuadrant(self._stage, self._parameters, *part)
+        return self._quadrants[part]
 
-    def idle_speed(self, points: OperatingPoints) -> Array:
-        """Output speed per engine speed without load; of many candidates, without damping too."""
-        stroke, state = points.displacement_ratio, self._state((1, 1))
+    def turns_forward(self, displacement_ratio: Array) -> NDArray[np.bool_]:
+        """Whether the output without load does; of many candidates, without damping too."""
         if np.ndim(self._parameters.motor_damping) > 0:
-            return speed_ratio(self._stage, stroke)
-        if isinstance(state, OutputCoupledState):
-            return state.output(state.full * stroke, np.zeros_like(stroke))[0]
-        return np.asarray(state.mechanical_ratio + state.idle_ratio * state.full_flow * stroke)
+            return np.asarray(speed_ratio(self._stage, displacement_ratio) > 0.0)
+        first = self._quadrant((1, 1))
+        return np.asarray((displacement_ratio - first.standing) * first.full > 0.0)
 
     def _together(
         self, points: OperatingPoints,
         function: Callable[[tuple[int, int], OperatingPoints], tuple[Array, ...]],
     ) -> tuple[Array, ...]:
         """Columns that a function gives for each quadrant and its points, put together."""
-        parts = list(quadrants(self.idle_speed(points), points.load_torque))
+        parts = list(quadrants(self.turns_forward(points.displacement_ratio), points.load_torque))
         if len(parts) == 1:
             return function(parts[0][0], points)
         found = [function(part, points.map(lambda axis, i=chosen: axis[i]))
@@ -347,9 +461,11 @@ class ArraySolver:
         return tuple(columns)
 
 
-def quadrants(speed: Array, load: Array) -> Iterator[tuple[tuple[int, int], NDArray[np.bool_]]]:
+def quadrants(
+    forward: NDArray[np.bool_], load: Array
+) -> Iterator[tuple[tuple[int, int], NDArray[np.bool_]]]:
     """Yield the quadrants (turning, power) that occur, each with where it does."""
-    code = 2 * (speed > 0.0) + (load >= 0.0)
+    code = 2 * forward + (load >= 0.0)
     first = code.ravel()[:1]
     for each in (3, 2, 1, 0) if (code != first).any() else first.tolist() or (3,):
         chosen = code == each

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -216,10 +216,11 @@ class Solution(NamedTuple):
         return cls(efficiency, output_speed, engine_torque)
 
 
-def is_plain(point: tuple[Any, Any, Any]) -> TypeGuard[tuple[float, float, float]]:
+_SLOW, _FAST, _OVERRUN, _PULL = (ENGINE_SPEED.low, ENGINE_SPEED.high, ANY_LOAD.low, ANY_LOAD.high)
+
+
+def is_plain(displacement_ratio: Any, engine_speed: Any, load_torque: Any) -> bool:
     """Tell whether one point is of plain floats in range: `Range.check` for these, no more."""
-    stroke, speed, torque = point
-    return (type(stroke) is type(speed) is type(torque) is float
-            and DISPLACEMENT_RATIO.low <= stroke <= DISPLACEMENT_RATIO.high
-            and ENGINE_SPEED.low <= speed <= ENGINE_SPEED.high
-            and ANY_LOAD.low <= torque <= ANY_LOAD.high)
+    return (type(displacement_ratio) is type(engine_speed) is type(load_torque) is float
+            and -1.0 <= displacement_ratio <= 1.0 and _SLOW <= engine_speed <= _FAST
+            and _OVERRUN <= load_torque <= _PULL)

@@ -117,6 +117,8 @@ class Stage:
         pump_motor: the hydraulic units.
         layout: one of `LAYOUTS`.
         reverse: whether the mechanical path drives the output backward: its speed is negative.
+        open_clutches: by name, what a clutch that is open slips by per engine speed and per output
+            speed [-]; empty where it is not known.
 
     Raises:
         InputError: a value is out of range, members repeat, the pump path states a direction, or
@@ -135,6 +137,7 @@ class Stage:
     pump_motor: PumpMotor
     layout: str = "input_coupled"
     reverse: bool = False
+    open_clutches: tuple[tuple[str, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         where = f"stage {self.name}: "
@@ -257,6 +260,13 @@ class Stage:
         for field in ("mechanical_member", "motor_member", "output_member"):
             made[field] = str(get(entry[on_row[field]], "member",
                                   f"{where}{on_row[field]}.")) if on_row else ""
+        slips, place = entry.get("open_clutches", {}), f"{where}open_clutches"
+        _require(isinstance(slips, Mapping) and all(
+            isinstance(slip, list) and len(slip) == 2 for slip in slips.values()), place, slips,
+            "name: [slip per engine speed, per output speed]")
+        made["open_clutches"] = tuple(
+            (str(key), *(number({place: value}, place) for value in slip))
+            for key, slip in slips.items())
         return cls(name=name, pump_motor=_pump_motor(section(data, "pump_motor")), layout=layout,
                    reverse=reverse, **made)
 
@@ -269,7 +279,9 @@ class Stage:
             for key, path in self.paths.items() if on_row or key != "mechanical"}
         for field, key in on_row.items():
             paths[key]["member"] = getattr(self, field)
-        stated = {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
+        stated: dict[str, Any] = {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
+        if self.open_clutches:
+            stated["open_clutches"] = {name: list(slip) for name, *slip in self.open_clutches}
         units = self.pump_motor
         return {
             "gear_pairs": {pair.name: pair.ratio for pair in self.gear_pairs},

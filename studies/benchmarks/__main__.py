@@ -16,7 +16,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
 import hmcvt_core as hmcvt
 from studies.page import Run, busy_cores, goal_table, machine, render
 
-from . import fitting, point
+from . import drive_line, fitting, point
 
 
 def main() -> int:
@@ -28,7 +28,8 @@ def main() -> int:
     given = parser.parse_args()
     others, start = busy_cores(), time.monotonic()
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    sections = [point.section(model, given.quick), fitting.section(model, given.quick)]
+    sections = [point.section(model, given.quick), drive_line.section(*[8] if given.quick else []),
+                fitting.section(model, given.quick)]
     goals = [goal for section in sections for goal in section.goals]
     run = Run(" ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
               time.monotonic() - start, others)

@@ -80,7 +80,7 @@ def _lookups(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
                      len(rows))
     off = 100.0 * np.abs(interpolated(rows) - lookup(*many))
     return Section([
-        at_most("one lookup", spread([1e6 * spent for spent in one["ours"]]), 2.5, " us"),
+        at_most("one lookup", spread([1e6 * spent for spent in one["ours"]]), 2.0, " us"),
         at_least("one lookup: table / ours", ratio(one, "table", "ours"), 30.0),
         at_least(f"batch of {len(rows):,} points: table / ours", ratio(batch, "table", "ours"),
                  2.0),

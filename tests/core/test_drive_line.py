@@ -8,35 +8,11 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS, RPM
+from hmcvt_core.transmission.ranges import RPM
+from studies.benchmarks.drive_line import brute_force, demands
 
 TRACTOR = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
 ENGINE = hmcvt.load_engine(hmcvt.data_path("params/engine.yaml"))
-
-
-def brute_force(model, engine, output_speed, power, strokes=2001, speeds=400):
-    """Least fuel [kg/s] over every stage, through the public lookup alone; strokes interpolated."""
-    speed = np.linspace(*ENGINE_SPEED_LIMITS, speeds)
-    stroke = np.linspace(-1.0, 1.0, strokes)
-    best = math.inf
-    for stage in model.stages.values():
-        reached = stage.output_speed(stroke[:, None], speed, power / speed) - output_speed
-        change = np.sign(reached[:-1]) * np.sign(reached[1:]) <= 0.0
-        at, which = np.nonzero(change)
-        if not len(at):
-            continue
-        part = reached[at, which] / (reached[at, which] - reached[at + 1, which])
-        needed = stroke[at] + np.nan_to_num(part) * (stroke[1] - stroke[0])
-        load = power / speed[which]
-        efficiency = stage.efficiency(needed, speed[which], load)
-        fuel = engine.fuel_rate(speed[which], load / efficiency)
-        best = min(best, np.nan_to_num(fuel, nan=math.inf).min(initial=math.inf))
-    return best
-
-
-def demands(count, seed):
-    rng = np.random.default_rng(seed)
-    return zip(rng.uniform(8.0, 330.0, count), 1e3 * rng.uniform(5.0, 120.0, count), strict=True)
 
 
 def test_no_brute_force_burns_less():

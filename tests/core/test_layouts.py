@@ -209,6 +209,7 @@ def test_effects_cost_power_in_every_layout(name, effect):
      "stage HM4: output speed per engine speed at standing motor = -1.19.*check the directions"),
     ("tractor", "    HM2:\n", "    HM2:\n      clutch: c2\n",
      r"HM2\.clutch at line \d+ is not known"),
+    ("tractor", "[0.4147, 0.6534]", "0.4", r"HM4\.open_clutches = .*allowed: name: \[slip per"),
 ])
 def test_wrong_stages_are_refused_by_name(tmp_path, file, old, new, message):
     text = hmcvt.data_path(f"params/{file}.yaml").read_text(encoding="utf-8")

@@ -48,7 +48,7 @@ def test_batch(model, table):
     assert times_faster(lambda: model.efficiency(*columns), lambda: table(rows)) > 1.0
 
 
-# 0.15 ms and 1 ms are 60 and 400 lookups of 2.5 us.
+# 0.15 ms and 1 ms are 60 and 400 lookups of 2.5 us: more than one takes.
 @pytest.mark.parametrize(("hold", "lookups"), [("engine_speed", 60), ("output_speed", 400)])
 def test_optimum(model, hold, lookups):
     now = {"displacement_ratio": 0.3} if hold == "output_speed" else {}

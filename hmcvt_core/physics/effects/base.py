@@ -9,6 +9,7 @@ found through `Effect.__subclasses__`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -34,6 +35,8 @@ class ShaftState(NamedTuple):
         sun_torque: that the load asks of the sun of a lossless row [N m], positive.
         load_power: output power [W].
         displacement: V_p = V_m of the larger unit, for forms that scale with size [m3/rad].
+        open_clutches: slip of each per engine speed and per output speed [-], as the data of the
+            stage say; without data one that slips as the output turns.
     """
 
     engine_speed: Array
@@ -47,6 +50,7 @@ class ShaftState(NamedTuple):
     sun_torque: Array
     load_power: Array
     displacement: float
+    open_clutches: Sequence[tuple[float, float]] = ((0.0, 1.0),)
 
 
 @dataclass(frozen=True)

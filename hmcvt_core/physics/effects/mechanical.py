@@ -86,8 +86,10 @@ class ClutchDrag(Effect):
 
     The film shears (torque rises with slip), then needs more oil than it is fed and breaks (it
     falls): what is fed moves the peak and leaves the shear below it alone. A feed pump on the
-    engine makes q = (engine speed / 150 rad/s)^m, m = 0 where a valve holds the flow. The slip of
-    the open clutches follows the output shaft.
+    engine makes q = (engine speed / 150 rad/s)^m, m = 0 where a valve holds the flow. Every open
+    clutch drags alike, by the slip that the data of the stage give it, referred to the output; its
+    torque acts on engine and output as the slip follows their speeds. Without such data one
+    clutch stands for all, and slips as the output shaft turns.
     """
 
     name = "clutch_drag"
@@ -107,8 +109,17 @@ class ClutchDrag(Effect):
         x = slip / (self.peak_speed * feed)
         return np.asarray(self.torque * feed * 2.0 * x / (1.0 + x * x))
 
+    def _referred(self, state: ShaftState, shaft: int) -> Value:
+        """Sum of the drag of the open clutches at the engine (0) or the output (1)."""
+        return sum(slip[shaft] * self._drag(
+            slip[0] * state.engine_speed + slip[1] * state.output_speed, state.engine_speed)
+            for slip in state.open_clutches)
+
     def output_drag(self, state: ShaftState) -> Value:
-        return self._drag(state.output_speed, state.engine_speed)
+        return self._referred(state, 1)
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        return self._referred(state, 0)
 
 
 @dataclass(frozen=True)
