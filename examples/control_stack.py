@@ -10,6 +10,7 @@ ground speed and power, one wastes least. This program finds it with `hmcvt_core
 model that the node serves and latches on `~/model`, so that a refit of the node reaches it at once.
 It sends `cvt_command`: velocity of joint `engine` [rad/s], position of joint `displacement` [-].
 `--pretend` is the tractor too: it publishes the inputs of the node and follows the command at once.
+`examples/field_cycle_ros.py` drives over a field cycle so, stages included.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import tempfile
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -44,22 +46,23 @@ class ControlStack(Node):
         super().__init__("control_stack", namespace=namespace)
         self.model: hmcvt.EfficiencyModel | None = None
         self.state: dict[str, float] = dict(START) if pretend else {}
-        self.heard: dict[str, float] = {}  # last answers of the node
+        self.heard: dict[str, Any] = {}  # last answers of the node
         self.command: hmcvt.Optimum | None = None
         self._senders = {name: self.create_publisher(Float64, name, qos.INPUT)
                          for name in START if pretend}
         if not pretend:
-            self._keep(self.state, START, qos.INPUT)
-        self._keep(self.heard, ("efficiency", "optimal_displacement_ratio"), qos.OUTPUT)
+            self.keep(self.state, START, qos.INPUT)
+        self.keep(self.heard, ("efficiency", "optimal_displacement_ratio"), qos.OUTPUT)
         self.create_subscription(String, "hmcvt/model", self._on_model, qos.LATCHED)
         self._commands = self.create_publisher(JointState, "cvt_command", 10)
         self.create_timer(PERIOD, self._step)
 
-    def _keep(self, values: dict[str, float], names: Iterable[str], profile: QoSProfile) -> None:
+    def keep(self, values: dict[str, Any], names: Iterable[str], profile: QoSProfile,
+             kind: Any = Float64) -> None:
         """Hold on to the last value of some topics."""
         for name in names:
             self.create_subscription(
-                Float64, name, lambda m, name=name: values.update({name: m.data}), profile)
+                kind, name, lambda m, name=name: values.update({name: m.data}), profile)
 
     def _on_model(self, message: String) -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -84,9 +87,13 @@ class ControlStack(Node):
         self._commands.publish(JointState(
             name=["engine", "displacement"], velocity=[float(best.engine_speed), 0.0],
             position=[0.0, float(best.displacement_ratio)]))
+        self.publish()
+        self.state.update((name, float(getattr(best, name))) for name in self._senders)
+
+    def publish(self) -> None:
+        """Say where the pretended tractor is."""
         for name, sender in self._senders.items():
             sender.publish(Float64(data=float(self.state[name])))
-            self.state[name] = float(getattr(best, name))
 
 
 def main() -> None:

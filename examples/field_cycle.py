@@ -16,7 +16,9 @@ example of the method, not a promise.
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -67,11 +69,9 @@ def by_rule(model: hmcvt.EfficiencyModel, engine: hmcvt.Engine, output_speed: fl
     for at in np.argsort(rates):  # NaN comes last
         strokes = {}
         for name, stage in model.stages.items():
-            try:
+            with contextlib.suppress(hmcvt.InputError):
                 strokes[name] = abs(operating_point(stage, float(speeds[at]), {
                     "output_speed": output_speed, "output_power": power})[0])
-            except hmcvt.InputError:
-                continue
         feasible = [name for name in sorted(strokes, key=strokes.__getitem__) if math.isfinite(
             fuel(model, engine, (name, float(speeds[at])), output_speed, power))]
         if feasible:
@@ -92,32 +92,47 @@ def drawn(model: hmcvt.EfficiencyModel, seed: int) -> list[hmcvt.EfficiencyModel
     return found
 
 
-def main() -> None:
-    """Print the choices, and the fuel of the cycle."""
-    model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
-    engine = hmcvt.load_engine(hmcvt.data_path("params/engine.yaml"))
-    tractors = [model, *drawn(model, seed=0)]
+def compare(
+    tractors: list[hmcvt.EfficiencyModel], engine: hmcvt.Engine,
+    best: Callable[[float, float], Choice],
+) -> None:
+    """Print the choices for output speeds and powers, and the fuel of the cycle."""
     used = np.zeros((2, len(tractors)))
     print("part          km/h   kW   optimum            rule               g/s")
     for name, seconds, speed, kilowatts in CYCLE:
-        target, power = speed / 3.6 / TYRE_RADIUS * FINAL_DRIVE, 1e3 * kilowatts
-        best = model.optimal_drive(target, power, engine=engine, torque_reserve=RESERVE)
-        choices = (str(best.stage), best.engine_speed), by_rule(model, engine, target, power)
-        rates = np.array([[driven(tractor, engine, choice, target, power) for tractor in tractors]
+        demand = speed / 3.6 / TYRE_RADIUS * FINAL_DRIVE, 1e3 * kilowatts
+        choices = best(*demand), by_rule(tractors[0], engine, *demand)
+        rates = np.array([[driven(tractor, engine, choice, *demand) for tractor in tractors]
                           for choice in choices])
         used += seconds * rates
         told = "   ".join(f"{stage:>3} {speed * 30 / math.pi:5.0f} r/min"
                           for stage, speed in choices)
         print(f"{name:<13} {speed:4.0f} {kilowatts:4.0f}   {told}   "
               + " ".join(f"{1e3 * rate:.2f}" for rate in rates[:, 0]))
-    saved = 100.0 * (1.0 - used[0] / used[1])
-    held = np.isfinite(saved[1:])
-    low, high = np.quantile(saved[1:][held], (0.05, 0.95))
+    saved, *others = (100.0 * (1.0 - used[0] / used[1])).tolist()
     print(f"cycle: {used[0][0]:.2f} kg by the optimum, {used[1][0]:.2f} kg by the rule: "
-          f"{saved[0]:.1f} % less on the model itself")
-    print(f"on {held.sum()} of {DRAWS} drawn tractors, which can drive it at all: "
-          f"{np.median(saved[1:][held]):.1f} % less (median), 90 % of them {low:.1f} to "
-          f"{high:.1f} %")
+          f"{saved:.1f} % less on the model itself")
+    if held := [each for each in others if math.isfinite(each)]:
+        low, middle, high = np.quantile(held, (0.05, 0.5, 0.95))
+        print(f"on {len(held)} of {len(others)} drawn tractors, which can drive it at all: "
+              f"{middle:.1f} % less (median), 90 % of them {low:.1f} to {high:.1f} %")
+
+
+def files() -> tuple[hmcvt.EfficiencyModel, hmcvt.Engine]:
+    """Read the shipped tractor and its engine."""
+    return (hmcvt.load_model(hmcvt.data_path("params/tractor.yaml")),
+            hmcvt.load_engine(hmcvt.data_path("params/engine.yaml")))
+
+
+def main() -> None:
+    """Compare, on tractors that may be too."""
+    model, engine = files()
+
+    def best(output_speed: float, power: float) -> Choice:
+        found = model.optimal_drive(output_speed, power, engine=engine, torque_reserve=RESERVE)
+        return str(found.stage), found.engine_speed
+
+    compare([model, *drawn(model, seed=0)], engine, best)
 
 
 if __name__ == "__main__":

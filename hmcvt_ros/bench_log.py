@@ -44,7 +44,7 @@ _PATIENCE = 2.0  # seconds for what waits for the disk at the end
 _UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
 
 _WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
-_HEADER = _WITHOUT_CHECKSUMS + b",crc"
+_HEADERS = _WITHOUT_CHECKSUMS + b",crc", _WITHOUT_CHECKSUMS + b",stage,crc"
 _RANGES = {column.name: column for column in BENCH_COLUMNS}
 
 
@@ -56,11 +56,12 @@ class BenchLog:
         recovered: what had to be repaired in it, as a sentence; empty when nothing.
     """
 
-    def __init__(self, path: Path, limit: int) -> None:
-        """Open a log that holds at most `limit` samples.
+    def __init__(self, path: Path, limit: int, stages: bool = False) -> None:
+        """Open a log that holds at most `limit` samples, each with its `stage` if so said.
 
         A file that cannot be read or repaired is no error yet: `write` tries again.
         """
+        self._header, self._other = _HEADERS[::-1] if stages else _HEADERS
         self.path = path
         self.recovered = ""
         self._limit = limit
@@ -88,7 +89,7 @@ class BenchLog:
         """
         if not self.path.exists():
             make_folder(self.path.parent)
-            write_atomically(self.path, _HEADER + b"\n")
+            write_atomically(self.path, self._header + b"\n")
         if self.path.stat().st_size != self._size:
             self.check()  # new, or changed by someone else
         rows = rows[:max(self._limit - self._count, 0)]
@@ -141,14 +142,20 @@ class BenchLog:
                 self.recovered = f"{self.path}: is gone, and {before} samples with it"
             return
         *lines, torn = raw.split(b"\n")
+        if lines[:1] == [self._other]:
+            self._count = len(lines) - 1
+            _, aside = self.set_aside()
+            self.recovered = (f"{self.path}: was of another model, one with stages or without, "
+                              f"and is set aside as {aside}")
+            return
         old = lines[:1] == [_WITHOUT_CHECKSUMS]
         # A cut in the middle of a number leaves a number: a line counts only with its end.
         good = ([_sealed(line.strip()) for line in lines[1:] if _is_row(line)] if old
                 else [line for line in lines[1:] if line == _sealed(line.rpartition(b",")[0])])
-        text = b"".join(line + b"\n" for line in (_HEADER, *good))
+        text = b"".join(line + b"\n" for line in (self._header, *good))
         self._count, self._size = len(good), -1  # no size that it could have
         lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
-        if lost or lines[:1] not in ([_HEADER], [_WITHOUT_CHECKSUMS]):
+        if lost or lines[:1] not in ([self._header], [_WITHOUT_CHECKSUMS]):
             kept = self._free_name("damaged")
             write_atomically(kept, raw)
             self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
@@ -302,7 +309,7 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
     """Return samples as lines of the log.
 
     Raises:
-        InputError: a column is missing.
+        InputError: a column is missing, or the name of a stage would break its line.
     """
     values = []
     for name in COLUMNS:
@@ -310,8 +317,12 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
         if column is None:
             # An empty cell would make a log that `read_bench` refuses.
             raise InputError(f"{samples.source}: {name} is missing")
-        values.append(column.tolist())
-    return [_sealed(",".join(map(repr, row)).encode()) + b"\n"
+        values.append(map(repr, column.tolist()))
+    if stages := samples.extra.get("stage"):
+        if any(set(',"#\n\r') & set(name) for name in stages):
+            raise InputError(f"{samples.source}: stage {stages[0]!r} is no name for a log")
+        values.append(map(str, stages))
+    return [_sealed(",".join(row).encode()) + b"\n"
             for row in zip(*values, strict=True)]
 
 

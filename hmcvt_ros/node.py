@@ -12,6 +12,7 @@ import math
 import os
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,8 @@ class EfficiencyNode(Node):
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
         self._inputs, self._activity = Inputs(), Activity()
         self._log = Recorder(
-            BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit),
+            BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit,
+                     bool(self._store.in_service.model.other_stages)),
             lambda text: self.guard.warn("bench_sample", text), self._state.gone)
         if not self._state.writable:
             self._log.tally.expect(NOT_WRITTEN, self._state.complaint)
@@ -262,18 +264,20 @@ class EfficiencyNode(Node):
 
     def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
         self._log.numbers.take(info["publication_sequence_number"])
-        if self._served.model.other_stages:
-            self._log.refuse(INVALID, "bench_sample: the log does not hold the stage, and the "
-                             "model has several; refit it from a file with a column stage")
-            return
         try:
+            message, model = messages.joint_state(raw), self._served.model
             sample = messages.bench_sample_from_message(
-                messages.joint_state(raw), self.get_clock().now().nanoseconds * NANOSECONDS,
-                self._log.tally)
+                message, self.get_clock().now().nanoseconds * NANOSECONDS, self._log.tally)
+            if model.other_stages:
+                # Topics keep no order among them: better than `stage` is the sample's own word.
+                named = message.header.frame_id
+                stage = named if named in model.stages else self._stage
+                if stage not in model.stages:
+                    raise InputError(f"bench_sample: {self._without_stage()}")
+                sample = replace(sample, extra={"stage": (stage,)})
+            self._log.submit(sample)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
-        else:
-            self._log.submit(sample)
 
     # --- model --------------------------------------------------------------------------------
 

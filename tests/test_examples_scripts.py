@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The scripts in examples/, run as their readers run them (the one over ROS 2: tests/ros)."""
 
-import csv
 import json
 import os
 import re
@@ -48,23 +47,6 @@ def test_field_cycle(tmp_path):
         done.stdout, re.DOTALL).groups())
     assert said == pytest.approx(100.0 * (1.0 - kilograms[0] / kilograms[1]), abs=0.1)
     assert low <= middle <= high
-
-
-def test_drive_map(tmp_path):
-    done = run("drive_map.py", "map.png", "map.csv", "--points", 12, 8, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "map.png").stat().st_size > 20_000
-    with (tmp_path / "map.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 96 and {row["stage"] for row in rows} >= {"HM1", "HM3", "HM4", ""}
-    model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
-    for row in rows[::7]:
-        if row["stage"]:
-            point = [float(row[name]) for name in (
-                "displacement_ratio", "engine_speed", "load_torque")]
-            assert model.output_speed(*point, stage=row["stage"]) == pytest.approx(
-                float(row["output_speed"]), rel=1e-6)
-            assert point[1] * point[2] == pytest.approx(float(row["output_power"]))
 
 
 def test_offline_study(tmp_path):

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -13,18 +16,28 @@ from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.bench import read_bench
 from ..model.domain import EfficiencyMap
-from ..transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, RPM
+from ..model.engine import load_engine
+from ..model.model import EfficiencyModel
+from ..transmission.ranges import (
+    ENGINE_SPEED,
+    ENGINE_SPEED_LIMITS,
+    LOAD_TORQUE,
+    OUTPUT_SPEED,
+    RPM,
+)
 from . import common
 
 _MOST_POINTS = 2_000_000
-_PICTURE_POWER = 40_000.0
+_PICTURE_POWER, _DRIVE_POWER = 40_000.0, 100_000.0
 
 
 @click.command("map", epilog="""\b
 Examples:
   hmcvt map --out map.csv
   hmcvt map --steps 21 11 5 --load-torque-limits 100 400 --json
-  hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
+  hmcvt map --picture map.png --power 40kW --bench data/table2.csv
+  hmcvt map --params params/tractor.yaml --output-speed 350 --engine params/engine.yaml \\
+            --out drive.csv --picture drive.png""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
 @click.option("--engine-speed-limits", type=common.speed, nargs=2, default=ENGINE_SPEED_LIMITS,
@@ -35,7 +48,13 @@ Examples:
               help="Write CSV there, not to stdout.")
 @common.picture_option
 @click.option("--power", type=common.power,
-              help="Output power of the picture, in W or like 40kW.  [default: 40kW]")
+              help="Output power of the picture, in W or like 40kW.  [default: 40kW; of the "
+                   "drive line the highest, 100kW]")
+@click.option("--output-speed", type=common.speed,
+              help="The map of the drive line instead: stage, engine speed, displacement ratio and "
+                   "fuel over output speeds up to this, and powers; --steps has its first two.")
+@click.option("--engine", metavar="ENGINE.yaml",
+              help="Of the drive line: full-load curve and fuel map.")
 @click.option("--bench", metavar="BENCH.csv", help="Bench tests to mark in the picture.")
 @common.stage_option
 @common.params_option
@@ -44,12 +63,24 @@ def command(
     steps: tuple[int, int, int], engine_speed_limits: tuple[float, float],
     load_torque_limits: tuple[float, float], out: str | None, picture: str | None,
     power: float | None, bench: str | None, stage: str | None, params: str | None,
-    as_json: bool,
+    as_json: bool, output_speed: float | None, engine: str | None,
 ) -> None:
     """Write the efficiency over displacement ratio, engine speed and load torque.
 
     The picture shows it over engine speed and output speed / engine speed at one output power.
+    With --output-speed: the best working points of the drive line over output speed and power.
     """
+    if output_speed is not None:
+        if stage is not None or bench is not None:
+            raise click.UsageError("--stage and --bench are not of the drive line: leave out "
+                                   "--output-speed")
+        common.keep_inputs([params, engine], [out, picture])
+        OUTPUT_SPEED.check(output_speed, "--output-speed")
+        _drive_line(common.model_from(params), engine, (output_speed, power or _DRIVE_POWER),
+                    steps[:2], engine_speed_limits, out, picture, as_json)
+        return
+    if engine is not None:
+        raise click.UsageError("--engine is of the drive line: --output-speed is needed")
     if picture is None and (bench is not None or power is not None):
         raise click.UsageError("--power and --bench are of a picture: --picture is needed")
     common.keep_inputs([bench, params], [out, picture])
@@ -86,6 +117,40 @@ def command(
                            "efficiency": found.efficiency, "inside_domain": found.inside_domain})
     elif out is None:
         click.echo(_csv(found), nl=False)
+
+
+def _drive_line(
+    model: EfficiencyModel, engine: str | None, highest: tuple[float, float],
+    steps: tuple[int, int], limits: tuple[float, float], out: str | None, picture: str | None,
+    as_json: bool,
+) -> None:
+    """Best working points over output speeds and powers up to the highest."""
+    with_engine = None if engine is None else load_engine(engine)
+    speeds, powers = (np.linspace(top / count, top, count) for top, count in zip(
+        highest, steps, strict=True))
+    best = [[model.optimal_drive(speed, power, engine=with_engine, engine_speed_limits=limits)
+             for speed in speeds.tolist()] for power in powers.tolist()]
+    if picture is not None:
+        from ..report import draw_drive_line, save
+
+        save(lambda figure: draw_drive_line(figure, speeds, powers, best), picture)
+    rows = [{"output_speed": speed, "output_power": power, **asdict(point)}
+            for power, row in zip(powers.tolist(), best, strict=True)
+            for speed, point in zip(speeds.tolist(), row, strict=True)]
+    buffer = io.StringIO()
+    table = csv.DictWriter(buffer, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    # An empty cell: nothing holds the demand there.
+    table.writerows({name: "" if value != value else value for name, value in row.items()}
+                    for row in rows)
+    if out is not None:
+        write_atomically(Path(out), buffer.getvalue())
+    if as_json:
+        common.print_json(rows)
+    elif out is None and picture is None:
+        click.echo(buffer.getvalue(), nl=False)
+    elif out is None:
+        click.echo(f"written to {picture}")
 
 
 def _csv(found: EfficiencyMap) -> str:

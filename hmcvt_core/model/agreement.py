@@ -27,7 +27,7 @@ _OTHER_MOTOR = 1.25  # losses that nobody modelled change the pressure by less
 
 def predicted_at(model: EfficiencyModel, samples: BenchSamples) -> Array:
     """Efficiency that a model predicts for n samples, shape (n,) [-]; NaN where it has none."""
-    return model.answer_at(samples.points).efficiency
+    return model.solution_at(samples.points).efficiency
 
 
 def by_stage(model: EfficiencyModel, samples: BenchSamples) -> Iterator[tuple[str, BenchSamples]]:
@@ -47,7 +47,7 @@ def by_stage(model: EfficiencyModel, samples: BenchSamples) -> Iterator[tuple[st
 
 def carried_at(model: EfficiencyModel, points: OperatingPoints) -> Array:
     """Efficiency at n points, shape (n,) [-]; 0 where the load cannot be carried."""
-    return np.nan_to_num(model.answer_at(points).efficiency, nan=0.0)
+    return np.nan_to_num(model.solution_at(points).efficiency, nan=0.0)
 
 
 def relative_errors(predicted: Array, measured: Array) -> Array:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
-from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_RANGES, HydraulicParameters
+from ..transmission.mapping import number
 from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, OperatingPoints
 
 Array = NDArray[np.float64]
@@ -85,10 +85,10 @@ class Domain:
         pairs = []
         for axis in AXES:
             value = data.get(axis)
-            if not (isinstance(value, list) and len(value) == 2
-                    and all(isinstance(end, (int, float)) and abs(end) < 1e300 for end in value)):
+            if not (isinstance(value, list) and len(value) == 2):
                 raise InputError(f"domain.{axis} = {value!r} is not [low, high]")
-            pairs.append((float(value[0]), float(value[1])))
+            low, high = (number({axis: end}, axis, "domain.") for end in value)
+            pairs.append((low, high))
         return cls(*pairs)
 
 
@@ -109,22 +109,6 @@ class EfficiencyMap:
     load_torque: Array
     efficiency: Array
     domain: Domain | None = None
-
-    @classmethod
-    def of(
-        cls, efficiency: Callable[..., Array], given: Sequence[ArrayLike], domain: Domain | None
-    ) -> EfficiencyMap:
-        """Ask for the efficiency at every point of three axes.
-
-        Raises:
-            InputError: an axis is empty, not of shape (n,) or out of range.
-        """
-        axes = [np.atleast_1d(np.asarray(axis, dtype=float)) for axis in given]
-        for name, axis in zip(AXES, axes, strict=True):
-            if axis.ndim != 1 or axis.size == 0:
-                raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
-        values = efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
-        return cls(axes[0], axes[1], axes[2], values, domain)
 
     @property
     def inside_domain(self) -> NDArray[np.bool_] | None:
@@ -147,32 +131,3 @@ class Prediction(NamedTuple):
     efficiency: Any
     standard_error: Any
     inside_domain: Any
-
-
-class Uncertainty:
-    """Of one model.
-
-    Attributes:
-        neighbours: parameters a small step away from the model's, one after the other, (3, 3).
-    """
-
-    def __init__(
-        self, parameters: HydraulicParameters, standard_errors: Mapping[str, float],
-        correlation: Array,
-    ) -> None:
-        self._errors = np.array([standard_errors[name] for name in PARAMETER_NAMES])
-        self._correlation, base = correlation, parameters.to_array()
-        # A step of a thousandth of the error stays in the linear range, also next to a bound.
-        steps = np.maximum(1e-3 * self._errors, 1e-6 * base + 1e-18)
-        highest = [limits.high for limits in PARAMETER_RANGES]
-        self._steps = np.where(base + steps <= highest, steps, -steps)
-        self.neighbours = base + np.diag(self._steps)
-
-    def of(self, here: Array | float, there: Array) -> Array:
-        """Standard error of answers `here`, shape (...), that are `there`, (3, ...), next to it."""
-        slope = (there - here).T / self._steps
-        gradient = slope * self._errors
-        variance = ((gradient @ self._correlation) * gradient).sum(axis=-1)
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
-        blind = (slope == 0.0).all(axis=-1)
-        return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0)))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +19,19 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..physics.steady_state import ArraySolver
 from ..transmission.ranges import ENGINE_SPEED, OUTPUT_SPEED, Range
-from ..transmission.stage import Stage, speed_ratio
+from ..transmission.stage import speed_ratio
 from .engine import Engine
 
 Array = NDArray[np.float64]
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
 _SCAN, _FINE, _ZOOMS = 65, 129, 2
-_SLIP = 0.3  # part of the kinematic ratio that a stage may lose, or gain in overrun
+_SLIP = 0.5  # part of the kinematic ratio that a stage may lose, or gain in overrun
 _EDGE = 1e-9  # of the stroke
 _BESIDE = 1e-9  # of the speed at rest
 _CLOSE = 0.01  # of the best: stages that the first grid cannot tell apart
-_BINDS = 1e-4  # of a range
+_LIMIT_SLACK = 1e-5  # of the width between two limits
+_BINDS = 1e-3  # of the full load
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,23 @@ class DriveOptimum:
     fuel_per_loss: float = math.nan
 
 
+class Found(NamedTuple):
+    """Lowest cost on a grid, at which engine speed, and the step of the grid."""
+
+    cost: float
+    speed: float
+    step: float
+
+
 @dataclass(frozen=True)
-class _Line:
+class Line:
     """What one stage costs along engine speeds at a held output speed and power."""
 
     solver: ArraySolver
     output_speed: float
     output_power: float
-    engine: Engine | None
-    reserve: float
+    engine: Engine | None = None
+    reserve: float = 0.0
 
     def state(self, speed: Array) -> tuple[Array, Array]:
         """Displacement ratio and engine torque; NaN where the stage cannot hold the demand."""
@@ -89,17 +99,58 @@ class _Line:
                 cost = np.where(torque <= highest, cost, np.nan)
         return np.where(np.isnan(cost), np.inf, cost)
 
+    def coarse(self, low: float, high: float) -> Found:
+        """Lowest cost on a grid over the engine speeds at which the stage may give the output."""
+        ends = math.copysign(1.0, self.output_speed) * speed_ratio(
+            self.solver.stage, np.array([-1.0, 1.0]))
+        if ends.max() > 0.0:
+            low = max(low, abs(self.output_speed) / (ends.max() * (1.0 + _SLIP)))
+        if ends.min() > 0.0:
+            high = min(high, abs(self.output_speed) / (ends.min() * (1.0 - _SLIP)))
+        if ends.max() <= 0.0 or not low < high:
+            return Found(math.inf, math.nan, math.nan)
+        return self._lowest(np.linspace(low, high, _SCAN), (high - low) / (_SCAN - 1))
+
+    def nearer(self, found: Found, low: float, high: float) -> Found:
+        """Lowest cost when the grid zooms in on a point found, or beside the motor's rest."""
+        lowest = found
+        if ratio := self.solver.mechanical_ratio:
+            # There friction sets a step, and often a lowest point beside it.
+            beside = self.output_speed / ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
+            lowest = min(lowest, self._lowest(np.clip(beside, low, high), found.step))
+        for _ in range(_ZOOMS):
+            found = self._lowest(np.linspace(
+                max(found.speed - found.step, low), min(found.speed + found.step, high), _FINE),
+                2.0 * found.step / (_FINE - 1))
+            lowest = min(lowest, found)
+        return lowest
+
+    def _lowest(self, speed: Array, step: float) -> Found:
+        cost = self.cost(speed, self.state(speed)[1])
+        best = int(cost.argmin())
+        return Found(float(cost[best]), float(speed[best]), step)
+
+
+@np.errstate(invalid="ignore", divide="ignore", over="ignore")
+def best_engine_speed(
+    solver: ArraySolver, output_speed: float, output_power: float, low: float, high: float
+) -> float:
+    """Engine speed of least engine power at a held output; NaN where none will do."""
+    line = Line(solver, output_speed, output_power)
+    found = line.nearer(line.coarse(low, high), low, high)
+    return found.speed if math.isfinite(found.cost) else math.nan
+
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def drive_optimum(
-    stages: Mapping[str, tuple[Stage, ArraySolver]], output_speed: float, output_power: float,
+    stages: Mapping[str, ArraySolver], output_speed: float, output_power: float,
     engine: Engine | None, engine_speed_limits: tuple[float, float], torque_reserve: float,
     stage: str | None, hysteresis: float,
 ) -> DriveOptimum:
     """Find stage, engine speed and displacement ratio of least fuel at a held output.
 
     Args:
-        stages: gear train and solver of each by name.
+        stages: solver of each by name.
         output_speed: to hold [rad/s]; negative backward.
         output_power: to hold [W].
         engine: whose fuel counts and whose full-load curve holds; without one the least engine
@@ -121,65 +172,41 @@ def drive_optimum(
                          "the speeds of the engine")
     if stage is not None and stage not in stages:
         raise InputError(f"stage = {stage!r}; there is {', '.join(stages)}")
-    coarse: dict[str, tuple[float, float, float, _Line]] = {}
-    for name, (train, solver) in stages.items():
-        window = _window(train, held, low, high)
-        line = _Line(solver, held, power, engine, reserve)
-        if window is not None:
-            coarse[name] = (*_scan(line, *window, _SCAN), line)
-    promising = min((cost for cost, *_ in coarse.values()), default=math.inf) * (1.0 + _CLOSE)
-    found: dict[str, tuple[float, float, _Line]] = {}
-    for name, (cost, at, step, line) in coarse.items():
-        if math.isfinite(cost) and (cost <= promising or name == stage):
-            for _ in range(_ZOOMS):
-                nearer, there, step = _scan(line, max(at - step, low), min(at + step, high), _FINE)
-                cost, at = min((cost, at), (nearer, there))
-            found[name] = cost, at, line
+    lines = {name: Line(solver, held, power, engine, reserve) for name, solver in stages.items()}
+    coarse = {name: line.coarse(low, high) for name, line in lines.items()}
+    promising = min(found.cost for found in coarse.values()) * (1.0 + _CLOSE)
+    found = {name: lines[name].nearer(first, low, high) for name, first in coarse.items()
+             if math.isfinite(first.cost) and (first.cost <= promising or name == stage)}
     if not found:
         return DriveOptimum(None)
-    best = min(found, key=lambda name: found[name][0])
-    if stage in found and found[stage][0] <= found[best][0] * (1.0 + hysteresis):
+    best = min(found, key=lambda name: found[name].cost)
+    if stage in found and found[stage].cost <= found[best].cost * (1.0 + hysteresis):
         best = str(stage)
-    return _told(best, found[best][1], found[best][2], low, high)
+    return _told(best, found[best].speed, lines[best], low, high)
 
 
-def _window(
-    train: Stage, output_speed: float, low: float, high: float
-) -> tuple[float, float] | None:
-    """Engine speeds at which a stage may give an output speed."""
-    ends = speed_ratio(train, np.array([-1.0, 1.0])) * math.copysign(1.0, output_speed)
-    if ends.max() <= 0.0:
-        return None
-    low = max(low, abs(output_speed) / (ends.max() * (1.0 + _SLIP)))
-    if ends.min() > 0.0:
-        high = min(high, abs(output_speed) / (ends.min() * (1.0 - _SLIP)))
-    return (low, high) if low < high else None
+def limit_of(stroke: float, speed: float, limits: tuple[float, float] | None) -> str | None:
+    """Name the limit that binds, the engine's before the pump's."""
+    for name, value, ends in (("engine_speed", speed, limits),
+                              ("displacement_ratio", stroke, (-1.0, 1.0))):
+        if ends is None:
+            continue
+        slack = _LIMIT_SLACK * (ends[1] - ends[0])
+        if value <= ends[0] + slack:
+            return f"{name} low"
+        if value >= ends[1] - slack:
+            return f"{name} high"
+    return None
 
 
-def _scan(line: _Line, low: float, high: float, count: int) -> tuple[float, float, float]:
-    """Lowest cost on a grid, where, and the step of the grid."""
-    speed = np.linspace(low, high, count)
-    if (ratio := line.solver.mechanical_ratio) and count == _SCAN:
-        # Where the motor rests, friction sets a step, and often a lowest point beside it.
-        beside = line.output_speed / ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
-        speed = np.append(speed, beside[(beside >= low) & (beside <= high)])
-    cost = line.cost(speed, line.state(speed)[1])
-    best = int(cost.argmin())
-    return float(cost[best]), float(speed[best]), (high - low) / (count - 1)
-
-
-def _told(stage: str, speed: float, line: _Line, low: float, high: float) -> DriveOptimum:
+def _told(stage: str, speed: float, line: Line, low: float, high: float) -> DriveOptimum:
     stroke, torque = (column.item() for column in line.state(np.array([speed])))
-    load, fuel, per_loss, limit = line.output_power / speed, math.nan, math.nan, None
-    for name, value, first, last in (("displacement_ratio", stroke, -1.0, 1.0),
-                                     ("engine_speed", speed, low, high)):
-        slack = _BINDS * (last - first)
-        limit = (f"{name} low" if value < first + slack
-                 else f"{name} high" if value > last - slack else limit)
+    load, fuel, per_loss = line.output_power / speed, math.nan, math.nan
+    limit = limit_of(stroke, speed, (low, high))
     if line.engine is not None:
         fuel, full = line.engine.fuel_rate(speed, torque), line.engine.full_load_torque(speed)
         below = line.engine.fuel_rate(speed, 0.99 * torque)
         per_loss = (fuel - below) / (0.01 * torque * speed) if torque else math.nan
-        if torque > (1.0 - line.reserve - 10.0 * _BINDS) * full:
+        if torque > (1.0 - line.reserve - _BINDS) * full:
             limit = "full_load"
     return DriveOptimum(stage, stroke, speed, load, load / torque, torque, fuel, limit, per_loss)

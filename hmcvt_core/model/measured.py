@@ -55,7 +55,7 @@ def _stroke(
     if "displacement_ratio" in known:
         return float(DISPLACEMENT_RATIO.check(known["displacement_ratio"]))
     columns = np.array([[speed], [known["output_speed"]], [load]])
-    return float(model.array_solver.displacement_ratio(*columns)[0])
+    return float(model.array_solver.held(*columns)[0][0])
 
 
 def _load(model: EfficiencyModel, speed: float, known: Mapping[str, float]) -> float:

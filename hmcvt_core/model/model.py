@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,19 +17,25 @@ from ..errors import InputError
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
+from ..physics.point import PointSolver
 from ..physics.published import PublishedSolver
-from ..physics.steady_state import ArraySolver, PointSolver
-from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
+from ..physics.steady_state import ArraySolver
+from ..transmission.parameters import (
+    PARAMETER_NAMES,
+    PARAMETER_RANGES,
+    Candidates,
+    HydraulicParameters,
+    Parameters,
+)
 from ..transmission.ranges import (
     CHUNK,
     ENGINE_SPEED_LIMITS,
-    Answer,
     OperatingPoints,
     Solution,
     is_plain,
 )
 from ..transmission.stage import Stage, stages_to_mapping
-from .domain import Domain, EfficiencyMap, Prediction, Uncertainty
+from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .drive_line import DriveOptimum, drive_optimum
 from .engine import Engine
 from .optimum import Optimum, optimum
@@ -143,7 +148,7 @@ class EfficiencyModel:
     ) -> Any:
         """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
         return self._answer(
-            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)[0]
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[0]
 
     def output_speed(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
@@ -151,17 +156,18 @@ class EfficiencyModel:
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
         return self._answer(
-            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)[1]
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[1]
 
     def _answer(
-        self, point: tuple[Any, Any, Any],
+        self, displacement_ratio: Any, engine_speed: Any, load_torque: Any,
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> tuple[Any, Any, Any]:
         if (self._point_solver is not None and oil_temperature is None and stage is None
-                and is_plain(*point)):
+                and is_plain(displacement_ratio, engine_speed, load_torque)):
             # What a control loop asks for at every message, without the cost of arrays.
-            return self._point_solver.solve(*point)
-        points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
+            return self._point_solver.solve(displacement_ratio, engine_speed, load_torque)
+        points, scalar = OperatingPoints.checked(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
         efficiency, output_speed, torque = self.solution_at(points)
         return _like(efficiency, scalar), _like(output_speed, scalar), _like(torque, scalar)
 
@@ -170,14 +176,11 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
-        point: tuple[Any, Any, Any] = displacement_ratio, engine_speed, load_torque
-        if (self._point_solver is not None and oil_temperature is None and stage is None
-                and is_plain(*point)):
-            return self._predict_point(self._point_solver, *point)
-        points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
+        points, scalar = OperatingPoints.checked(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
         inside = (self.domain.contains(points) if self.domain is not None
                   else np.zeros(points.engine_speed.shape, dtype=bool))
-        found = self.answer_at(points).efficiency, self._standard_error(points), inside
+        found = self.solution_at(points).efficiency, self._standard_error(points), inside
         return Prediction(*(_like(values, scalar) for values in found))
 
     def power_loss(
@@ -185,9 +188,9 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
         """Engine power less output power [W], at any load: zero and overrun (negative) included."""
-        model, point = self.without_meters(), (displacement_ratio, engine_speed, load_torque)
-        lost = np.multiply(engine_speed, np.subtract(
-            model._answer(point, oil_temperature, stage)[2], load_torque))
+        torque = self.without_meters()._answer(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[2]
+        lost = np.multiply(engine_speed, np.subtract(torque, load_torque))
         return lost if np.ndim(lost) else float(lost)
 
     def refusal(
@@ -196,7 +199,7 @@ class EfficiencyModel:
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
         found = self._answer(
-            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
         if self.formulation == "published":
             return None if np.isfinite(found[0]).all() else INCONSISTENT
         if not np.isfinite(found[2]).all():
@@ -270,7 +273,7 @@ class EfficiencyModel:
         torque_reserve: float = 0.0, stage: str | None = None, hysteresis: float = 0.0,
     ) -> DriveOptimum:
         """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`."""
-        stages = {name: (each.stage, each.array_solver)
+        stages = {name: each.array_solver
                   for name, each in self.without_meters().stages.items()}
         return drive_optimum(stages, output_speed, output_power, engine, engine_speed_limits,
                              torque_reserve, stage, hysteresis)
@@ -283,14 +286,15 @@ class EfficiencyModel:
         Raises:
             InputError: an axis is empty, not of shape (n,) or out of range.
         """
-        return EfficiencyMap.of(self.without_meters().efficiency, (
-            displacement_ratios, engine_speeds, load_torques), self.domain)
+        axes = [np.atleast_1d(np.asarray(axis, dtype=float)) for axis in (
+            displacement_ratios, engine_speeds, load_torques)]
+        for name, axis in zip(AXES, axes, strict=True):
+            if axis.ndim != 1 or axis.size == 0:
+                raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
+        values = self.without_meters().efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
+        return EfficiencyMap(axes[0], axes[1], axes[2], values, self.domain)
 
     # --- the same for points already checked ----------------------------------------------------
-
-    def answer_at(self, points: OperatingPoints) -> Answer:
-        """Efficiency and output speed at checked points of one shape; see `solution_at`."""
-        return Answer(*self.solution_at(points)[:2])
 
     def solution_at(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque at checked points of one shape."""
@@ -337,33 +341,23 @@ class EfficiencyModel:
             found[i:i + part] = solver.solve(points).efficiency
         return found.reshape(*values.shape[:-1], n)
 
-    @cached_property
-    def _uncertainty(self) -> Uncertainty | None:
-        if not self.standard_errors or self.correlation is None:
-            return None
-        return Uncertainty(self.parameters, self.standard_errors, self.correlation)
-
-    @cached_property
-    def _point_neighbours(self) -> list[PointSolver]:
-        values = [] if self._uncertainty is None else self._uncertainty.neighbours.tolist()
-        return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values]
-
-    def _predict_point(self, solver: PointSolver, *point: float) -> Prediction:
-        """`predict` at one point in range, without the cost of arrays."""
-        here, error = solver.solve(*point)[0], math.nan
-        if self._uncertainty is not None:
-            error = float(self._uncertainty.of(here, np.array(
-                [neighbour.solve(*point)[0] for neighbour in self._point_neighbours])))
-        inside = self.domain is not None and not self.domain.departures(*point)
-        return Prediction(here, error, inside)
-
     def _standard_error(self, points: OperatingPoints) -> Array:
-        shape = points.engine_speed.shape
-        if self._uncertainty is None:
+        """That of the efficiency, from the covariance of the parameters."""
+        shape, base = points.engine_speed.shape, self.parameters.to_array()
+        if not self.standard_errors or self.correlation is None:
             return np.full(shape, np.nan)
-        here, *there = self.efficiency_of_candidates(np.vstack(
-            [self.parameters.to_array(), self._uncertainty.neighbours]), points.map(np.ravel))
-        return self._uncertainty.of(here, np.array(there)).reshape(shape)
+        errors = np.array([self.standard_errors[name] for name in PARAMETER_NAMES])
+        # A step of a thousandth of the error stays in the linear range, also next to a bound.
+        steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
+        steps[base + steps > [limits.high for limits in PARAMETER_RANGES]] *= -1.0
+        here, *there = self.efficiency_of_candidates(
+            np.vstack([base, base + np.diag(steps)]), points.map(np.ravel))
+        slope = (np.array(there) - here).T / steps
+        gradient = slope * errors
+        variance = ((gradient @ self.correlation) * gradient).sum(axis=-1)
+        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
+        blind = (slope == 0.0).all(axis=-1)
+        return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0))).reshape(shape)
 
     # --- the model as data ----------------------------------------------------------------------
 

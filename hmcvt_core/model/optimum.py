@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.steady_state import ArraySolver, PointSolver
+from ..physics.point import PointSolver
+from ..physics.steady_state import ArraySolver
 from ..transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
@@ -25,11 +26,11 @@ from ..transmission.ranges import (
     OUTPUT_SPEED,
     OperatingPoints,
 )
+from .drive_line import best_engine_speed, limit_of
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
-_LIMIT_SLACK = 1e-5  # of the width between two limits
 _SCAN = 65
 _ZOOMS = 4
 _RESTING = 1e-12  # part of the speed beside a standing motor
@@ -99,13 +100,14 @@ def optimum(
     if limits is not None:
         target = last[0] if output_speed is not None else solver.solve(
             OperatingPoints(last[0], speed, torque)).output_speed
-        speed = _best_engine_speed(solver, target, power, limits)
-        stroke = np.clip(solver.displacement_ratio(speed, target, power / speed), -1.0, 1.0)
+        speed = np.array([best_engine_speed(solver, *held, *limits) for held in zip(
+            target.tolist(), power.tolist(), strict=True)])
+        stroke = np.clip(solver.held(speed, target, power / speed)[0], -1.0, 1.0)
         efficiency = solver.solve(OperatingPoints(stroke, speed, power / speed)).efficiency
     else:
         stroke = _best_stroke(solver, speed, torque)
         efficiency, target, _ = solver.solve(OperatingPoints(stroke, speed, torque))
-    limit = np.array([_limit(*pair, limits) for pair in zip(
+    limit = np.array([limit_of(*pair, limits) for pair in zip(
         stroke.tolist(), speed.tolist(), strict=True)], dtype=object)
     columns: tuple[Any, ...] = stroke, efficiency, speed, power / speed, target, limit
     stroke, efficiency, speed, torque, target, limit = (
@@ -113,23 +115,28 @@ def optimum(
     return Optimum(stroke, efficiency, speed, torque, target, hold, limit)
 
 
-# --- held engine speed ----------------------------------------------------------------------------
-
-
 def _best_stroke(solver: ArraySolver, speed: Array, torque: Array) -> Array:
     """Best displacement ratio at engine speeds and load torques of shape (n,)."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
     beside = speed * solver.mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
-    rest = solver.displacement_ratio(*np.broadcast_arrays(speed, beside, torque))
-    low, high = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0), axis=0)
-    speed, torque = np.repeat(speed, 3 * _SCAN), np.repeat(torque, 3 * _SCAN)
-
-    def value(stroke: Array) -> Array:
-        return solver.solve(OperatingPoints(stroke, speed, torque)).efficiency
-
+    rest, _ = solver.held(speed, beside, torque)
+    first, last = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0), axis=0)
+    ends = np.full_like(first, 1.0)
     # Next to the stall a motor need not rest between the two.
-    return _highest(value, np.stack([np.full_like(low, -1.0), low, high]),
-                    np.stack([low, high, np.full_like(high, 1.0)]))
+    low, high = (np.stack(pieces, axis=1).ravel() for pieces in (
+        (-ends, first, last), (first, last, ends)))
+    at = np.repeat(speed, 3 * _SCAN), np.repeat(torque, 3 * _SCAN)
+    a, b, rows = low, high, np.arange(low.size)
+    for _ in range(_ZOOMS):
+        step = (b - a) / (_SCAN - 1)
+        grid = a[:, None] + step[:, None] * np.arange(_SCAN)
+        found = solver.solve(OperatingPoints(grid.ravel(), *at)).efficiency
+        values = np.nan_to_num(found).reshape(grid.shape)
+        index = values.argmax(axis=1)
+        best, top = grid[rows, index], values[rows, index]
+        a, b = np.maximum(best - step, low), np.minimum(best + step, high)
+    chosen = rows[::3] + top.reshape(-1, 3).argmax(axis=1)
+    return np.where(top[chosen] > 0.0, best[chosen], np.nan)
 
 
 def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
@@ -152,7 +159,7 @@ def _at_point(lookup: PointSolver, speed: float, torque: float) -> Optimum:
     stroke = corner + reach * way * way if top > 0.0 else math.nan
     efficiency, output_speed, _ = lookup.solve(stroke, speed, torque)
     return Optimum(stroke, efficiency, speed, torque, output_speed, "engine_speed",
-                   _limit(stroke, speed, None))
+                   limit_of(stroke, speed, None))
 
 
 def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float, float]:
@@ -169,67 +176,3 @@ def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float,
             d = a + _GOLDEN * (b - a)
             at_d = value(d)
     return max((at_c, c), (at_d, d))
-
-
-# --- held output speed ----------------------------------------------------------------------------
-
-
-@np.errstate(divide="ignore")  # without a mechanical path the output rests where the motor does
-def _best_engine_speed(
-    solver: ArraySolver, target: Array, power: Array, limits: Limits
-) -> Array:
-    """Best engine speed at output speeds and powers of shape (n,); NaN where none will do.
-
-    Every engine speed needs one displacement ratio to give the output speed: the line of states.
-    """
-    low, high = limits
-    resting = target / solver.mechanical_ratio
-    # At rest friction sets a step, so that the line has two pieces.
-    below = np.clip(np.nan_to_num(resting * (1.0 - _RESTING)), low, high)
-    above = np.clip(np.nan_to_num(resting * (1.0 + _RESTING)), low, high)
-
-    target, power = np.repeat(target, 2 * _SCAN), np.repeat(power, 2 * _SCAN)
-
-    def value(speed: Array) -> Array:
-        stroke, torque = solver.held(speed, target, power / speed)
-        # Out of reach, less is better: it leads to the window.
-        reach = np.abs(stroke)
-        return np.where(reach > 1.0 + 1e-12, -reach, power / speed / torque)
-
-    return _highest(value, np.stack([np.full_like(below, low), above]),
-                    np.stack([below, np.full_like(above, high)]))
-
-
-def _highest(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
-    """Where a function is highest on some pieces, shape (n,); NaN where it is not positive.
-
-    It takes points of shape (n x pieces x _SCAN,), and its NaN counts as lowest; the pieces end at
-    `low` and `high`, shape (pieces, n).
-    """
-    pieces, low, high = len(low), low.T.ravel(), high.T.ravel()
-    a, b, rows, parts = low, high, np.arange(low.size), np.arange(_SCAN)
-    for _ in range(_ZOOMS):
-        step = (b - a) / (_SCAN - 1)
-        grid = a[:, None] + step[:, None] * parts
-        values = np.fmax(value(grid.ravel()), -np.inf).reshape(grid.shape)
-        index = values.argmax(axis=1)
-        best, top = grid[rows, index], values[rows, index]
-        a, b = np.maximum(best - step, low), np.minimum(best + step, high)
-    best, top = best.reshape(-1, pieces), top.reshape(-1, pieces)
-    chosen = top.argmax(axis=1)[:, None]
-    return np.where(top.max(axis=1) > 0.0, np.take_along_axis(best, chosen, axis=1)[:, 0], np.nan)
-
-
-def _limit(stroke: float, speed: float, limits: Limits | None) -> str | None:
-    """Name the limit that binds, the engine's before the pump's."""
-    for name, value, ends in (("engine_speed", speed, limits),
-                              ("displacement_ratio", stroke, (-1.0, 1.0))):
-        if ends is None:
-            continue
-        low, high = ends
-        slack = _LIMIT_SLACK * (high - low)
-        if value <= low + slack:
-            return f"{name} low"
-        if value >= high - slack:
-            return f"{name} high"
-    return None

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..files.atomic import free_name, write_atomically
 from ..files.plain_yaml import named, read_tree, require_known
 from ..physics.effects import effect_from_mapping
-from ..transmission.mapping import get, number, section
+from ..transmission.mapping import get, number, quantity, section
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
 from ..transmission.stage import Stage, stages_from_mapping
 from .domain import AXES, Domain
@@ -121,10 +121,7 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     values, errors = [], {}
     for name in PARAMETER_NAMES:
         entry = section(parameters, name, "parameters.")
-        values.append(number(entry, "value", f"parameters.{name}."))
-        unit = entry.get("unit", PARAMETER_UNITS[name])
-        if unit != PARAMETER_UNITS[name]:
-            raise InputError(f"parameters.{name}.unit = {unit!r}; needs {PARAMETER_UNITS[name]!r}")
+        values.append(quantity(entry, PARAMETER_UNITS[name], f"parameters.{name}")[0])
         if "standard_error" in entry:
             errors[name] = number(entry, "standard_error", f"parameters.{name}.", low=0.0)
     effects = data.get("effects", [])

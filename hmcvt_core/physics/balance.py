@@ -24,7 +24,7 @@ from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage
 from .effects.base import Effect
 from .shafts import PowerFlow, Shafts
-from .steady_state import ArraySolver, quadrants
+from .steady_state import ArraySolver
 
 Array = NDArray[np.float64]
 _HELD = 1e-6  # of the output speed
@@ -55,11 +55,7 @@ class BalanceSolver(ArraySolver):
     ) -> None:
         super().__init__(stage, parameters)
         self._effects = tuple(effects)
-
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def solve(self, points: OperatingPoints) -> Solution:
-        """Efficiency and output speed that a bench reads, through its meters."""
-        return Solution(*self._together(points, self._readings)[:3])
+        self._optional = {"pressure_drop", *(effect.name for effect in effects)}
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def readings(self, points: OperatingPoints) -> Array:
@@ -67,15 +63,15 @@ class BalanceSolver(ArraySolver):
 
         The pressure is the difference over the motor, eq. (14).
         """
-        efficiency, speed, _, pressure = self._together(points, self._readings)
+        efficiency, speed, _, pressure = self.in_quadrants(points, self._readings)
         return np.stack([efficiency, speed, pressure])
 
     def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
-        """As `solve`, of points in one quadrant."""
+        """What a bench reads in one quadrant, through its meters."""
         return Solution(*self._readings(part, points)[:3])
 
     def _readings(self, part: tuple[int, int], points: OperatingPoints) -> tuple[Array, ...]:
-        shafts, flow = self._flow(part, points)
+        shafts, flow = self.flow(part, points)
         state, torque = flow.state, flow.engine_power / points.engine_speed
         efficiency, speed, torque = Solution.of(
             state.load_power / points.engine_speed, torque, shafts.reflection * flow.output_speed)
@@ -88,33 +84,29 @@ class BalanceSolver(ArraySolver):
         return efficiency, speed, torque, pressure
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def flow(self, points: OperatingPoints) -> PowerFlow:
-        """The whole power flow of a load in the stage's own sense; NaN where there is none."""
-        return self._flow((-1 if self._stage.reverse else 1, 1), points)[1]
-
-    def _flow(
+    def flow(
         self, part: tuple[int, int], points: OperatingPoints
     ) -> tuple[Shafts, PowerFlow]:
-        shafts = Shafts(self._stage, self._parameters, self._effects, points, *part)
+        """Constants of a quadrant and the power flow at points there; NaN where there is none."""
+        shafts = Shafts(self.stage, self._parameters, self._effects, points, *part)
         return shafts, shafts.with_pump(*shafts.motor_speed())
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def breakdown(self, points: OperatingPoints) -> Breakdown:
         """Share the lost power among the parts that take it."""
-        count = len(points.engine_speed)
-        into, out = np.zeros((2, count))
-        losses: dict[str, Array] = {}
-        for part, chosen in quadrants(
-                self.turns_forward(points.displacement_ratio), points.load_torque):
-            at = points.map(lambda axis, i=chosen: axis[i])
-            found = self._breakdown(*self._flow(part, at))
-            into[chosen], out[chosen] = found.input_power, found.output_power
-            for name, watts in found.losses.items():
-                losses.setdefault(name, np.zeros(count))[chosen] = watts
-        return Breakdown(into, out, losses)
+        names: list[str] = []
+
+        def watts(part: tuple[int, int], at: OperatingPoints) -> list[Array]:
+            found = self._breakdown(*self.flow(part, at))
+            names[:] = found.losses
+            return [found.input_power, found.output_power, *found.losses.values()]
+
+        into, out, *losses = self.in_quadrants(points, watts)
+        return Breakdown(into, out, {name: lost for name, lost in zip(names, losses, strict=True)
+                                     if name not in self._optional or lost.any()})
 
     def _breakdown(self, shafts: Shafts, flow: PowerFlow) -> Breakdown:
-        (stage, parameters), effects = (self._stage, self._parameters), self._effects
+        (stage, parameters), effects = (self.stage, self._parameters), self._effects
         state, units = flow.state, stage.pump_motor
         delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
         taken = units.motor_displacement * state.motor_speed
@@ -128,9 +120,7 @@ class BalanceSolver(ArraySolver):
             "motor_damping": parameters.motor_damping * viscosity * state.motor_speed**2,
             "motor_friction": units.motor_friction * np.abs(state.pressure * taken),
         }
-        drop = (flow.pump_pressure - state.pressure) * delivered
-        if drop.any():
-            losses["pressure_drop"] = drop
+        losses["pressure_drop"] = (flow.pump_pressure - state.pressure) * delivered
         sense = shafts.sense  # torques of output and motor are reflected, speeds are not
         speeds = {"output": flow.output_speed, "motor": sense * state.motor_speed,
                   "mechanical": state.engine_speed, "pump": state.pump_speed}
@@ -153,15 +143,14 @@ class BalanceSolver(ArraySolver):
                 + effect.motor_drag(state) * np.abs(state.motor_speed)
                 + effect.output_drag(state) * state.output_speed
             )
-            if watts.any():
-                losses[effect.name] = losses.get(effect.name, 0.0) + watts
+            losses[effect.name] = losses.get(effect.name, 0.0) + watts
         return Breakdown(np.asarray(flow.engine_power), flow.output_power, losses)
 
     def held_in(self, part: tuple[int, int], *columns: Array) -> tuple[Array, Array]:
         """As `held`, in one quadrant; by a search and a look at where it leads."""
         speed, output, torque = columns
         points = OperatingPoints(super().held_in(part, *columns)[0], speed, torque)
-        shafts = Shafts(self._stage, self._parameters, self._effects, points, *part)
+        shafts = Shafts(self.stage, self._parameters, self._effects, points, *part)
         stroke = shafts.stroke_for(output)
         _, reached, given = self.solve_in(part, points._replace(displacement_ratio=stroke))
         return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), given, np.nan)

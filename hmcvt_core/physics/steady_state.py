@@ -37,20 +37,21 @@ Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; her
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import OperatingPoints, Solution
+from ..transmission.ranges import OperatingPoints, Solution, in_parts
 from ..transmission.stage import Stage, speed_ratio
 
 Array = NDArray[np.float64]
+Quadrants = Sequence[tuple[tuple[int, int], NDArray[np.bool_]]]
 _ROUNDED = 1e-14  # x that is none but for rounding
-_STANDING = math.ulp(0.0)  # y of an output at rest without load: no torque over no speed is none
-_DRIVEN, _REVERSED, _MOTORED = 1, 2, 3  # regimes after the first, in which the motor drives
+STANDING = math.ulp(0.0)  # y of an output at rest without load: no torque over no speed is none
+DRIVEN, REVERSED, MOTORED = 1, 2, 3  # regimes after the first, in which the motor drives
 
 
 class Regime(NamedTuple):
@@ -145,10 +146,10 @@ class Quadrant:
                 (stiff + drag) / h - brace_drag * c,
                 0.5 * ((stiff + drag) * m / h + brace_drag * a), 0.5 * stiff * a))
         if not self.braced:
-            del self.regimes[_MOTORED]
+            del self.regimes[MOTORED]
         self.stall_load: Any = (m**2 * self.regimes[0].square if m >= 0.0 and not self.braced
                                 else -math.inf)
-        self.standing: Any = self._standing(self.regimes[_REVERSED if c < 0.0 else 0])
+        self.standing: Any = self._standing(self.regimes[REVERSED if c < 0.0 else 0])
 
     def _standing(self, regime: Regime) -> Any:
         """Displacement ratio of B = 0, where the pump takes torque."""
@@ -191,108 +192,6 @@ class Quadrant:
         return self.mechanical_load * load / output + mean * pump + half * abs(pump)
 
 
-def at_point(
-    stage: Stage, parameters: Parameters, turning: int, power: int
-) -> Callable[[float, float, float], tuple[float, float]]:
-    """Return what solves one quadrant at one point, in plain floats, to engine torque and speed.
-
-    It says what `ArrayQuadrant.solve` says, to the last digit, without a call: a control loop waits
-    for it.
-    """
-    own = Quadrant(stage, parameters, turning, power)
-    (a, c), h, rest, braced, sense = (own.pump_ratios, own.hydraulic_ratio, own.mechanical_ratio,
-                                      own.braced, own.sense)
-    full, stiffness, stall, carried = own.full, own.stiffness, own.stall_load, own.mechanical_load
-    rubbing, damping, (mean, half) = own.pump_friction, own.pump_damping, own.pump_gears
-    drag, reflection, sqrt, nan = own.regimes[0].motor_drag, own.reflection, math.sqrt, math.nan
-    regimes = [(number, each.square, each.level, each.flow, each.motor, stiffness * each.motor,
-                stiffness * each.brace, each.pump - 1.0) for number, each in enumerate(own.regimes)]
-
-    def solve(
-        displacement_ratio: float, engine_speed: float, load_torque: float
-    ) -> tuple[float, float]:
-        ratio, load = full * displacement_ratio, load_torque / engine_speed
-        for number, square, level, flow, motor, stiff, brace, rubbed in regimes:
-            middle = level + flow * ratio
-            if brace:
-                held = brace * (ratio + rubbed * abs(ratio))
-                middle += 0.5 * held * a * ratio
-                square = square + held / h - (stiff + held) * c * ratio
-            middle /= square
-            inside = middle * middle - load / square
-            if not inside >= 0.0 or square <= 0.0:
-                if number == 0 and not load > stall:
-                    continue
-                return nan, nan
-            output = middle + sense * sqrt(inside) if load else 2.0 * middle
-            if number == 0 and not braced:
-                if output > rest:
-                    break
-                continue
-            if number == _DRIVEN and not braced and output >= rest:
-                output = rest
-                break
-            pressure = stiffness * (ratio * (a + c * output) - (output - rest) / h)
-            if number == 0:
-                if motor * pressure > drag * output / h:
-                    break
-            elif number == _DRIVEN:
-                if pressure >= 0.0:
-                    break
-            elif braced:
-                ideal = ratio * pressure
-                if ideal + rubbing * abs(ideal) + damping * (a + c * output) >= 0.0:
-                    break
-        if not output * sense > 0.0:
-            if load:
-                return nan, nan
-            output = output or _STANDING
-        pump = a + c * output
-        ideal = ratio * (stiffness * (ratio * pump - (output - rest) / h))
-        torque = ideal + rubbing * abs(ideal) + damping * pump
-        return ((carried * load / output + mean * torque + half * abs(torque)) * engine_speed,
-                reflection * engine_speed * output)
-
-    return solve
-
-
-class PointSolver:
-    """The steady state at one point in range, in plain floats."""
-
-    def __init__(self, stage: Stage, parameters: Parameters) -> None:
-        first = Quadrant(stage, parameters)
-        self._sense, self._standing = math.copysign(1.0, first.full), first.standing
-        self._usual = Quadrant(stage, parameters, -1) if stage.reverse else first
-        self._quadrants = [at_point(stage, parameters, turning, power)
-                           for turning in (-1, 1) for power in (-1, 1)]
-
-    def solve(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float
-    ) -> tuple[float, float, float]:
-        """What `Solution` holds; NaN where the load cannot be carried."""
-        forward = (displacement_ratio - self._standing) * self._sense > 0.0
-        torque, speed = self._quadrants[2 * forward + (load_torque >= 0.0)](
-            displacement_ratio, engine_speed, load_torque)
-        if load_torque < 0.0:
-            return torque / load_torque if torque < 0.0 else math.nan, speed, torque
-        return load_torque / torque if torque > 0.0 else math.nan, speed, torque
-
-    def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
-        """Displacement ratios between which friction holds the motor or it stalls, lowest first.
-
-        Both 0 where the motor is not on the row.
-        """
-        usual, ratios = self._usual, []
-        if usual.braced:
-            return [0.0, 0.0]
-        load = load_torque / engine_speed
-        for regime in usual.regimes[:_REVERSED]:
-            slowest = max(usual.mechanical_ratio, math.sqrt(load / regime.square))
-            level = 0.5 * (regime.square * slowest + load / slowest)
-            ratios.append((level - regime.level) / regime.flow / usual.full)
-        return sorted(ratios)
-
-
 class ArrayQuadrant(Quadrant):
     """One quadrant at points of shape (n,); parameters of shape (..., 1) give (..., n)."""
 
@@ -300,17 +199,11 @@ class ArrayQuadrant(Quadrant):
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
         engine_speed, load_torque = points.engine_speed, points.load_torque
         ratio, load = self.full * points.displacement_ratio, load_torque / engine_speed
-        output = self.turning(self.output(ratio, load), load)
+        output = self.output(ratio, load)
+        known = (output * self.sense > 0.0) | (load == 0.0)  # of the sign that the load asks for
+        output = np.where(known, np.where(output == 0.0, STANDING, output), np.nan)
         torque = self.engine_torque(ratio, output, load) * engine_speed
         return Solution.of(load_torque, torque, self.reflection * engine_speed * output)
-
-    def turning(self, output: Array, load: Array) -> Array:
-        """Return y where it has its sign, or nothing loads the output; NaN elsewhere."""
-        known = output * self.sense > 0.0
-        if load.all():
-            return np.where(known, output, np.nan)
-        known |= load == 0.0
-        return np.where(known, np.where(output == 0.0, _STANDING, output), np.nan)
 
     def output(self, ratio: Array, load: Array) -> Array:
         """Output speed y for e."""
@@ -322,13 +215,13 @@ class ArrayQuadrant(Quadrant):
 
     def output_speeds(self, ratio: Array, load: Array) -> tuple[Array, Array]:
         """Output speed y while the motor drives and while it is driven, valid or not."""
-        driving, driven = (self._root(regime, ratio, load) for regime in (0, _DRIVEN))
+        driving, driven = (self._root(regime, ratio, load) for regime in (0, DRIVEN))
         reversed_ = ~(self.pressure(ratio, driven) >= 0.0)
         if reversed_.any():
-            slower = self._root(_REVERSED, ratio, load)
+            slower = self._root(REVERSED, ratio, load)
             if self.braced:
                 motored = ~(self.pump_torque(ratio, slower, self.pressure(ratio, slower)) >= 0.0)
-                slower = np.where(motored, self._root(_MOTORED, ratio, load), slower)
+                slower = np.where(motored, self._root(MOTORED, ratio, load), slower)
             driven = np.where(reversed_, slower, driven)
         return driving, driven
 
@@ -379,7 +272,7 @@ class ArrayQuadrant(Quadrant):
             if not past.any():
                 break
             found = np.where(past, found_in(regime), found)
-            past = past & ~((found[0] if number == _DRIVEN else self.pump_torque(
+            past = past & ~((found[0] if number == DRIVEN else self.pump_torque(
                 found[1], output, found[0])) >= 0.0)
         _, ratio, square = found
         # The larger root, and no motor that stalls.
@@ -394,24 +287,26 @@ class ArraySolver:
     """The steady state at points of shape (n,); parameters of shape (..., 1) give (..., n)."""
 
     def __init__(self, stage: Stage, parameters: Parameters) -> None:
-        self._stage, self._parameters = stage, parameters
+        self.stage, self._parameters = stage, parameters
         self._quadrants: dict[tuple[int, int], ArrayQuadrant] = {}
         self.mechanical_ratio = stage.mechanical_speed_ratio
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
-        return Solution(*self._together(points, self.solve_in))
+        return Solution(*self.in_quadrants(points, self.solve_in))
+
+    def in_quadrants(
+        self, points: OperatingPoints,
+        function: Callable[[tuple[int, int], OperatingPoints], Sequence[Array]],
+    ) -> Sequence[Array]:
+        """Columns that a function gives for each quadrant and its points, put together."""
+        return in_parts(self.quadrants(points), points,
+                        lambda part, *columns: function(part, OperatingPoints(*columns)))
 
     def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
         """As `solve`, of points in one quadrant (sense of the output, of the power)."""
         return self._quadrant(part).solve(points)
-
-    def displacement_ratio(
-        self, engine_speed: Array, output_speed: Array, load_torque: Array
-    ) -> Array:
-        """As `held`, the first of it; beyond -1 to 1 where no displacement ratio does."""
-        return self.held(engine_speed, output_speed, load_torque)[0]
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def held(
@@ -422,10 +317,8 @@ class ArraySolver:
         See `ArrayQuadrant.held`.
         """
         columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
-        found = np.empty((2, *columns[0].shape))
-        for part, chosen in quadrants(columns[1] > 0.0, columns[2]):
-            found[:, chosen] = self.held_in(part, *(column[chosen] for column in columns))
-        return found[0], found[1]
+        stroke, torque = in_parts(quadrants(columns[1] > 0.0, columns[2]), columns, self.held_in)
+        return stroke, torque
 
     def held_in(self, part: tuple[int, int], *columns: Array) -> tuple[Array, Array]:
         """As `held`, in one quadrant."""
@@ -433,41 +326,23 @@ class ArraySolver:
 
     def _quadrant(self, part: tuple[int, int]) -> ArrayQuadrant:
         if part not in self._quadrants:
-            self._quadrants[part] = ArrayQuadrant(self._stage, self._parameters, *part)
+            self._quadrants[part] = ArrayQuadrant(self.stage, self._parameters, *part)
         return self._quadrants[part]
 
-    def turns_forward(self, displacement_ratio: Array) -> NDArray[np.bool_]:
-        """Whether the output without load does; of many candidates, without damping too."""
+    def quadrants(self, points: OperatingPoints) -> Quadrants:
+        """Quadrants that occur: the output turns as it does without load.
+
+        Of many candidates, without damping too.
+        """
+        stroke = points.displacement_ratio
         if np.ndim(self._parameters.motor_damping) > 0:
-            return np.asarray(speed_ratio(self._stage, displacement_ratio) > 0.0)
+            return quadrants(speed_ratio(self.stage, stroke) > 0.0, points.load_torque)
         first = self._quadrant((1, 1))
-        return np.asarray((displacement_ratio - first.standing) * first.full > 0.0)
-
-    def _together(
-        self, points: OperatingPoints,
-        function: Callable[[tuple[int, int], OperatingPoints], tuple[Array, ...]],
-    ) -> tuple[Array, ...]:
-        """Columns that a function gives for each quadrant and its points, put together."""
-        parts = list(quadrants(self.turns_forward(points.displacement_ratio), points.load_torque))
-        if len(parts) == 1:
-            return function(parts[0][0], points)
-        found = [function(part, points.map(lambda axis, i=chosen: axis[i]))
-                 for part, chosen in parts]
-        columns = []
-        for pieces in zip(*found, strict=True):
-            columns.append(np.empty((*pieces[0].shape[:-1], len(points.load_torque))))
-            for (_, chosen), piece in zip(parts, pieces, strict=True):
-                columns[-1][..., chosen] = piece
-        return tuple(columns)
+        return quadrants((stroke - first.standing) * first.full > 0.0, points.load_torque)
 
 
-def quadrants(
-    forward: NDArray[np.bool_], load: Array
-) -> Iterator[tuple[tuple[int, int], NDArray[np.bool_]]]:
-    """Yield the quadrants (turning, power) that occur, each with where it does."""
+def quadrants(forward: NDArray[np.bool_], load: Array) -> Quadrants:
+    """Return the quadrants (turning, power) that occur, each with where it does."""
     code = 2 * forward + (load >= 0.0)
-    first = code.ravel()[:1]
-    for each in (3, 2, 1, 0) if (code != first).any() else first.tolist() or (3,):
-        chosen = code == each
-        if chosen.any() or not chosen.size:
-            yield (1 if each > 1 else -1, 1 if each % 2 else -1), chosen
+    return [((1 if each > 1 else -1, 1 if each % 2 else -1), code == each)
+            for each in (np.unique(code).tolist()[::-1] or [3])]

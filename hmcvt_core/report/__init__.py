@@ -18,12 +18,12 @@ from ..transmission.parameters import PARAMETER_UNITS
 from ..transmission.ranges import RPM
 from .gap import gap_map, residuals
 from .losses import before_and_after, draw_losses, lost_power, means
-from .pictures import draw_fit, draw_surface, save
+from .pictures import draw_drive_line, draw_fit, draw_surface, save
 from .style import FORMATS, check_drawable, render
 
 __all__ = [
-    "FORMATS", "check_drawable", "draw_fit", "draw_losses", "draw_surface", "html", "save",
-    "write_html",
+    "FORMATS", "check_drawable", "draw_drive_line", "draw_fit", "draw_losses", "draw_surface",
+    "html", "save", "write_html",
 ]
 
 

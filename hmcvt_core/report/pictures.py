@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples
 from ..identification import Identification
 from ..model.domain import Domain
+from ..model.drive_line import DriveOptimum
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
@@ -126,6 +127,39 @@ def draw_surface(
     axes.grid(False)
     figure.colorbar(filled, ax=axes, label="efficiency [%]", pad=0.02)
     axes.legend(loc="upper center", bbox_to_anchor=(0.55, -0.14), ncols=2)
+
+
+def draw_drive_line(
+    figure: Any, output_speeds: Array, output_powers: Array, best: Sequence[Sequence[DriveOptimum]]
+) -> None:
+    """Draw stage regions, engine speed and fuel of the drive line's best points.
+
+    Args:
+        figure: of matplotlib, empty.
+        output_speeds, output_powers: axes, shape (a,), (b,) [rad/s, W].
+        best: b rows of a points.
+    """
+    axes, kilowatts = figure.subplots(), 1e-3 * output_powers
+    stages = list(dict.fromkeys(point.stage for row in best for point in row if point.stage))
+    number = np.array([[stages.index(point.stage) if point.stage else np.nan for point in row]
+                       for row in best])
+    colours = axes.pcolormesh(output_speeds, kilowatts, np.ma.masked_invalid(number),
+                              cmap="Pastel1", vmin=-0.5, vmax=8.5, shading="nearest")
+    for name, factor, style, colour, form in (
+            ("engine_speed", 1.0 / RPM, "-", "0.2", "%.0f r/min"),
+            ("fuel_rate", 3600.0, "--", ORANGE, "%.3g kg/h")):
+        values = factor * np.array([[getattr(point, name) for point in row] for row in best])
+        if min(values.shape) > 1 and np.isfinite(values).any():
+            lines = axes.contour(output_speeds, kilowatts, np.ma.masked_invalid(values), levels=7,
+                                 colors=colour, linestyles=style, linewidths=0.9)
+            axes.clabel(lines, fmt=form, fontsize=10)
+    for i, stage in enumerate(stages):
+        axes.plot([], [], "s", ms=12, color=colours.cmap(colours.norm(i)), label=stage)
+    axes.set(xlabel="output speed [rad/s]", ylabel="output power [kW]",
+             title="Best stage (colour), engine speed (lines), fuel (dashed)")
+    axes.grid(False)
+    if stages:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=len(stages))
 
 
 def _draw_best(

@@ -26,8 +26,6 @@ def get(data: Mapping[Any, Any], key: Any, where: str = "") -> Any:
     """
     if not isinstance(key, (str, int, float)):
         raise InputError(f"{where}{key!r} is not a name")
-    if key in data:
-        return data[key]
     # YAML reads the pair name 2 as a number; a file may write it either way.
     by_text = {str(existing): value for existing, value in data.items()}
     if str(key) in by_text:
@@ -57,3 +55,18 @@ def number(
         raise InputError(f"{where}{key} = {value!r} is not a finite number"
                          + (f" of at least {low:g}" if math.isfinite(low) else ""))
     return float(value)
+
+
+def quantity(entry: object, unit: str, where: str) -> tuple[float, str]:
+    """Return a number stated alone or as `{value, unit}`, and the place of it; see `number`.
+
+    Raises:
+        InputError: the unit is another one, or the value no finite number.
+    """
+    place = where
+    if isinstance(entry, Mapping):
+        if (stated := entry.get("unit", unit)) != unit:
+            raise InputError(f"{where}.unit = {stated!r}; needs {unit!r}")
+        place = f"{where}.value"
+        entry = get(entry, "value", f"{where}.")
+    return number({place: entry}, place), place

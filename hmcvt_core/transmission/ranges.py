@@ -174,33 +174,44 @@ class OperatingPoints(NamedTuple):
 
     def by_stage(
         self, function: Callable[[str, OperatingPoints], tuple[Array, ...]]
-    ) -> list[Array]:
+    ) -> Sequence[Array]:
         """Columns of shape (..., n) that a function gives for each stage and its points."""
-        found: list[Array] = []
-        for name in dict.fromkeys(self.stage.tolist()):
-            chosen = self.stage == name
-            parts = function(name, self.map(lambda axis, i=chosen: axis[i])._replace(stage=None))
-            found = found or [np.empty((*part.shape[:-1], len(chosen))) for part in parts]
-            for column, part in zip(found, parts, strict=True):
-                column[..., chosen] = part
-        return found
+        parts = [(name, self.stage == name) for name in dict.fromkeys(self.stage.tolist())]
+        return in_parts(parts, self._replace(stage=None),
+                        lambda name, *columns: function(name, OperatingPoints(*columns)))
 
 
-class Answer(NamedTuple):
+def in_parts(
+    parts: Sequence[tuple[Any, NDArray[np.bool_]]], columns: Sequence[Array | None],
+    function: Callable[..., Sequence[Array]],
+) -> Sequence[Array]:
+    """Columns of shape (..., n) that a function gives for each part of others, put together.
+
+    Args:
+        parts: what is handed to the function first, and where the part is.
+        columns: shape (n,); None stays None.
+        function: takes the key of a part and the columns there.
+    """
+    if len(parts) == 1:
+        return function(parts[0][0], *columns)
+    found: list[Array] = []
+    for key, chosen in parts:
+        pieces = function(key, *(None if axis is None else axis[chosen] for axis in columns))
+        found = found or [np.empty((*piece.shape[:-1], len(chosen))) for piece in pieces]
+        for column, piece in zip(found, pieces, strict=True):
+            column[..., chosen] = piece
+    return found
+
+
+class Solution(NamedTuple):
     """What a formulation says at operating points; arrays of one shape, NaN without an answer.
 
     Attributes:
         efficiency: output power / engine power [-]; in overrun (negative load) engine power /
             output power, NaN where the wheels do not turn the engine all alone.
         output_speed: [rad/s], negative backward.
+        engine_torque: [N m]; there where no efficiency is.
     """
-
-    efficiency: Array
-    output_speed: Array
-
-
-class Solution(NamedTuple):
-    """An `Answer`, and the engine torque [N m], which is there where no efficiency is."""
 
     efficiency: Array
     output_speed: Array

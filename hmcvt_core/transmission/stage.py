@@ -272,30 +272,24 @@ class Stage:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the mapping that `from_mapping` reads, with nothing but this stage in it."""
-        on_row = _members_of(self.layout)
-        paths: dict[str, dict[str, Any]] = {
-            key: {"gear_pairs": [pair.name for pair in path.gear_pairs],
-                  "direction": path.direction}
-            for key, path in self.paths.items() if on_row or key != "mechanical"}
-        for field, key in on_row.items():
-            paths[key]["member"] = getattr(self, field)
-        stated: dict[str, Any] = {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
+        return stages_to_mapping((self,))
+
+    def _entry(self, rows: Mapping[float, str]) -> dict[str, Any]:
+        """What a file says of this stage, with names of the planetary constants."""
+        said: dict[str, Any] = {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
+        if self.reverse:
+            said["reverse"] = True
         if self.open_clutches:
-            stated["open_clutches"] = {name: list(slip) for name, *slip in self.open_clutches}
-        units = self.pump_motor
-        return {
-            "gear_pairs": {pair.name: pair.ratio for pair in self.gear_pairs},
-            "gear_efficiency": {pair.name: pair.efficiency for pair in self.gear_pairs},
-            "planetary_rows": {"k": self.planetary_constant} if on_row else {},
-            "pump_motor": {
-                "pump_displacement_cm3_per_rev": _round(units.pump_displacement / CM3_PER_REV),
-                "motor_displacement_cm3_per_rev": _round(units.motor_displacement / CM3_PER_REV),
-                "pump_friction": units.pump_friction,
-                "motor_friction": units.motor_friction,
-            },
-            "stages": {self.name: {**stated, **({"reverse": True} if self.reverse else {}),
-                                   **({"planetary_row": "k"} if on_row else {}), **paths}},
-        }
+            said["open_clutches"] = {name: list(slip) for name, *slip in self.open_clutches}
+        if self.has_row:
+            said["planetary_row"] = rows[self.planetary_constant]
+        for key, path in self.paths.items():
+            if self.has_row or key != "mechanical":
+                said[key] = {"gear_pairs": [pair.name for pair in path.gear_pairs],
+                             "direction": path.direction}
+        for field, key in _members_of(self.layout).items():
+            said[key]["member"] = getattr(self, field)
+        return said
 
 
 def stages_from_mapping(data: Mapping[str, Any]) -> tuple[Stage, ...]:
@@ -311,23 +305,28 @@ def stages_to_mapping(stages: Sequence[Stage]) -> dict[str, Any]:
     Raises:
         InputError: the stages are not of one transmission: units, or a pair of one name, differ.
     """
-    first, *others = (stage.to_mapping() for stage in stages)
+    units = stages[0].pump_motor
     constants = sorted({stage.planetary_constant for stage in stages if stage.has_row})
-    for data in others:
-        for part in ("gear_pairs", "gear_efficiency", "pump_motor"):
-            for name, value in data[part].items():
-                if first[part].setdefault(name, value) != value:
-                    raise InputError(f"{part}.{name} differs between the stages")
-        first["stages"].update(data["stages"])
-    if len(constants) > 1:
-        rows = {value: f"k{i}" for i, value in enumerate(constants, 1)}
-        first["planetary_rows"] = {name: value for value, name in rows.items()}
-        for stage in stages:
-            if stage.has_row:
-                first["stages"][stage.name]["planetary_row"] = rows[stage.planetary_constant]
-    elif constants:
-        first["planetary_rows"] = {"k": constants[0]}
-    return first
+    rows = {value: f"k{i}" if len(constants) > 1 else "k" for i, value in enumerate(constants, 1)}
+    ratios: dict[str, float] = {}
+    efficiencies: dict[str, float] = {}
+    for stage in stages:
+        _require(stage.pump_motor == units, f"stages.{stage.name}: pump_motor", stage.pump_motor,
+                 "that of the other stages")
+        for pair in stage.gear_pairs:
+            for part, value in ((ratios, pair.ratio), (efficiencies, pair.efficiency)):
+                _require(part.setdefault(pair.name, value) == value,
+                         f"stages.{stage.name}: gear pair {pair.name}", value,
+                         f"{part[pair.name]}, as in another stage")
+    return {
+        "gear_pairs": ratios, "gear_efficiency": efficiencies,
+        "planetary_rows": {name: value for value, name in rows.items()},
+        "pump_motor": {
+            "pump_displacement_cm3_per_rev": _round(units.pump_displacement / CM3_PER_REV),
+            "motor_displacement_cm3_per_rev": _round(units.motor_displacement / CM3_PER_REV),
+            "pump_friction": units.pump_friction, "motor_friction": units.motor_friction},
+        "stages": {stage.name: stage._entry(rows) for stage in stages},
+    }
 
 
 def speed_ratio(stage: Stage, displacement_ratio: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -66,7 +66,7 @@ def _surface(figure: int, power: float, model: EfficiencyModel) -> Surface:
     speed = np.linspace(*paper.ENGINE_SPEEDS, _SPEEDS) * RPM
     stroke, speed = np.meshgrid(np.linspace(-1.0, 1.0, _STROKES), speed, indexing="ij")
     points = OperatingPoints(stroke, speed, power / speed)
-    served = bare = model.answer_at(points).efficiency
+    served = bare = model.solution_at(points).efficiency
     denominator = None
     if model.formulation == "published":
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What users measure, with units, and the best working point of the drive line."""
 
+import csv
 import math
 
 import pytest
@@ -8,9 +9,10 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.ranges import RPM
 
-from .running import ENGINE, TRACTOR
+from .running import ENGINE, TRACTOR, assert_refused
 
-HM3 = hmcvt.load_model(TRACTOR).stages["HM3"]
+WHOLE = hmcvt.load_model(TRACTOR)
+HM3 = WHOLE.stages["HM3"]
 STAGE = ("--params", TRACTOR, "--stage", "HM3")
 SPEED = 1800 * RPM
 
@@ -80,6 +82,32 @@ def test_optimum_of_the_drive_line(hmcvt):
     assert by_torque["engine_speed"] == pytest.approx(alone["engine_speed"], rel=1e-6)
     kept = hmcvt(*asked, "--engine", ENGINE, "--stage", "HM3", "--hysteresis", "90%", "--json").json
     assert kept["stage"] == "HM3" and math.isfinite(kept["fuel_rate"])
+
+
+def test_map_of_the_drive_line(hmcvt, tmp_path):
+    out, picture = tmp_path / "drive.csv", tmp_path / "drive.svg"
+    asked = ("map", "--params", TRACTOR, "--output-speed", "350", "--engine", ENGINE, "--steps",
+             "12", "8", "1")
+    assert hmcvt(*asked, "--out", str(out), "--picture", str(picture)).code == 0
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 96 and {row["stage"] for row in rows} >= {"HM1", "HM3", "HM4", ""}
+    for row in rows[::7]:
+        if not row["stage"]:
+            assert row["fuel_rate"] == ""
+            continue
+        point = [float(row[name]) for name in ("displacement_ratio", "engine_speed",
+                                               "load_torque")]
+        assert WHOLE.output_speed(*point, stage=row["stage"]) == pytest.approx(
+            float(row["output_speed"]), rel=1e-6)
+        assert point[1] * point[2] == pytest.approx(float(row["output_power"]))
+    assert all(f">{word}<" in picture.read_text(encoding="utf-8").replace("\n", "")
+               for word in ("HM1", "HM4", "output power [kW]"))
+    told = hmcvt(*asked, "--json").json
+    assert [row["stage"] or "" for row in told] == [row["stage"] for row in rows]
+    for wrong in (("--stage", "HM3"), ("--bench", "x.csv")):
+        assert_refused(hmcvt(*asked, *wrong), "are not of the drive line")
+    assert_refused(hmcvt("map", "--engine", ENGINE), "--output-speed is needed")
 
 
 def test_stages_that_pass_standstill_have_a_picture(hmcvt, tmp_path):

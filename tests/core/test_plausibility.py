@@ -32,7 +32,7 @@ def measured(stage, effects=(), leakage=2e-11, n=96, seed=0):
     points = OperatingPoints(rng.uniform(-1.0, 1.0, n), speed, rng.uniform(18e3, 85e3, n) / speed)
     truth = hmcvt.EfficiencyModel(stage, hmcvt.HydraulicParameters(leakage, 0.12, 0.2),
                                   effects=effects)
-    efficiency, output = truth.answer_at(points)
+    efficiency, output, _ = truth.solution_at(points)
     output = output * (1.0 + 0.001 * rng.standard_normal(n))
     known = np.isfinite(efficiency)
     return hmcvt.BenchSamples(*(row[known] for row in (*points[:3], efficiency, output)))

@@ -22,7 +22,7 @@ TYPICAL = HydraulicParameters(3e-11, 0.2, 0.08)  # about what Table 2 gives
 def flow_along(model, stroke, engine_speed, load_torque):
     points = np.broadcast_arrays(np.atleast_1d(stroke), engine_speed, load_torque)
     return BalanceSolver(model.stage, model.parameters, model.effects).flow(
-        OperatingPoints(*points))
+        (1, 1), OperatingPoints(*points))[1]
 
 
 # --- limits ---------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ LIMITS = (78.54, 230.38)
 def test_point_array_and_balance_agree(stage, found, engine_speed, load_torque):
     model = EfficiencyModel(stage, found)
     points = OperatingPoints(*np.broadcast_arrays(STROKES, engine_speed, load_torque))
-    many, shafts = model.answer_at(points), BalanceSolver(stage, found).solve(points)
+    many, shafts = model.solution_at(points), BalanceSolver(stage, found).solve(points)
     for name in ("efficiency", "output_speed"):
         one = [getattr(model, name)(stroke, engine_speed, load_torque)
                for stroke in STROKES.tolist()]
@@ -41,11 +41,11 @@ def test_no_point_is_lost_between_chunks(model, count):
 def test_stroke_that_an_output_speed_needs(stage, found, engine_speed, load_torque):
     model = EfficiencyModel(stage, found)
     points = OperatingPoints(*np.broadcast_arrays(STROKES[::8], engine_speed, load_torque))
-    speed = model.answer_at(points).output_speed
+    speed = model.solution_at(points).output_speed
     turning = np.abs(speed / engine_speed / stage.mechanical_speed_ratio - 1.0) > 1e-6
     for solver in (model._solver, BalanceSolver(stage, found)):
-        needed = solver.displacement_ratio(points.engine_speed, speed, points.load_torque)
-        again = model.answer_at(points._replace(
+        needed, _ = solver.held(points.engine_speed, speed, points.load_torque)
+        again = model.solution_at(points._replace(
             displacement_ratio=np.clip(needed, -1.0, 1.0))).output_speed
         np.testing.assert_allclose(again[turning], speed[turning], rtol=1e-9)
         # A motor at rest needs no more than the stroke that keeps it there.

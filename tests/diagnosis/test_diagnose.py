@@ -30,7 +30,7 @@ every_case = pytest.mark.parametrize("name", CASES)
 def _fresh(case, seed=77):
     """The truth at new points: what is read there without noise."""
     points = random_points(seed, 200, case.get("temperature", False))
-    return points, replace(BASE, effects=case["effects"]).answer_at(points).efficiency
+    return points, replace(BASE, effects=case["effects"]).solution_at(points).efficiency
 
 
 # --- verdicts -------------------------------------------------------------------------------------
@@ -160,7 +160,7 @@ def test_promised_shrinkage_is_met_on_fresh_points(name):
     points, truth = _fresh(CASES[name])
     squares = []
     for model in (found.base, found.model):
-        error = model.answer_at(points).efficiency - truth
+        error = model.solution_at(points).efficiency - truth
         squares.append(np.nanmean(error**2))
     met = 1.0 - squares[1] / squares[0]
     assert met > 0.85
@@ -296,7 +296,7 @@ def test_a_channel_that_no_effect_explains_counts_as_unlisted():
 def test_the_gap_at_any_point_is_the_true_one_within_its_uncertainty():
     for name in ("planetary mesh", "leakage", "two"):
         found, (points, truth) = diagnosed(name), _fresh(CASES[name])
-        gap = truth - found.base.answer_at(points).efficiency
+        gap = truth - found.base.solution_at(points).efficiency
         mean, deviation = found.gap_at(*points[:3])
         known = np.isfinite(gap)
         assert np.corrcoef(mean[known], gap[known])[0, 1] > 0.95

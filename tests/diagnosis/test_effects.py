@@ -78,7 +78,8 @@ def test_size_zero_changes_nothing(kind):
     for effect in forms_of(kind()):
         for points in (POINTS, STANDING):
             model = replace(BASE, effects=(effect,))
-            np.testing.assert_allclose(model.answer_at(points), BASE.answer_at(points), rtol=1e-9)
+            np.testing.assert_allclose(model.solution_at(points), BASE.solution_at(points),
+                                       rtol=1e-9)
 
 
 @every_kind
@@ -112,7 +113,7 @@ def test_losses_take_power(kind, extreme):
         item, = form.sizes()
         effect = form.with_values({item.name: item.high if extreme else item.typical})
         model = replace(BASE, effects=(effect,))
-        efficiency = model.answer_at(POINTS).efficiency
+        efficiency = model.solution_at(POINTS).efficiency
         known = efficiency[np.isfinite(efficiency)]
         assert known.size > 0
         assert ((known > 0.0) & (known < 1.0)).all()
@@ -127,7 +128,7 @@ def test_walther_gives_the_grade_of_the_oil():
 
 
 def test_effects_add_up_in_one_model():
-    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow(POINTS)
+    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow((1, 1), POINTS)[1]
                    for effects in ((ChargePump(5.0), Churning(5.0)), (ChargePump(5.0),)))
     churned = 5.0 * (POINTS.engine_speed / 150.0) ** Churning().exponent * POINTS.engine_speed
     np.testing.assert_allclose(both.engine_power - alone.engine_power, churned, rtol=1e-9)

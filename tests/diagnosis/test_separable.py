@@ -80,7 +80,7 @@ def test_a_plan_of_one_point_and_an_effect_that_the_model_has():
 def test_points_planned_twice_do_not_state_the_noise():
     """Filled-in readings agree to the last digit; that is no noise of a bench."""
     points = random_points(1, 12)
-    once = hmcvt.BenchSamples(*points[:3], BASE.answer_at(points).efficiency)
+    once = hmcvt.BenchSamples(*points[:3], BASE.solution_at(points).efficiency)
     thrice = once.select(np.repeat(np.arange(12), 3))
     single, triple = (hmcvt.separable(BASE, plan) for plan in (once, thrice))
     assert triple.plan.usual_noise == pytest.approx(single.plan.usual_noise)

@@ -25,9 +25,9 @@ def run(environment):
     """Start the script; it is gone when the test ends."""
     processes = []
 
-    def start(*arguments):
+    def start(*arguments, script=SCRIPT.name):
         processes.append(subprocess.Popen(
-            [sys.executable, str(SCRIPT), *arguments],
+            [sys.executable, str(SCRIPT.with_name(script)), *arguments],
             env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])},
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
         return processes[-1]
@@ -79,6 +79,23 @@ def test_it_commands_the_best_pair_and_follows_a_refit(node, table2, run, tmp_pa
     assert process.returncode == 0 and "Traceback" not in errors, errors
     assert f"efficiency {node.player.efficiencies[-1]:.3f}" in output.splitlines()[-1]
     assert f"model {after.fingerprint}" in errors
+
+
+def test_a_field_cycle_by_the_stage_and_engine_speed_of_the_node(start_node, run):
+    files = [hmcvt.data_path(f"params/{name}.yaml") for name in ("tractor", "engine")]
+    node = start_node(files[0], engine_file=files[1], optimum_hold="output_speed")
+    process = run("--namespace", node.namespace, script="field_cycle_ros.py")
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    model, engine = hmcvt.load_model(files[0]), hmcvt.load_engine(files[1])
+    lines = re.findall(r"^(?:[\w, ]+?) +(\d+) +(\d+)  +(\w+) +(\d+) r/min", output, re.MULTILINE)
+    assert len(lines) == 6
+    for speed, power, stage, turns in lines:
+        best = model.optimal_drive(float(speed) / 3.6 / 0.85 * 21.0, 1e3 * float(power),
+                                   engine=engine)
+        assert stage == best.stage
+        assert float(turns) == pytest.approx(best.engine_speed * 30.0 / 3.14159265, abs=3.0)
+    assert re.search(r"cycle: [\d.]+ kg by the optimum, [\d.]+ kg by the rule: [1-9]", output)
 
 
 def test_without_a_node_it_says_so(run):

@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
-from ros_bench import GOOD, message
+from ros_bench import GOOD
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import hmcvt_core as hmcvt
+from examples.bench_player import bench_sample_to_message
 from hmcvt_ros import qos
+from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.inputs import OperatingPoint
 from hmcvt_ros.outputs import ADVICE
 
@@ -104,10 +108,53 @@ def test_drive_line_at_a_held_output_speed(tractor):
     tractor.set(optimum_hold="engine_speed")
 
 
-def test_bench_samples_without_a_stage_are_refused(tractor, table2):
-    tractor.player.send_sample(message(table2, 0))
-    assert tractor.comes(lambda: "the log does not hold the stage" in tractor.log)
-    assert tractor.logged() == 0
+def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
+    """Of the stage that the message names, however topics overtake each other, or of `stage`."""
+    rng, sent = np.random.default_rng(3), []
+    worn = replace(TRACTOR, parameters=replace(TRACTOR.parameters, leakage=4.5e-11))
+    for engaged, named in (("HM2", ""), ("HM4", "base_link"), ("HM4", "HM3"), ("HM9", "")):
+        tractor.engage(engaged)
+        name = named if named in TRACTOR.stages else engaged
+        for _ in range(8 if name in TRACTOR.stages else 1):
+            stroke, speed, load = (float(rng.uniform(*ends)) for ends in (
+                (-0.9, 0.9), (90.0, 210.0), (80.0, 300.0)))
+            model = worn.stages.get(name, worn.stages["HM4"])
+            output = model.output_speed(stroke, speed, load)
+            sample = bench_sample_to_message(
+                stroke, speed, load / model.efficiency(stroke, speed, load), output,
+                load * speed / output)
+            sample.header.frame_id = named
+            tractor.player.send_sample(sample)
+            sent += [name] if name in TRACTOR.stages else []
+        count = len(sent)
+        assert tractor.comes(lambda count=count: tractor.logged() == count)
+    assert tractor.says("bench_sample: stage 'HM9' is not known")
+    assert list(hmcvt.read_bench(tractor.bench_file).extra["stage"]) == sent
+    diagnosed = tractor.player.call("diagnose").data
+    assert diagnosed["gap"]["samples"] == 24 and diagnosed["gap"]["rmse"] < 1e-3
+    refitted = tractor.player.call("reidentify").data
+    assert refitted["parameters"]["leakage"]["value"] == pytest.approx(4.5e-11, rel=0.01)
+    tractor.engage("HM3")
+    served = hmcvt.load_model(tractor.state / refitted["file"]).stages["HM3"]
+    assert tractor.player.hold(GOOD)[0] == served.efficiency(*GOOD)
+    assert tractor.player.call("revert").success
+
+
+def test_a_log_with_stages_and_one_without_are_never_mixed(tmp_path):
+    one, many = ({"displacement_ratio": 0.5, "engine_speed": 150.0, "load_torque": 200.0,
+                  "efficiency": 0.8, "output_speed": 180.0, "stamp": 1.0, "extra": extra}
+                 for extra in ({}, {"stage": ("HM4",)}))
+    path = tmp_path / "log.csv"
+    BenchLog(path, 9).write(rows_of(hmcvt.BenchSamples(**one)))
+    log = BenchLog(path, 9, stages=True)
+    assert len(log) == 0 and "set aside" in log.recovered
+    log.write(rows_of(hmcvt.BenchSamples(**many)))
+    assert hmcvt.read_bench(path).extra["stage"] == ("HM4",)
+    assert len(BenchLog(path, 9, stages=True)) == 1
+    aside, = tmp_path.glob("log.cleared-*")
+    assert len(hmcvt.read_bench(aside)) == 1
+    with pytest.raises(hmcvt.InputError, match="no name for a log"):
+        rows_of(hmcvt.BenchSamples(**{**many, "extra": {"stage": ("H,1",)}}))
 
 
 def test_one_stage_needs_no_word(node):

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...errors import InputError
-from ...transmission.mapping import number
+from ...transmission.mapping import quantity
 from ...transmission.ranges import Range
 from .base import Effect, EffectParameter, ShaftState
 
@@ -68,7 +68,9 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
         if key not in fields:
             raise InputError(f"{where}.parameters.{key} is not known; there is "
                              f"{', '.join(sorted(fields))}")
-        values[key] = _value(fields[key], entry, f"{where}.parameters.{key}")
+        limits = fields[key]
+        value, place = quantity(entry, limits.unit, f"{where}.parameters.{key}")
+        values[key] = float(Range(place, limits.low, limits.high, limits.unit).check(value))
     return kind(**values)
 
 
@@ -83,14 +85,3 @@ def _known(name: str, form: str, where: str) -> type[Effect]:
         raise InputError(f"{where}: effect = {name!r}, form = {form!r} is the name of several "
                          f"classes: {classes}")
     return found[0]
-
-
-def _value(parameter: EffectParameter, entry: object, where: str) -> float:
-    place = where
-    if isinstance(entry, Mapping):
-        unit, place = entry.get("unit", parameter.unit), f"{where}.value"
-        if unit != parameter.unit:
-            raise InputError(f"{where}.unit = {unit!r}; needs {parameter.unit!r}")
-        entry = entry.get("value")
-    limits = Range(place, parameter.low, parameter.high, parameter.unit)
-    return float(limits.check(number({place: entry}, place)))
