@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hmcvt_core import InputError
-
-from .steady import Steadiness, limit, require_positive
+from hmcvt_core.files.steady import Steadiness, limit, require_positive
 
 BAG_FILES = (".mcap", ".db3")
 """How the names of the files end that hold messages."""
