@@ -147,7 +147,7 @@ def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
         import pandas
     except ImportError:
         raise InputError(f"{path}: an Excel file needs pandas and openpyxl: pip install "
-                         "'hmcvt_ros[table]', or save it as CSV") from None
+                         "\"hmcvt_ros[table]\", or save it as CSV") from None
     try:
         raw = path.read_bytes()
     except OSError as error:

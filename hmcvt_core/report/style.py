@@ -58,7 +58,7 @@ def check_drawable() -> None:
     for name in ("jinja2", "matplotlib"):
         if importlib.util.find_spec(name) is None:
             raise InputError(f"pages and pictures need {name}; in the folder of hmcvt: "
-                             "pip install '.[report]'")
+                             "pip install \".[report]\"")
 
 
 def picture_format(path: str) -> str:

@@ -103,7 +103,7 @@ class Bag(ExitStack):
             from rosbags.typesys import Stores, get_typestore
         except ImportError as error:
             raise InputError("reading bags needs the library rosbags; in the folder of hmcvt: "
-                             "pip install '.[bag]'") from error
+                             "pip install \".[bag]\"") from error
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._readers: list[Any] = []
         self.topics: dict[str, str] = {}

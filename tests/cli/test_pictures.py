@@ -105,5 +105,5 @@ def test_what_draws_is_missed_before_the_work(hmcvt, arguments, missing, tmp_pat
     monkeypatch.setattr(importlib.util, "find_spec",
                         lambda name, *more: None if name == missing else present(name, *more))
     monkeypatch.chdir(tmp_path)
-    assert_refused(hmcvt(*arguments), missing, "pip install '.[report]'")
+    assert_refused(hmcvt(*arguments), missing, 'pip install ".[report]"')
     assert list(tmp_path.iterdir()) == []
