@@ -32,6 +32,14 @@ def test_citation_is_of_this_version():
     assert citation["license"] == "Apache-2.0"
     paper, = citation["references"]
     assert paper["type"] == "article" and "HMCVT" in paper["title"]
+    assert all(set(author) == {"family-names", "given-names"} for author in paper["authors"])
+
+
+def test_every_public_name_stands_on_the_page_of_the_api():
+    named = re.findall(r"^::: hmcvt_core\.(\w+)$", read("docs/api.md"), re.MULTILINE)
+    assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})
+    for name in named:
+        assert getattr(hmcvt, name).__doc__, name
 
 
 def test_changelog_begins_with_this_version():
