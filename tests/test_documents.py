@@ -31,8 +31,7 @@ def test_citation_is_of_this_version():
     assert citation["title"] == "hmcvt" and citation["authors"] and citation["message"]
     assert citation["license"] == "Apache-2.0"
     paper, = citation["references"]
-    assert paper["type"] == "article" and "HMCVT" in paper["title"]
-    assert all(set(author) == {"family-names", "given-names"} for author in paper["authors"])
+    assert paper["type"] == "article" and "HMCVT" in paper["title"] and paper["authors"]
 
 
 def test_every_public_name_stands_on_the_page_of_the_api():
