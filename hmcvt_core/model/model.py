@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..files import drawing, preformatted
+from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
@@ -286,6 +288,16 @@ class EfficiencyModel:
         """
         return EfficiencyMap.of(self.without_meters().efficiency, (
             displacement_ratios, engine_speeds, load_torques), self.domain)
+
+    def plot_map(self, power: float = 40e3, samples: BenchSamples | None = None) -> Any:
+        """Return a matplotlib figure of the efficiency at an output power [W], tests marked."""
+        return drawing().drawn(lambda figure: drawing().draw_surface(
+            figure, self, power, samples=samples))
+
+    def _repr_html_(self) -> str:
+        values = self.parameters.to_mapping(self.standard_errors).items()
+        return preformatted("\n".join([f"{self.formulation}, stage {', '.join(self.stages)}", *(
+            f"  {name:<14} {entry['value']:.4g} {entry['unit']}" for name, entry in values)]))
 
     # --- the same for points already checked ----------------------------------------------------
 

@@ -16,14 +16,14 @@ from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
 from ..transmission.ranges import RPM
-from .gap import gap_map, residuals
+from .gap import draw_residuals, gap_map, residuals
 from .losses import before_and_after, draw_losses, lost_power, means
-from .pictures import draw_fit, draw_surface, save
+from .pictures import draw_fit, draw_surface, drawn, save
 from .style import FORMATS, check_drawable, render
 
 __all__ = [
-    "FORMATS", "check_drawable", "draw_fit", "draw_losses", "draw_surface", "html", "save",
-    "write_html",
+    "FORMATS", "check_drawable", "draw_fit", "draw_losses", "draw_residuals", "draw_surface",
+    "drawn", "html", "save", "write_html",
 ]
 
 

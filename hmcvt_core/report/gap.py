@@ -146,17 +146,37 @@ def _outline(axes: Any, found: Diagnosis, view: tuple[str, str]) -> None:
                   weight="bold", bbox={"boxstyle": "square,pad=0.25", "fc": INK})
 
 
-def residuals(found: Diagnosis) -> Figures:
-    """Draw the residuals at samples left out (or of the holdout) before and after."""
+def _panels(found: Diagnosis) -> tuple[dict[str, Array], float]:
+    """Residuals before and after by title, and how far the axis reaches."""
     panels = {"Base model, refitted": found.residuals_before}
     if found.verdict != "no_gap":
         panels["Best listed effect added" if found.verdict == "unexplained"
                else "With the effect added"] = found.residuals_after
     largest = np.nanmax(np.abs(list(panels.values())), initial=2.5 * found.gap.noise)
+    return panels, 1.1 * float(largest)
+
+
+def residuals(found: Diagnosis) -> Figures:
+    """Draw the residuals at samples left out (or of the holdout) before and after."""
     label, across = _across(found)
-    drawings = [_panel(found, f"residuals-{i}", title, values, label, across, 1.1 * largest)
-                for i, (title, values) in enumerate(panels.items())]
+    panels, reach = _panels(found)
+    drawings = []
+    for i, (title, values) in enumerate(panels.items()):
+        with styled() as figure:
+            _panel(figure.subplots(), found, title, values, reach)
+            drawings.append(to_svg(
+                figure, f"residuals-{i}", f"{title}: measured minus predicted efficiency over "
+                f"{label}", {"sample": _in_words(found, found.judged, values)[_picked(values)]
+                             .tolist()}))
     return Figures(drawings, notes=_part(across))
+
+
+def draw_residuals(figure: Any, found: Diagnosis) -> None:
+    """Draw the residuals before and after on an empty matplotlib figure."""
+    panels, reach = _panels(found)
+    for axes, (title, values) in zip(figure.subplots(1, len(panels), squeeze=False)[0],
+                                     panels.items(), strict=True):
+        _panel(axes, found, title, values, reach)
 
 
 def _across(found: Diagnosis) -> tuple[str, Array]:
@@ -169,27 +189,21 @@ def _across(found: Diagnosis) -> tuple[str, Array]:
     return _AXES[axis][0], _shown(found.judged, axis)
 
 
-def _panel(
-    found: Diagnosis, name: str, title: str, values: Array, label: str, across: Array, reach: float
-) -> str:
+def _panel(axes: Any, found: Diagnosis, title: str, values: Array, reach: float) -> None:
+    label, across = _across(found)
     known, shown = np.flatnonzero(np.isfinite(values)), _picked(values)
     rms = (f"{words.amount(found, np.sqrt(np.mean(values[known] ** 2)))} rms" if len(known)
            else "not known")
-    with styled() as figure:
-        axes = figure.subplots()
-        axes.axhspan(-200.0 * found.gap.noise, 200.0 * found.gap.noise, color="#e9edf1", lw=0.0)
-        axes.axhline(0.0, color="0.4", lw=1.0)
-        axes.scatter(across[shown], 100.0 * values[shown], s=40.0, color=BLUE, alpha=0.75,
-                     edgecolors="w", linewidths=0.6, gid="sample")
-        if len(known) >= _TREND_SAMPLES:
-            parts = np.array_split(known[np.argsort(across[known], kind="stable")], _TREND_BINS)
-            axes.plot([across[part].mean() for part in parts],
-                      [100.0 * values[part].mean() for part in parts], color="k", lw=2.4)
-        axes.update_datalim(np.column_stack([across, across]))  # one range before and after
-        axes.autoscale_view()
-        axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
-                 ylabel="measured minus predicted [points]")
-        few_ticks(axes)
-        texts = _in_words(found, found.judged, values)[shown].tolist()
-        return to_svg(figure, name, f"{title}: measured minus predicted efficiency over {label}",
-                      {"sample": texts})
+    axes.axhspan(-200.0 * found.gap.noise, 200.0 * found.gap.noise, color="#e9edf1", lw=0.0)
+    axes.axhline(0.0, color="0.4", lw=1.0)
+    axes.scatter(across[shown], 100.0 * values[shown], s=40.0, color=BLUE, alpha=0.75,
+                 edgecolors="w", linewidths=0.6, gid="sample")
+    if len(known) >= _TREND_SAMPLES:
+        parts = np.array_split(known[np.argsort(across[known], kind="stable")], _TREND_BINS)
+        axes.plot([across[part].mean() for part in parts],
+                  [100.0 * values[part].mean() for part in parts], color="k", lw=2.4)
+    axes.update_datalim(np.column_stack([across, across]))  # one range before and after
+    axes.autoscale_view()
+    axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
+             ylabel="measured minus predicted [points]")
+    few_ticks(axes)

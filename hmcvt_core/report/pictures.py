@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 _SIZE = (10.0, 6.4)
 _STROKES, _SPEEDS, _BEST = 161, 121, 60
 _LEVELS = np.array([30, 40, 50, 60, 65, 70, 75, 80, 85, 90, 95])
-_GREYS = np.linspace(0.1, 0.86, len(_LEVELS) + 1)  # white is kept for what has no efficiency
-_JUMP = 0.06  # of an axis: the best point is elsewhere, and no line leads there
+_GREYS = np.linspace(0.2, 0.92, len(_LEVELS) + 1)  # white is kept for what has no efficiency
+_BACK = 0.003  # of the speeds: a line that rises goes back so far only where the best point jumps
 _SAME_POWER = 0.15
 
 
@@ -154,9 +154,8 @@ def _draw_best(
         speed[0], power / speed[0], hold="output_speed", output_speed=target,
         engine_speed_limits=limits)
     at = np.stack([pair.engine_speed / RPM, target / pair.engine_speed])
-    jumps = np.abs(np.diff(at)) > _JUMP * np.ptp(at[:, np.isfinite(at).all(axis=0)], axis=1,
-                                                 keepdims=True)
-    broken = np.insert(at, np.flatnonzero(jumps.any(axis=0)) + 1, np.nan, axis=1)
+    jumps = np.flatnonzero(np.diff(pair.engine_speed) < -_BACK * np.ptp(limits)) + 1
+    broken = np.insert(at, jumps, np.nan, axis=1)
     axes.plot(*broken, color=ORANGE, lw=3.0, label="best at an output speed")
 
 
@@ -184,16 +183,16 @@ def _draw_samples(
     near = np.abs(samples.load_torque * samples.engine_speed / power - 1.0) <= _SAME_POWER
     if samples.points.stage is not None:
         near &= samples.points.stage == model.stage.name
-    told = f"bench within {100.0 * _SAME_POWER:g} % of this power"
+    told = f"of this power (\u00b1 {100.0 * _SAME_POWER:g} %)"
     if not near.any():
-        axes.plot([], [], " ", label=f"no {told}")
+        axes.plot([], [], " ", label=f"no test {told}")
         return
     samples = samples.select(near)
     residual = 100.0 * (samples.efficiency - model.efficiency(*samples.points))
     ratio = model.output_speed(*samples.points) / samples.engine_speed
     numbered = len(samples) <= 30  # more numbers than that the eye cannot part
     axes.plot(samples.engine_speed / RPM, ratio, "o", ms=9, mfc="w", mec="k", mew=1.8, ls="none",
-              clip_on=False, label=f"{told}, measured - predicted" if numbered else told)
+              clip_on=False, label=f"bench - model, tests {told}" if numbered else f"tests {told}")
     marks = zip(samples.engine_speed / RPM, ratio, residual, strict=True)
     for x, y, gap in marks if numbered else ():
         axes.annotate(f"{gap:+.1f}", (x, y), xytext=(8, 6), textcoords="offset points",
