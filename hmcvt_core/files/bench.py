@@ -41,6 +41,7 @@ class BenchSamples:
         extra: the other columns, as text; `stage` names the stage engaged.
         source: where they come from, for messages and provenance.
         sha256: of the file they were read from; empty when not from a file.
+        rows: of that file, from 1, one for each sample; empty when not known.
 
     Raises:
         InputError: a value is outside its range or lengths differ; the place is named.
@@ -58,6 +59,7 @@ class BenchSamples:
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     source: str = "samples"
     sha256: str = ""
+    rows: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for column in BENCH_COLUMNS:
@@ -92,7 +94,8 @@ class BenchSamples:
             column.name: None if (value := getattr(self, column.name)) is None
             else value[chosen] for column in BENCH_COLUMNS}
         extra = {name: tuple(column[i] for i in chosen) for name, column in self.extra.items()}
-        return BenchSamples(**values, extra=extra, source=self.source, sha256=self.sha256)
+        return BenchSamples(**values, extra=extra, source=self.source, sha256=self.sha256,
+                            rows=tuple(self.rows[i] for i in chosen) if self.rows else ())
 
 
 def joined(parts: Sequence[BenchSamples]) -> BenchSamples:
@@ -115,7 +118,8 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
             doubled, or a value is not a number or outside its range; file, row and field are named.
     """
     values, extra, cells = read_columns(path, REQUIRED_COLUMNS)
-    return BenchSamples(**values, extra=extra, source=cells.source, sha256=cells.sha256)
+    return BenchSamples(**values, extra=extra, source=cells.source, sha256=cells.sha256,
+                        rows=tuple(cells.rows))
 
 
 def write_bench(path: str | os.PathLike[str], samples: BenchSamples) -> None:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +69,7 @@ class Cells(NamedTuple):
 
 def read_columns(
     path: str | os.PathLike[str], required: Sequence[str]
-) -> tuple[dict[str, Array], dict[str, tuple[str, ...]], Cells]:
+) -> tuple[dict[str, Any], dict[str, tuple[str, ...]], Cells]:
     """Read the columns of a bench file; the names of known ones may have capitals and spaces.
 
     Returns:

@@ -38,13 +38,20 @@ def _shown(samples: Any, axis: str) -> Array:
     return np.asarray(getattr(samples, axis)) * _AXES[axis][1]
 
 
+def _names(samples: Any) -> list[str]:
+    """What each test is called: by its row in the file, if it was read from one."""
+    return ([f"row {row}" for row in samples.rows] if samples.rows else
+            [f"test {i}" for i in range(1, len(samples) + 1)])
+
+
 def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
     columns = (*(_shown(samples, axis) for axis in _AXES), values)
     return np.array([
-        f"displacement ratio {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
+        f"{name}: displacement ratio {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
         f"{words.fixed(load, 0)} N·m: {words.amount(found, value, sign=True)}"
-        for stroke, speed, load, value in np.column_stack(columns).tolist()])
+        for name, (stroke, speed, load, value) in zip(
+            _names(samples), np.column_stack(columns).tolist(), strict=True)])
 
 
 def gap_map(found: Diagnosis) -> Figures:
@@ -169,6 +176,20 @@ def residuals(found: Diagnosis) -> Figures:
                 f"{label}", {"sample": _in_words(found, found.judged, values)[_picked(values)]
                              .tolist()}))
     return Figures(drawings, notes=_part(across))
+
+
+def residual_table(found: Diagnosis) -> dict[str, Any]:
+    """The residuals as a table: its head, its rows of text, and a note where not all are there."""
+    samples, panels = found.judged, _panels(found)[0]
+    shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST_MARKS))]
+    columns = [*(_shown(samples, axis) for axis in _AXES), 100.0 * samples.efficiency,
+               *(100.0 * values for values in panels.values())]
+    names = _names(samples)
+    return {"head": ("test", *(label for label, _ in _AXES.values()), "measured [%]",
+                     *(f"{title} [points]" for title in panels)),
+            "rows": [(names[i], *(words.fixed(column[i], digits) for column, digits in zip(
+                columns, (3, 0, 1, 2, 2, 2), strict=False))) for i in shown],
+            "note": " An even part of the tests." * (len(shown) < len(samples))}
 
 
 def draw_residuals(figure: Any, found: Diagnosis) -> None:
