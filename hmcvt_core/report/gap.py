@@ -22,7 +22,7 @@ _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0),
          "engine_speed": ("engine speed [r/min]", 1.0 / RPM),
          "load_torque": ("load torque [N·m]", 1.0)}
 _MAP = (6.9, 6.0)  # in
-_MOST_MARKS = 400
+_MOST_MARKS, _MOST_ROWS = 400, 300
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
     "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
@@ -48,7 +48,7 @@ def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
     columns = (*(_shown(samples, axis) for axis in _AXES), values)
     return np.array([
-        f"{name}: displacement ratio {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
+        f"{name}: stroke {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
         f"{words.fixed(load, 0)} N·m: {words.amount(found, value, sign=True)}"
         for name, (stroke, speed, load, value) in zip(
             _names(samples), np.column_stack(columns).tolist(), strict=True)])
@@ -181,7 +181,7 @@ def residuals(found: Diagnosis) -> Figures:
 def residual_table(found: Diagnosis) -> dict[str, Any]:
     """The residuals as a table: its head, its rows of text, and a note where not all are there."""
     samples, panels = found.judged, _panels(found)[0]
-    shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST_MARKS))]
+    shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST_ROWS))]
     columns = [*(_shown(samples, axis) for axis in _AXES), 100.0 * samples.efficiency,
                *(100.0 * values for values in panels.values())]
     names = _names(samples)
