@@ -16,8 +16,8 @@ from ..transmission.ranges import BENCH_COLUMNS, RPM, Range
 from .bench import BenchSamples
 from .columns import column_name
 from .guess import Guess, guess_columns
-from .recording import Readings, Shafts, average, channels, complaint, split_at_gaps
-from .steady import Steadiness, find_windows
+from .recording import Readings, Shafts, complaint, split_at_gaps, steady_tests
+from .steady import Steadiness
 from .table import Table, read_table, statistic_in
 
 Array = NDArray[np.float64]
@@ -288,9 +288,7 @@ def _cut(values: Mapping[str, Array], stage: tuple[str, ...] | None, table: Tabl
     for part in split_at_gaps(values["stamp"][index], max(_STEP, limits.block)):
         rows = index[part]
         for same in np.split(rows, np.flatnonzero(stages[rows][1:] != stages[rows][:-1]) + 1):
-            stretch = readings.select(same.tolist())
-            for window in find_windows(stretch.time, channels(stretch, limits), limits):
-                sample = average(stretch.select(window))[1]
+            for _, sample in steady_tests([readings.select(same.tolist())], limits):
                 if "output_speed" not in values:
                     del sample["output_speed"]
                 if complaint(sample) is None:

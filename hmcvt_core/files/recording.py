@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD
-from .steady import Channel, Steadiness, ratio_of_means
+from .steady import Channel, Steadiness, find_windows, ratio_of_means
 
 Array = NDArray[np.float64]
 _ZERO_ERROR = 0.01
@@ -130,6 +130,15 @@ def channels(readings: Readings, limits: Steadiness) -> list[Channel]:
         Channel("load_torque", shafts.load_torque, *torque),
         Channel("displacement_ratio", shafts.displacement_ratio, stroke, stroke, relative=False),
     ]
+
+
+def steady_tests(
+    stretches: Iterable[Readings], limits: Steadiness, averaged: bool = False
+) -> list[tuple[SteadyWindow, dict[str, float]]]:
+    """Average the steady windows of stretches without gaps, or each as a whole; see `average`."""
+    return [average(part) for stretch in stretches for part in (
+        [stretch] if averaged else map(stretch.select, find_windows(
+            stretch.time, channels(stretch, limits), limits)))]
 
 
 def average(part: Readings) -> tuple[SteadyWindow, dict[str, float]]:

@@ -15,12 +15,12 @@ from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.files.recording import (
     Readings,
     SteadyWindow,
-    average,
     channels,
     complaint,
     split_at_gaps,
+    steady_tests,
 )
-from hmcvt_core.files.steady import Steadiness, block_statistics, find_windows
+from hmcvt_core.files.steady import Steadiness, block_statistics
 
 from .reader import Bag, ImportSettings, find_topics
 from .recording import Array, listed, record
@@ -109,11 +109,7 @@ def import_bag(
     if out_of_order := len(readings.time) - sum(map(len, index)):
         refused[topics.bench]["out of order"] += out_of_order
     stretches = [readings.select(part) for part in index]
-    limits = settings.steadiness
-    parts = stretches if settings.averaged else [
-        stretch.select(window) for stretch in stretches
-        for window in find_windows(stretch.time, channels(stretch, limits), limits)]
-    found = [average(part) for part in parts]
+    found = steady_tests(stretches, settings.steadiness, settings.averaged)
     if not found:
         raise InputError(f"{path}: {_nothing_steady(readings.time, stretches, settings)}")
     wrong = [complaint(values) for _, values in found]
