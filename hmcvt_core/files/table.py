@@ -23,7 +23,7 @@ from .guess import quantity_of, unit_of
 Array = NDArray[np.float64]
 EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
 _TOP = 40  # rows among which the header is looked for
-_SENTINELS = {-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30}
+_SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
 _NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
@@ -40,6 +40,7 @@ class Table(NamedTuple):
         units: what a row of units says, by column; empty without one.
         rows: line or row of each in the file, from 1.
         broken: what rows of another length hold, by row.
+        comma: whether commas are decimal commas.
         source, sha256: of the file.
     """
 
@@ -47,13 +48,18 @@ class Table(NamedTuple):
     units: dict[str, str]
     rows: list[int]
     broken: dict[int, str]
+    comma: bool
     source: str
     sha256: str
 
     def numbers(self, name: str) -> Array:
         """Numbers of a column, NaN where a cell holds none; a known unit may follow them."""
-        comma = _comma(self)
-        return np.array([_number(cell, comma) for cell in self.columns[name]])
+        column = self.columns[name]
+        try:
+            found = np.array([float(cell.replace("_", "?")) for cell in column])
+        except ValueError:
+            found = np.array([_number(cell, self.comma) for cell in column])
+        return np.where(np.isin(found, _SENTINELS), np.nan, found)
 
     def stamps(self, name: str) -> Array:
         """Seconds of a column of times: numbers, times of day, or dates (as of UTC)."""
@@ -116,7 +122,8 @@ def read_table(
     if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
     return Table({name: [row[i] for _, row in body] for i, name in enumerate(titles)}, units,
-                 [number for number, _ in body], broken, source, sha256)
+                 [number for number, _ in body], broken,
+                 _comma([cell for _, row in body for cell in row]), source, sha256)
 
 
 def statistic_in(table: Table, i: int) -> str | None:
@@ -171,25 +178,25 @@ def _header(
     """How many rows stand above the table, and its header; two rows of names are joined."""
     if header_row is not None:
         return header_row, rows[header_row - 1] if header_row <= len(rows) else []
-    filled = [i for i, row in enumerate(rows) if any(row) and not row[0].startswith("#")]
-    if not filled:
-        return 0, []
-    for i in filled:
-        if names and set(names) <= set(_distinct(rows[i])):
-            return i + 1, rows[i]
-    best = max(filled[:_TOP], key=lambda i: _worth(rows[i]))
-    found = rows[best if _worth(rows[best]) > 1 else filled[0]]
-    if best and best - 1 in filled and len(rows[best - 1]) == len(found):
-        joined, group = [], ""
-        for above, name in zip(rows[best - 1], found, strict=True):
-            group = above or group
-            joined.append(f"{group} {name}".strip() if name else above)
-        if set(names) <= set(_distinct(joined)) and (
-                names or _worth(joined) > _worth(found)):
-            return best + 1, joined
-    if names or _worth(found) > 1:
-        return rows.index(found) + 1, found
-    return filled[0] + 1, rows[filled[0]]
+    filled = [i for i, row in enumerate(rows) if any(row) and not row[0].startswith("#")][:_TOP]
+    options = [(i + 1, head) for i in filled for head in (rows[i], *_joined(rows, i))]
+
+    def rank(option: tuple[int, list[str]]) -> tuple[bool, int]:
+        return bool(names) and set(names) <= set(_distinct(option[1])), _worth(option[1])
+
+    best = max(options, key=rank, default=(0, []))
+    return best if rank(best) > (False, 1) else options[0] if options else best
+
+
+def _joined(rows: Sequence[list[str]], i: int) -> list[list[str]]:
+    """The names of a row each behind the one above, which may stand for several."""
+    if i == 0 or len(rows[i - 1]) != len(rows[i]):
+        return []
+    group, joined = "", []
+    for above, name in zip(rows[i - 1], rows[i], strict=True):
+        group = above or group
+        joined.append(f"{group} {name}".strip())
+    return [joined]
 
 
 def _worth(header: Sequence[str]) -> int:
@@ -221,13 +228,12 @@ def _is_float(cell: str) -> bool:
     return True
 
 
-def _comma(table: Table) -> bool:
+def _comma(cells: Sequence[str]) -> bool:
     """Whether commas are decimal commas: where nothing else can be meant."""
-    cells = [cell for column in table.columns.values() for cell in column
-             if _NUMBER.fullmatch(cell)]
-    if any(map(_GROUPED.fullmatch, cells)):
+    numbers = [cell for cell in cells if "," in cell and _NUMBER.fullmatch(cell)]
+    if any(map(_GROUPED.fullmatch, numbers)):
         return True
-    return any(map(DECIMAL_COMMA.fullmatch, cells)) and not any(
+    return any(map(DECIMAL_COMMA.fullmatch, numbers)) and not any(
         re.fullmatch(r"[+-]?\d*\.\d+", cell) for cell in cells)
 
 
@@ -240,8 +246,7 @@ def _number(cell: str, comma: bool) -> float:
     text = hit[1].replace(".", "").replace(",", ".") if comma and "," in hit[1] else hit[1]
     if not comma and re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d+", text):
         text = text.replace(",", "")
-    value = float(text) if _is_float(text) else np.nan
-    return np.nan if value in _SENTINELS else value
+    return float(text) if _is_float(text) else np.nan
 
 
 def _seconds(cell: str) -> float:
