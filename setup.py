@@ -50,5 +50,8 @@ setup(
             "import-bag = hmcvt_ros.commands.import_bag:command",
             "node = hmcvt_ros.commands.node:command",
         ],
+        "hmcvt.readers": [
+            f"{kind} = hmcvt_ros.bag:read_bag" for kind in ("folder", "mcap", "db3")
+        ],
     },
 )

@@ -9,10 +9,12 @@ SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio a
 """
 
 from .benches.transmission import diagnose, next_test, separable
+from .benches.watch import Opening, Watch, watch
 from .diagnosis import Advice, Diagnosis, Isolability
 from .errors import HmcvtError, IdentificationError, InputError
 from .files import data_path
-from .files.bench import BenchSamples, read_bench, read_raw_bench, write_bench
+from .files.bench import BenchSamples, read_bench, write_bench
+from .files.raw import read_raw_bench
 from .identification import Identification, Schedule, identify
 from .model.domain import Domain, EfficiencyMap, Prediction
 from .model.drive_line import DriveOptimum
@@ -21,6 +23,7 @@ from .model.model import EfficiencyModel
 from .model.optimum import Optimum
 from .model.parameter_file import load_model, load_stage, save_model
 from .physics.balance import Breakdown
+from .physics.effects import load_effects
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
 from .report import write_html
 from .transmission.parameters import HydraulicParameters
@@ -29,10 +32,10 @@ from .version import __version__
 
 __all__ = [
     "Advice", "BenchSamples", "Breakdown", "Diagnosis", "Domain", "DriveOptimum", "Effect",
-    "EfficiencyMap", "EfficiencyModel", "Engine", "GearPair", "HmcvtError", "HydraulicParameters",
-    "Identification", "IdentificationError", "InputError", "Isolability", "Optimum", "Path",
-    "Prediction", "PumpMotor", "Schedule", "ShaftState", "Stage", "Value", "__version__",
-    "data_path", "diagnose", "identify", "load_engine", "load_model", "load_stage", "next_test",
-    "read_bench", "read_raw_bench", "save_model", "separable", "shape", "size", "write_bench",
-    "write_html",
+    "EfficiencyMap", "EfficiencyModel", "Engine", "GearPair", "HmcvtError",
+    "HydraulicParameters", "Identification", "IdentificationError", "InputError", "Isolability",
+    "Opening", "Optimum", "Path", "Prediction", "PumpMotor", "Schedule", "ShaftState", "Stage",
+    "Value", "Watch", "__version__", "data_path", "diagnose", "identify", "load_effects",
+    "load_engine", "load_model", "load_stage", "next_test", "read_bench", "read_raw_bench",
+    "save_model", "separable", "shape", "size", "watch", "write_bench", "write_html",
 ]

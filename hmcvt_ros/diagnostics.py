@@ -1,15 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The two statuses of the node on /diagnostics: its inputs and its model."""
+"""The three statuses of the node on /diagnostics: its inputs, its model and the gap."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from hmcvt_core import Opening
 
 from .bench_log import NOT_WRITTEN, Recorder
 from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
@@ -178,6 +180,19 @@ def model_status(
         "running": activity.job if activity.job and activity.job.working else "-",
     }
     return _status(name, "model", level, message, values)
+
+
+def gap_status(name: str, found: Opening) -> DiagnosticStatus:
+    """Return the status of the gap between the bench samples that came and the model in service."""
+    level = DiagnosticStatus.WARN if found.open else DiagnosticStatus.OK
+    return _status(name, "gap", level, str(found), {
+        key.replace("_", " "): _shown(value) for key, value in asdict(found).items()})
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " to ".join(map(_shown, value))
+    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _refit_warnings(now: InService) -> str:

@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import rclpy
     except ImportError as error:
         return _failed(f"the node needs ROS 2 ({error}): source its setup.bash, or, in the "
-                       "folder of hmcvt, pip install '.[ros]'")
+                       "folder of hmcvt, pip install \".[ros]\"")
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args

@@ -22,7 +22,7 @@ REPORTS_KEPT = 10
 
 def reidentify(
     samples: Path, model: Path, base: Path, seed: int, max_drift: float, output: Path,
-    candidates: Path, min_samples: int,
+    candidates: Path, min_samples: int, effects: str = "",
 ) -> dict[str, Any]:
     """Refit a model to samples.
 
@@ -33,6 +33,7 @@ def reidentify(
         max_drift: largest difference to `base` within the domain [-].
         output: file for the refit; in the folder `candidates` instead, when it must not serve.
         min_samples: fewer are refused.
+        effects: module or file with effects of one's own; empty for none.
 
     Returns:
         Sample count, error (mean |predicted - measured| / measured) before and after, parameters
@@ -41,6 +42,7 @@ def reidentify(
         back; `model` (the fingerprint) and `file` of the refit, or `refused` and `candidate` when
         something speaks against it.
     """
+    _load(effects)
     bench = hmcvt.read_bench(samples)
     if len(bench) < min_samples:
         raise hmcvt.InputError(f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
@@ -74,7 +76,9 @@ def reidentify(
     return {**answer, "model": servable(output).fingerprint, "file": str(output)}
 
 
-def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, Any]:
+def diagnose(
+    samples: Path, model: Path, seed: int, reports: Path, effects: str = ""
+) -> dict[str, Any]:
     """Say why a model and samples disagree.
 
     Returns:
@@ -83,6 +87,7 @@ def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, 
     """
     from hmcvt_core.report import write_html
 
+    _load(effects)
     found = hmcvt.diagnose(hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed)
     answer = found.to_dict()
     try:
@@ -93,3 +98,8 @@ def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, 
         # The answer is worth more than the page.
         return {**answer, "report": None, "report_error": str(error)}
     return {**answer, "report": str(path)}
+
+
+def _load(effects: str) -> None:
+    if effects:  # this process is another than the node's
+        hmcvt.load_effects(effects)

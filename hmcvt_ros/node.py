@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,13 +27,23 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
-from hmcvt_core import EfficiencyMap, HmcvtError, InputError, data_path, load_engine
+from hmcvt_core import (
+    BenchSamples,
+    EfficiencyMap,
+    HmcvtError,
+    InputError,
+    Watch,
+    data_path,
+    load_effects,
+    load_engine,
+)
+from hmcvt_core.files.bench import joined
 from hmcvt_core.transmission.ranges import LOAD_TORQUE
 
 from . import messages, parameters, qos
-from .bench_log import INVALID, NOT_WRITTEN, BenchLog, Recorder
+from .bench_log import INVALID, MOST_WAITING, NOT_WRITTEN, BenchLog, Recorder
 from .clocks import NodeClock, SteadyClock
-from .diagnostics import Activity, inputs_status, model_status
+from .diagnostics import Activity, gap_status, inputs_status, model_status
 from .guard import Guard
 from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, State, Tally, coasting
 from .model_store import ModelStore
@@ -43,6 +54,7 @@ from .state_folder import StateFolder
 TICK = 0.1
 STAGE_LIMIT = 200  # characters of a name
 DIAGNOSTICS_EVERY = 10  # ticks: 1 Hz
+WATCHED_AT_ONCE = 200  # samples: 10 ms
 
 
 class EfficiencyNode(Node):
@@ -79,6 +91,8 @@ class EfficiencyNode(Node):
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
         folder = Path(self._settings.state_folder
                       or home / self.get_fully_qualified_name().strip("/")).absolute()
+        if self._settings.effects_file:
+            load_effects(self._settings.effects_file)
         self._state = StateFolder(folder)
         self._store = ModelStore(
             Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
@@ -96,6 +110,7 @@ class EfficiencyNode(Node):
             None)
         self._stage = ""  # engaged; empty before it is known
         self._points = Tally(("invalid", "stale"))
+        self._unwatched: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
         self.ticks = 0
         # Held on to: the callback lives as long as what is returned.
         self._jumps = self.get_clock().create_jump_callback(
@@ -275,9 +290,11 @@ class EfficiencyNode(Node):
                 if stage not in model.stages:
                     raise InputError(f"bench_sample: {self._without_stage()}")
                 sample = replace(sample, extra={"stage": (stage,)})
-            self._log.submit(sample)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
+        else:
+            self._log.submit(sample)
+            self._unwatched.append(sample)
 
     # --- model --------------------------------------------------------------------------------
 
@@ -286,6 +303,7 @@ class EfficiencyNode(Node):
         now = self._store.in_service
         self._model_publisher.publish(messages.model_to_message(now.model, {
             "file": str(now.path), "since": now.since, "fingerprint": now.model.fingerprint}))
+        self._watch = Watch(now.model, self._settings.bench_noise or None)
         # Only now: whoever hears an answer has been sent the model that it is of.
         self._served = now
         # The limits of the map may have changed meanwhile.
@@ -319,6 +337,8 @@ class EfficiencyNode(Node):
         if self._engaged() is None:
             self._inputs.apart_reason = self._without_stage()
         name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
+        if count := min(len(self._unwatched), WATCHED_AT_ONCE):
+            self._watch.take(joined([self._unwatched.popleft() for _ in range(count)]))
         array = DiagnosticArray(status=[
             inputs_status(name, self._inputs, now, self._settings, {
                 "points answered": self._outputs.answered,
@@ -329,6 +349,7 @@ class EfficiencyNode(Node):
                 "requests contained": self.guard.contained}),
             model_status(name, self._served, self._store.complaint, self._activity, self._log,
                          self._point(now), self._outputs.refusal),
+            gap_status(name, self._watch.found),
         ])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)

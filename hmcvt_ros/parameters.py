@@ -26,6 +26,7 @@ from hmcvt_core import InputError
 from hmcvt_core.model.optimum import HOLDS
 from hmcvt_core.transmission.ranges import (
     DISPLACEMENT_RATIO,
+    EFFICIENCY_STD,
     ENGINE_SPEED,
     ENGINE_SPEED_LIMITS,
     LOAD_TORQUE,
@@ -137,6 +138,9 @@ class Settings:
     engine_file: str = _parameter(
         "", "Engine file (full-load curve and fuel map): fuel in advice, and with optimum_hold "
         "output_speed the least fuel; empty for none.", read_only=True)
+    effects_file: str = _parameter(
+        "", "Module or Python file with effects of your own, for model files that hold them and "
+        "for ~/diagnose; empty for none. What it holds is run.", read_only=True)
     state_folder: str = _parameter(
         "", "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else "
         "~/.ros) / name of the node with its namespace.", read_only=True)
@@ -185,6 +189,10 @@ class Settings:
         0.1, "Largest mean difference between a refit and the model of model_file (the first "
         "refit, if that states no errors), in efficiency within the domain, that ~/reidentify "
         "accepts.", (0.0, 1.0))
+    bench_noise: float = _parameter(
+        0.0, "Standard deviation of the efficiency of a bench sample, for the watch on the gap; 0 "
+        "for 1.12 % of the efficiency, as the paper states.", (0.0, EFFICIENCY_STD.high),
+        read_only=True)
     job_time_limit: float = _parameter(
         300.0, "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0), "s")
     job_memory_limit: int = _parameter(

@@ -215,7 +215,7 @@ class Services:
         try:
             running = self._worker.submit(
                 work, settings.job_memory_limit, samples=samples, model=model,
-                seed=settings.reidentify_seed, **options)
+                seed=settings.reidentify_seed, effects=settings.effects_file, **options)
             self._node.get_logger().info(f"{job.name}: started on {samples}")
             done: Data = await _finished(running)
         except (BrokenProcessPool, CancelledError):

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from hmcvt_core import HmcvtError
+from hmcvt_core.files.recording import Shafts
 
 JOINTS = ("engine", "output", "displacement")
 
@@ -17,41 +18,6 @@ class UnreadableError(HmcvtError):
     def __init__(self, reason: str, text: str = "") -> None:
         super().__init__(text or reason)
         self.reason = reason
-
-
-class Shafts(NamedTuple):
-    """Readings of both shafts: numbers, or arrays of one shape.
-
-    Attributes:
-        engine_speed, engine_torque, output_speed, output_torque: rad/s, N m.
-        displacement_ratio: NaN where the message does not hold it.
-    """
-
-    engine_speed: Any
-    engine_torque: Any
-    output_speed: Any
-    output_torque: Any
-    displacement_ratio: Any
-
-    @property
-    def engine_power(self) -> Any:
-        """[W]."""
-        return self.engine_torque * self.engine_speed
-
-    @property
-    def output_power(self) -> Any:
-        """[W]."""
-        return self.output_torque * self.output_speed
-
-    @property
-    def load_torque(self) -> Any:
-        """Output power / engine speed [N m]."""
-        return self.output_power / self.engine_speed
-
-    @property
-    def efficiency(self) -> Any:
-        """Output power / engine power [-]."""
-        return self.output_power / self.engine_power
 
 
 def read_shafts(message: Any, *, stroke_elsewhere: bool = False) -> Shafts:

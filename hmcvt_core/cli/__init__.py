@@ -5,7 +5,7 @@ A command is a module here with a `command` in it and a line in `COMMANDS`. Othe
 theirs through the entry-point group `hmcvt.commands`: name = module:click_command.
 
 Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted;
-3 when a fleet is done but some of its logs are broken.
+3 when a fleet is done but some of its logs are broken, 4 when `watch` sees a gap.
 """
 
 from __future__ import annotations
@@ -29,9 +29,11 @@ COMMANDS = {
     "breakdown": "show where the watts go",
     "diagnose": "diagnose the gap between model and bench",
     "next": "choose the bench test that tells most about a gap",
+    "watch": "tell whether a gap has opened, since when and how large",
     "fleet": "identify and diagnose every bench log of a folder",
     "separable": "tell which effects a test plan can tell apart",
-    "import-csv": "turn the table of your bench into bench samples",
+    "import": "turn the table of your bench (CSV, Excel) into bench samples",
+    "import-csv": "the older name of import",
 }
 
 GROUP = "hmcvt.commands"
@@ -70,8 +72,8 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
-            module = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
-            command: click.Command = module.command
+            module = "import_table" if cmd_name == "import" else cmd_name.replace("-", "_")
+            command: click.Command = importlib.import_module(f"{__name__}.{module}").command
             return command
         entry = _installed().get(cmd_name)
         return None if entry is None else _load(entry)

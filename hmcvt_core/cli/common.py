@@ -21,7 +21,7 @@ from ..model.domain import AXES
 from ..model.measured import LOADS, STROKES, operating_point
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
-from ..physics.effects import Effect
+from ..physics.effects import Effect, load_effects
 from ..transmission.ranges import RPM
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -64,9 +64,6 @@ def _fractions(text: str) -> list[float]:
 picture_option = click.option(
     "--picture", type=OutputFile(), callback=_check_picture, metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
-params_option = click.option(
-    "--params", "params", metavar="P.yaml",
-    help="Parameter file of the model; the shipped params/hm4.yaml when left out.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value and nothing else on stdout.")
 seed_option = click.option(
@@ -97,6 +94,23 @@ def model_options(function: Function) -> Function:
         click.option("--transmission", metavar="T.yaml",
                      help="Gear train; the paper's when left out."),
         click.option("--stage", metavar="NAME", help="Stage of the transmission file."))
+
+
+def _load(_: click.Context, __: click.Parameter, sources: tuple[str, ...]) -> None:
+    for source in sources:
+        load_effects(source)
+
+
+def params_option(function: Function) -> Function:
+    """Add the model, and the effects that it may hold besides those of hmcvt."""
+    return add_options(
+        function,
+        click.option("--params", "params", metavar="P.yaml",
+                     help="Parameter file of the model; the shipped params/hm4.yaml when left "
+                          "out."),
+        click.option("--effects", metavar="MODULE", multiple=True, expose_value=False,
+                     callback=_load,
+                     help="Module or Python file with effects of your own, which is run."))
 
 
 class Point(NamedTuple):

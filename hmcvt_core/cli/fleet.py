@@ -71,8 +71,7 @@ def command(
         train, effects = base.stage, base.effects
     trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
     settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
-    # Cores that this process may use, which in a container are fewer than there are.
-    place = (partial(on_processes, processes or len(os.sched_getaffinity(0)))
+    place = (partial(on_processes, processes or _cores())
              if scheduler is None else partial(on_cluster, scheduler))
     with closing(_Counter("fleet", _REPORT_EVERY)) as counter:
         found = run(Path(logs), Path(out), settings, place, counter.count)
@@ -151,3 +150,10 @@ def _counts(counts: dict[str, Any]) -> str:
     lines += [f"{kind}: " + ", ".join(f"{word} {count}" for word, count in counts[kind].items())
               for kind in ("verdicts", "causes") if counts[kind]]
     return "\n".join(lines)
+
+
+def _cores() -> int:
+    """Cores that this process may use, which in a container are fewer than there are."""
+    if hasattr(os, "sched_getaffinity"):  # Linux
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

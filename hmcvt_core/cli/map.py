@@ -35,7 +35,7 @@ _PICTURE_POWER, _DRIVE_POWER = 40_000.0, 100_000.0
 Examples:
   hmcvt map --out map.csv
   hmcvt map --steps 21 11 5 --load-torque-limits 100 400 --json
-  hmcvt map --picture map.png --power 40kW --bench data/table2.csv
+  hmcvt map --picture map.png --power 23kW --bench data/table2.csv
   hmcvt map --params params/tractor.yaml --output-speed 350 --engine params/engine.yaml \\
             --out drive.csv --picture drive.png""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),

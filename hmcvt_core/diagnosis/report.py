@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
+from ..files import drawing, preformatted
 from . import words
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
 
@@ -128,6 +129,13 @@ class Diagnosis(Outcome):
             "notes": self.notes,
         }
         return dict(json.loads(json.dumps(data)))
+
+    def plot(self) -> Any:
+        """Return a matplotlib figure of the residuals before and after."""
+        return drawing().drawn(lambda figure: drawing().draw_residuals(figure, self))
+
+    def _repr_html_(self) -> str:
+        return preformatted(self.report())
 
     def report(self) -> str:
         """Return the outcome as text for a person, at most 100 columns wide."""

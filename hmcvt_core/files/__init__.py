@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,16 @@ def data_path(name: str) -> Path:
         if (root / name).is_file():
             return root / name
     raise InputError(f"{name} does not ship with hmcvt")
+
+
+def drawing() -> Any:
+    """What draws: it stands above what it draws, and is loaded when a picture is asked for."""
+    return import_module("hmcvt_core.report")
+
+
+def preformatted(text: str) -> str:
+    """Return text as a notebook shows it."""
+    return f"<pre>{html.escape(text)}</pre>"
 
 
 def plain(value: Any) -> Any:

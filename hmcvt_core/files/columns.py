@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Range
 Array = NDArray[np.float64]
 _MAX_BYTES = 256 * 1024 * 1024
 _NAMES = frozenset(column.name for column in BENCH_COLUMNS)
-_DECIMAL_COMMA = re.compile(r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")
+DECIMAL_COMMA = re.compile(r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")
 
 
 class Cells(NamedTuple):
@@ -69,7 +69,7 @@ class Cells(NamedTuple):
 
 def read_columns(
     path: str | os.PathLike[str], required: Sequence[str]
-) -> tuple[dict[str, Array], dict[str, tuple[str, ...]], Cells]:
+) -> tuple[dict[str, Any], dict[str, tuple[str, ...]], Cells]:
     """Read the columns of a bench file; the names of known ones may have capitals and spaces.
 
     Returns:
@@ -113,7 +113,7 @@ def read_cells(
             missing or a column doubled.
     """
     source = str(Path(path))
-    text, sha256 = _text(Path(path))
+    text, sha256 = file_text(Path(path))
     if header_row is not None:
         # Left empty, so that the rows below keep their numbers.
         text = "\n" * (header_row - 1) + "".join(list(io.StringIO(text))[header_row - 1:])
@@ -139,7 +139,7 @@ def read_cells(
     missing = [name for name in required if name not in header]
     if missing:
         raise InputError(f"{source}: row {top}: column {', '.join(missing)} is missing; "
-                         f"there is {', '.join(header)} (`hmcvt import-csv` takes other names)")
+                         f"there is {', '.join(header)} (`hmcvt import` takes other names)")
     if not body:
         raise InputError(f"{source}: holds a header but no samples")
     for number, row in body:
@@ -153,8 +153,8 @@ def read_cells(
     return Cells(columns, [number for number, _ in body], separator, source, sha256)
 
 
-def _text(path: Path) -> tuple[str, str]:
-    """Return the text of a file and its SHA-256."""
+def file_text(path: Path) -> tuple[str, str]:
+    """Return the text of a file and its SHA-256; `InputError` where that cannot be."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
@@ -177,16 +177,17 @@ def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
     """Turn decimal commas into points where nothing but decimal commas can be meant.
 
     That is where commas do not part the columns, no number has a point, and some comma cannot
-    set thousands apart: 0,643 or 78,54.
+    set thousands apart: 0,643 or 78,54. A cell with letters, such as `n.a.`, is no number.
 
     Args:
         cells: of a file.
         names: of the columns that hold numbers.
     """
     numbers = {name: column for name, column in cells.columns.items() if name in names}
-    every = [cell for column in numbers.values() for cell in column]
+    every = [cell for column in numbers.values() for cell in column
+             if not re.search(r"[^\W\de]|[A-Z]", cell)]
     if (cells.separator == "," or any("." in cell for cell in every)
-            or not any(map(_DECIMAL_COMMA.fullmatch, every))):
+            or not any(map(DECIMAL_COMMA.fullmatch, every))):
         return cells
     return cells._replace(columns=cells.columns | {
         name: [cell.replace(",", ".") for cell in column] for name, column in numbers.items()})

@@ -17,7 +17,7 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager
 from itertools import chain, islice
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import HmcvtError, InputError
 from ..version import __version__
@@ -103,12 +103,13 @@ def _interrupt_later() -> Iterator[None]:
     # Not left to the mask below: a thread of BLAS takes the signal, and Python then interrupts the
     # main thread, in the middle of what the new process is to read.
     handler = signal.signal(signal.SIGINT, lambda *call: came.append(call))
-    # The process inherits this.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # The process inherits this; Windows has no such thing.
+    set_mask: Callable[..., Any] = getattr(signal, "pthread_sigmask", lambda *_: set())
+    mask = set_mask(getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        set_mask(getattr(signal, "SIG_SETMASK", 0), mask)
         signal.signal(signal.SIGINT, handler)
         if came:
             signal.raise_signal(signal.SIGINT)
@@ -191,7 +192,7 @@ def _connected(address: str) -> Client:
         from distributed.comm import connect
     except ImportError as error:
         raise InputError("--scheduler needs the library distributed (Dask); in the folder of "
-                         "hmcvt: pip install '.[fleet]'") from error
+                         "hmcvt: pip install \".[fleet]\"") from error
 
     # What it has to say about a lost scheduler is said in one line by `_outcome`.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)

@@ -8,11 +8,11 @@ beside it proves that the log is finished.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,10 +92,20 @@ def locked(folder: Path) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / _LOCK).open("a") as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            _hold(file.fileno())
+        except (BlockingIOError, PermissionError):
             raise InputError(f"{folder}: another hmcvt fleet writes there now") from None
         yield
+
+
+def _hold(file: int) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        here = import_module("msvcrt")
+        here.locking(file, here.LK_NBLCK, 1)
+    else:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def run(

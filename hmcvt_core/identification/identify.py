@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IdentificationError, InputError
-from ..files import data_path
+from ..files import data_path, drawing, preformatted
 from ..files.bench import BenchSamples
 from ..model.agreement import RelativeError, by_stage, gear_train_remarks
 from ..model.domain import Domain
@@ -130,6 +130,13 @@ class Identification:
                            for name, errors in self.alone.items()}} if self.alone else {}),
             "gear_efficiency": sorted({pair.efficiency for pair in self.model.stage.gear_pairs}),
         }
+
+    def plot(self, held_back: BenchSamples | None = None) -> Any:
+        """Return a matplotlib figure of measured over predicted efficiency."""
+        return drawing().drawn(lambda figure: drawing().draw_fit(figure, self, held_back))
+
+    def _repr_html_(self) -> str:
+        return preformatted(self.report())
 
     def report(self, numbers: Sequence[int] | None = None) -> str:
         """Return the outcome as text for a person.

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..transmission.mapping import number
+from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_RANGES, HydraulicParameters
 from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, OperatingPoints
 
 Array = NDArray[np.float64]
@@ -131,3 +132,41 @@ class Prediction(NamedTuple):
     efficiency: Any
     standard_error: Any
     inside_domain: Any
+
+
+class Uncertainty:
+    """Of one model.
+
+    Attributes:
+        neighbours: parameters a small step away from the model's, one after the other, (3, 3).
+        correlation: of the parameters, (3, 3).
+    """
+
+    def __init__(
+        self, parameters: HydraulicParameters, standard_errors: Mapping[str, float],
+        correlation: Array,
+    ) -> None:
+        self._errors = np.array([standard_errors[name] for name in PARAMETER_NAMES])
+        self.correlation, base = correlation, parameters.to_array()
+        # A step of a thousandth of the error stays in the linear range, also next to a bound.
+        steps = np.maximum(1e-3 * self._errors, 1e-6 * base + 1e-18)
+        highest = [limits.high for limits in PARAMETER_RANGES]
+        self._steps = np.where(base + steps <= highest, steps, -steps)
+        self.neighbours = base + np.diag(self._steps)
+
+    def gradient(self, here: Array | float, there: Array) -> Array:
+        """Change with one standard error of each parameter, (..., 3).
+
+        Args:
+            here: answers, shape (...).
+            there: those next to them, shape (3, ...).
+        """
+        return np.asarray((there - here).T / self._steps * self._errors)
+
+    def of(self, here: Array | float, there: Array) -> Array:
+        """Standard error of answers; arguments as of `gradient`."""
+        gradient = self.gradient(here, there)
+        variance = ((gradient @ self.correlation) * gradient).sum(axis=-1)
+        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
+        blind = (gradient == 0.0).all(axis=-1)
+        return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0)))

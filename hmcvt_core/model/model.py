@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..files import drawing, preformatted
+from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
@@ -21,8 +24,6 @@ from ..physics.point import PointSolver
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import ArraySolver
 from ..transmission.parameters import (
-    PARAMETER_NAMES,
-    PARAMETER_RANGES,
     Candidates,
     HydraulicParameters,
     Parameters,
@@ -35,7 +36,7 @@ from ..transmission.ranges import (
     is_plain,
 )
 from ..transmission.stage import Stage, stages_to_mapping
-from .domain import AXES, Domain, EfficiencyMap, Prediction
+from .domain import AXES, Domain, EfficiencyMap, Prediction, Uncertainty
 from .drive_line import DriveOptimum, drive_optimum
 from .engine import Engine
 from .optimum import Optimum, optimum
@@ -176,8 +177,11 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
-        points, scalar = OperatingPoints.checked(
-            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
+        point: tuple[Any, Any, Any] = displacement_ratio, engine_speed, load_torque
+        if (self._point_solver is not None and oil_temperature is None and stage is None
+                and is_plain(*point)):
+            return self._predict_point(self._point_solver, *point)
+        points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
         inside = (self.domain.contains(points) if self.domain is not None
                   else np.zeros(points.engine_speed.shape, dtype=bool))
         found = self.solution_at(points).efficiency, self._standard_error(points), inside
@@ -294,6 +298,16 @@ class EfficiencyModel:
         values = self.without_meters().efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
         return EfficiencyMap(axes[0], axes[1], axes[2], values, self.domain)
 
+    def plot_map(self, power: float = 40e3, samples: BenchSamples | None = None) -> Any:
+        """Return a matplotlib figure of the efficiency at an output power [W], tests marked."""
+        return drawing().drawn(lambda figure: drawing().draw_surface(
+            figure, self, power, samples=samples))
+
+    def _repr_html_(self) -> str:
+        values = self.parameters.to_mapping(self.standard_errors).items()
+        return preformatted("\n".join([f"{self.formulation}, stage {', '.join(self.stages)}", *(
+            f"  {name:<14} {entry['value']:.4g} {entry['unit']}" for name, entry in values)]))
+
     # --- the same for points already checked ----------------------------------------------------
 
     def solution_at(self, points: OperatingPoints) -> Solution:
@@ -341,23 +355,34 @@ class EfficiencyModel:
             found[i:i + part] = solver.solve(points).efficiency
         return found.reshape(*values.shape[:-1], n)
 
-    def _standard_error(self, points: OperatingPoints) -> Array:
-        """That of the efficiency, from the covariance of the parameters."""
-        shape, base = points.engine_speed.shape, self.parameters.to_array()
+    @cached_property
+    def uncertainty(self) -> Uncertainty | None:
+        """How well the parameters are known; None for a model that does not state it."""
         if not self.standard_errors or self.correlation is None:
+            return None
+        return Uncertainty(self.parameters, self.standard_errors, self.correlation)
+
+    @cached_property
+    def _point_neighbours(self) -> list[PointSolver]:
+        values = [] if self.uncertainty is None else self.uncertainty.neighbours.tolist()
+        return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values]
+
+    def _predict_point(self, solver: PointSolver, *point: float) -> Prediction:
+        """`predict` at one point in range, without the cost of arrays."""
+        here, error = solver.solve(*point)[0], math.nan
+        if self.uncertainty is not None:
+            error = float(self.uncertainty.of(here, np.array(
+                [neighbour.solve(*point)[0] for neighbour in self._point_neighbours])))
+        inside = self.domain is not None and not self.domain.departures(*point)
+        return Prediction(here, error, inside)
+
+    def _standard_error(self, points: OperatingPoints) -> Array:
+        shape = points.engine_speed.shape
+        if self.uncertainty is None:
             return np.full(shape, np.nan)
-        errors = np.array([self.standard_errors[name] for name in PARAMETER_NAMES])
-        # A step of a thousandth of the error stays in the linear range, also next to a bound.
-        steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
-        steps[base + steps > [limits.high for limits in PARAMETER_RANGES]] *= -1.0
-        here, *there = self.efficiency_of_candidates(
-            np.vstack([base, base + np.diag(steps)]), points.map(np.ravel))
-        slope = (np.array(there) - here).T / steps
-        gradient = slope * errors
-        variance = ((gradient @ self.correlation) * gradient).sum(axis=-1)
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
-        blind = (slope == 0.0).all(axis=-1)
-        return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0))).reshape(shape)
+        here, *there = self.efficiency_of_candidates(np.vstack(
+            [self.parameters.to_array(), self.uncertainty.neighbours]), points.map(np.ravel))
+        return self.uncertainty.of(here, np.array(there)).reshape(shape)
 
     # --- the model as data ----------------------------------------------------------------------
 

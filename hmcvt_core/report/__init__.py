@@ -1,11 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a person looks at: the page of a diagnosis and the pictures (extra `report`).
 
-The page is one self-contained HTML file; it loads nothing and needs no script.
+The page is one self-contained HTML file. It loads nothing, and says all without its script, which
+sorts, marks and saves.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import os
 from pathlib import Path
 
@@ -16,14 +19,14 @@ from ..diagnosis.result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..files.atomic import write_atomically
 from ..transmission.parameters import PARAMETER_UNITS
 from ..transmission.ranges import RPM
-from .gap import gap_map, residuals
+from .gap import draw_residuals, gap_map, residual_table, residuals
 from .losses import before_and_after, draw_losses, lost_power, means
-from .pictures import draw_drive_line, draw_fit, draw_surface, save
-from .style import FORMATS, check_drawable, render
+from .pictures import draw_drive_line, draw_fit, draw_surface, drawn, save
+from .style import FORMATS, TEMPLATES, check_drawable, render
 
 __all__ = [
-    "FORMATS", "check_drawable", "draw_drive_line", "draw_fit", "draw_losses", "draw_surface",
-    "html", "save", "write_html",
+    "FORMATS", "check_drawable", "draw_drive_line", "draw_fit", "draw_losses", "draw_residuals",
+    "draw_surface", "drawn", "html", "save", "write_html",
 ]
 
 
@@ -49,9 +52,11 @@ def html(diagnosis: Diagnosis) -> str:
             else float(np.median(samples.oil_temperature)))
     before = lost_power(base, speed, load, heat)
     after = before if model is base else lost_power(model, speed, load, heat)
+    script = (TEMPLATES / "page.js.j2").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return render(
-        "diagnosis.html.j2", found=diagnosis, words=words, speed=speed, load=load,
-        map=gap_map(diagnosis), residuals=residuals(diagnosis),
-        watts=before_and_after(before, after), means=means(before, after),
-        units=PARAMETER_UNITS, rpm=RPM, gap_significance=GAP_SIGNIFICANCE,
-        region_significance=REGION_SIGNIFICANCE)
+        "diagnosis.html.j2", script=script, script_hash=digest, found=diagnosis, words=words,
+        speed=speed, load=load, tests=residual_table(diagnosis), map=gap_map(diagnosis),
+        residuals=residuals(diagnosis), watts=before_and_after(before, after),
+        means=means(before, after), units=PARAMETER_UNITS, rpm=RPM,
+        gap_significance=GAP_SIGNIFICANCE, region_significance=REGION_SIGNIFICANCE)

@@ -22,7 +22,7 @@ _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0),
          "engine_speed": ("engine speed [r/min]", 1.0 / RPM),
          "load_torque": ("load torque [N·m]", 1.0)}
 _MAP = (6.9, 6.0)  # in
-_MOST_MARKS = 400
+_MOST_MARKS, _MOST_ROWS = 400, 300
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
     "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
@@ -38,13 +38,20 @@ def _shown(samples: Any, axis: str) -> Array:
     return np.asarray(getattr(samples, axis)) * _AXES[axis][1]
 
 
+def _names(samples: Any) -> list[str]:
+    """What each test is called: by its row in the file, if it was read from one."""
+    return ([f"row {row}" for row in samples.rows] if samples.rows else
+            [f"test {i}" for i in range(1, len(samples) + 1)])
+
+
 def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
     columns = (*(_shown(samples, axis) for axis in _AXES), values)
     return np.array([
-        f"displacement ratio {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
+        f"{name}: stroke {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
         f"{words.fixed(load, 0)} N·m: {words.amount(found, value, sign=True)}"
-        for stroke, speed, load, value in np.column_stack(columns).tolist()])
+        for name, (stroke, speed, load, value) in zip(
+            _names(samples), np.column_stack(columns).tolist(), strict=True)])
 
 
 def gap_map(found: Diagnosis) -> Figures:
@@ -146,17 +153,51 @@ def _outline(axes: Any, found: Diagnosis, view: tuple[str, str]) -> None:
                   weight="bold", bbox={"boxstyle": "square,pad=0.25", "fc": INK})
 
 
-def residuals(found: Diagnosis) -> Figures:
-    """Draw the residuals at samples left out (or of the holdout) before and after."""
+def _panels(found: Diagnosis) -> tuple[dict[str, Array], float]:
+    """Residuals before and after by title, and how far the axis reaches."""
     panels = {"Base model, refitted": found.residuals_before}
     if found.verdict != "no_gap":
         panels["Best listed effect added" if found.verdict == "unexplained"
                else "With the effect added"] = found.residuals_after
     largest = np.nanmax(np.abs(list(panels.values())), initial=2.5 * found.gap.noise)
+    return panels, 1.1 * float(largest)
+
+
+def residuals(found: Diagnosis) -> Figures:
+    """Draw the residuals at samples left out (or of the holdout) before and after."""
     label, across = _across(found)
-    drawings = [_panel(found, f"residuals-{i}", title, values, label, across, 1.1 * largest)
-                for i, (title, values) in enumerate(panels.items())]
+    panels, reach = _panels(found)
+    drawings = []
+    for i, (title, values) in enumerate(panels.items()):
+        with styled() as figure:
+            _panel(figure.subplots(), found, title, values, reach)
+            drawings.append(to_svg(
+                figure, f"residuals-{i}", f"{title}: measured minus predicted efficiency over "
+                f"{label}", {"sample": _in_words(found, found.judged, values)[_picked(values)]
+                             .tolist()}))
     return Figures(drawings, notes=_part(across))
+
+
+def residual_table(found: Diagnosis) -> dict[str, Any]:
+    """The residuals as a table: its head, its rows of text, and a note where not all are there."""
+    samples, panels = found.judged, _panels(found)[0]
+    shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST_ROWS))]
+    columns = [*(_shown(samples, axis) for axis in _AXES), 100.0 * samples.efficiency,
+               *(100.0 * values for values in panels.values())]
+    names = _names(samples)
+    return {"head": ("test", *(label for label, _ in _AXES.values()), "measured [%]",
+                     *(f"{title} [points]" for title in panels)),
+            "rows": [(names[i], *(words.fixed(column[i], digits) for column, digits in zip(
+                columns, (3, 0, 1, 2, 2, 2), strict=False))) for i in shown],
+            "note": " An even part of the tests." * (len(shown) < len(samples))}
+
+
+def draw_residuals(figure: Any, found: Diagnosis) -> None:
+    """Draw the residuals before and after on an empty matplotlib figure."""
+    panels, reach = _panels(found)
+    for axes, (title, values) in zip(figure.subplots(1, len(panels), squeeze=False)[0],
+                                     panels.items(), strict=True):
+        _panel(axes, found, title, values, reach)
 
 
 def _across(found: Diagnosis) -> tuple[str, Array]:
@@ -169,27 +210,21 @@ def _across(found: Diagnosis) -> tuple[str, Array]:
     return _AXES[axis][0], _shown(found.judged, axis)
 
 
-def _panel(
-    found: Diagnosis, name: str, title: str, values: Array, label: str, across: Array, reach: float
-) -> str:
+def _panel(axes: Any, found: Diagnosis, title: str, values: Array, reach: float) -> None:
+    label, across = _across(found)
     known, shown = np.flatnonzero(np.isfinite(values)), _picked(values)
     rms = (f"{words.amount(found, np.sqrt(np.mean(values[known] ** 2)))} rms" if len(known)
            else "not known")
-    with styled() as figure:
-        axes = figure.subplots()
-        axes.axhspan(-200.0 * found.gap.noise, 200.0 * found.gap.noise, color="#e9edf1", lw=0.0)
-        axes.axhline(0.0, color="0.4", lw=1.0)
-        axes.scatter(across[shown], 100.0 * values[shown], s=40.0, color=BLUE, alpha=0.75,
-                     edgecolors="w", linewidths=0.6, gid="sample")
-        if len(known) >= _TREND_SAMPLES:
-            parts = np.array_split(known[np.argsort(across[known], kind="stable")], _TREND_BINS)
-            axes.plot([across[part].mean() for part in parts],
-                      [100.0 * values[part].mean() for part in parts], color="k", lw=2.4)
-        axes.update_datalim(np.column_stack([across, across]))  # one range before and after
-        axes.autoscale_view()
-        axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
-                 ylabel="measured minus predicted [points]")
-        few_ticks(axes)
-        texts = _in_words(found, found.judged, values)[shown].tolist()
-        return to_svg(figure, name, f"{title}: measured minus predicted efficiency over {label}",
-                      {"sample": texts})
+    axes.axhspan(-200.0 * found.gap.noise, 200.0 * found.gap.noise, color="#e9edf1", lw=0.0)
+    axes.axhline(0.0, color="0.4", lw=1.0)
+    axes.scatter(across[shown], 100.0 * values[shown], s=40.0, color=BLUE, alpha=0.75,
+                 edgecolors="w", linewidths=0.6, gid="sample")
+    if len(known) >= _TREND_SAMPLES:
+        parts = np.array_split(known[np.argsort(across[known], kind="stable")], _TREND_BINS)
+        axes.plot([across[part].mean() for part in parts],
+                  [100.0 * values[part].mean() for part in parts], color="k", lw=2.4)
+    axes.update_datalim(np.column_stack([across, across]))  # one range before and after
+    axes.autoscale_view()
+    axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
+             ylabel="measured minus predicted [points]")
+    few_ticks(axes)

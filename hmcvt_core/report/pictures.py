@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 _SIZE = (10.0, 6.4)
 _STROKES, _SPEEDS, _BEST = 161, 121, 60
 _LEVELS = np.array([30, 40, 50, 60, 65, 70, 75, 80, 85, 90, 95])
+_GREYS = np.linspace(0.2, 0.92, len(_LEVELS) + 1)  # white is kept for what has no efficiency
+_BACK = 0.003  # of the speeds: a line that rises goes back so far only where the best point jumps
+_SAME_POWER = 0.15
 
 
 def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
@@ -52,6 +55,14 @@ def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
             if ending == ".html":
                 content = render("picture.html.j2", title=title, picture=content)
     write_atomically(Path(path), content)
+
+
+def drawn(draw: Callable[[Any], None]) -> Any:
+    """Return a matplotlib figure that a notebook shows."""
+    with styled(_SIZE) as figure:
+        draw(figure)
+    figure._repr_png_ = lambda: to_png(figure, 80)
+    return figure
 
 
 def draw_fit(figure: Any, found: Identification, held_back: BenchSamples | None = None) -> None:
@@ -111,17 +122,18 @@ def draw_surface(
     ratio = served.output_speed(stroke, speed, torque) / speed
     # A stalled point has no output speed to be drawn at; it stays blank where it would be.
     at = np.where(np.isnan(ratio), speed_ratio(model.stage, stroke), ratio)
-    filled = axes.contourf(speed / RPM, at, efficiency, levels=_LEVELS, cmap="Greys_r",
-                           extend="min", alpha=0.75)
+    filled = axes.contourf(speed / RPM, at, efficiency, levels=_LEVELS, extend="both",
+                           colors=[f"{shade:.3f}" for shade in _GREYS])
     lines = axes.contour(speed / RPM, at, efficiency, levels=_LEVELS, colors="0.15",
                          linewidths=0.9)
-    axes.clabel(lines, fmt="%g %%", fontsize=12)
+    for text in axes.clabel(lines, fmt="%g %%", fontsize=12):
+        text.set_bbox({"boxstyle": "round,pad=0.1", "fc": "w", "ec": "none", "alpha": 0.85})
     if model.formulation == "power_balance":  # the other has no optimum to draw
         _draw_best(axes, model, power, engine_speeds, at)
     if model.domain is not None:
         _draw_domain(axes, served, model.domain, power, engine_speeds)
     if samples is not None:
-        _draw_samples(axes, model, samples)
+        _draw_samples(axes, model, samples, power)
     axes.set(xlabel="engine speed [r/min]", ylabel="output speed / engine speed [-]",
              title=f"Efficiency at {1e-3 * power:g} kW")
     axes.grid(False)
@@ -175,8 +187,10 @@ def _draw_best(
     pair = model.optimal_displacement_ratio(
         speed[0], power / speed[0], hold="output_speed", output_speed=target,
         engine_speed_limits=limits)
-    axes.plot(pair.engine_speed / RPM, target / pair.engine_speed, color=ORANGE, lw=3.0,
-              label="best at an output speed")
+    at = np.stack([pair.engine_speed / RPM, target / pair.engine_speed])
+    jumps = np.flatnonzero(np.diff(pair.engine_speed) < -_BACK * np.ptp(limits)) + 1
+    broken = np.insert(at, jumps, np.nan, axis=1)
+    axes.plot(*broken, color=ORANGE, lw=3.0, label="best at an output speed")
 
 
 def _draw_domain(
@@ -196,12 +210,23 @@ def _draw_domain(
               label="data of the identification")
 
 
-def _draw_samples(axes: Any, model: EfficiencyModel, samples: BenchSamples) -> None:
+def _draw_samples(
+    axes: Any, model: EfficiencyModel, samples: BenchSamples, power: float
+) -> None:
+    """Mark the tests of this power; others have no place in the picture."""
+    near = np.abs(samples.load_torque * samples.engine_speed / power - 1.0) <= _SAME_POWER
+    if samples.points.stage is not None:
+        near &= samples.points.stage == model.stage.name
+    told = f"of this power (\u00b1 {100.0 * _SAME_POWER:g} %)"
+    if not near.any():
+        axes.plot([], [], " ", label=f"no test {told}")
+        return
+    samples = samples.select(near)
     residual = 100.0 * (samples.efficiency - model.efficiency(*samples.points))
     ratio = model.output_speed(*samples.points) / samples.engine_speed
     numbered = len(samples) <= 30  # more numbers than that the eye cannot part
     axes.plot(samples.engine_speed / RPM, ratio, "o", ms=9, mfc="w", mec="k", mew=1.8, ls="none",
-              clip_on=False, label="bench, measured - predicted" if numbered else "bench")
+              clip_on=False, label=f"bench - model, tests {told}" if numbered else f"tests {told}")
     marks = zip(samples.engine_speed / RPM, ratio, residual, strict=True)
     for x, y, gap in marks if numbered else ():
         axes.annotate(f"{gap:+.1f}", (x, y), xytext=(8, 6), textcoords="offset points",

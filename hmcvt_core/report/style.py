@@ -45,7 +45,7 @@ LOSSES: Mapping[str, tuple[str, str]] = {
 
 _SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _ICON = 20.0 / 72.0
-_TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = Path(__file__).parent / "templates"
 _LENGTHS, _NUMBER = frozenset(("d", "x", "y")), re.compile(r"-?\d+\.\d{3,}")
 
 
@@ -58,7 +58,7 @@ def check_drawable() -> None:
     for name in ("jinja2", "matplotlib"):
         if importlib.util.find_spec(name) is None:
             raise InputError(f"pages and pictures need {name}; in the folder of hmcvt: "
-                             "pip install '.[report]'")
+                             "pip install \".[report]\"")
 
 
 def picture_format(path: str) -> str:
@@ -100,7 +100,7 @@ def styled(size: tuple[float, float] = PANEL) -> Iterator[Any]:
     from matplotlib.figure import Figure
 
     with mpl.rc_context({"text.color": INK, "axes.labelcolor": INK},
-                        _TEMPLATES / "pictures.mplstyle"):
+                        TEMPLATES / "pictures.mplstyle"):
         yield Figure(figsize=size)
 
 
@@ -170,6 +170,8 @@ def _tip(group: ET.Element, texts: str | Sequence[str]) -> None:
         title = ET.Element(f"{{{_SVG}}}title")
         title.text = text
         mark.insert(0, title)
+        if mark is not group:
+            mark.set("data-test", text.partition(":")[0].split()[-1])
 
 
 def icon(name: str, draw: Callable[[Any], None]) -> str:
@@ -182,7 +184,7 @@ def icon(name: str, draw: Callable[[Any], None]) -> str:
         return to_svg(figure, name)
 
 
-def render(template: str, folder: Path = _TEMPLATES, /, **context: Any) -> str:
+def render(template: str, folder: Path = TEMPLATES, /, **context: Any) -> str:
     """Return a page; everything that a template prints is escaped, and nothing is loaded.
 
     Args:
@@ -193,7 +195,7 @@ def render(template: str, folder: Path = _TEMPLATES, /, **context: Any) -> str:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader([folder, _TEMPLATES]), autoescape=True, undefined=StrictUndefined,
+        loader=FileSystemLoader([folder, TEMPLATES]), autoescape=True, undefined=StrictUndefined,
         finalize=_printable, extensions=["jinja2.ext.do"], trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True)
     return environment.get_template(template).render(colours=COLOURS, **context)

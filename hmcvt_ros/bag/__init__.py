@@ -1,8 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Bench samples from recorded bags (rosbag2): read, aligned in time, cut to steady windows."""
 
-from .importing import Imported, ImportReport, import_bag
-from .reader import BAG_FILES, ImportSettings
-from .steady import Steadiness
+from hmcvt_core.files.steady import Steadiness
 
-__all__ = ["BAG_FILES", "ImportReport", "ImportSettings", "Imported", "Steadiness", "import_bag"]
+from .importing import Imported, ImportReport, import_bag, read_bag
+from .reader import BAG_FILES, ImportSettings
+
+__all__ = ["BAG_FILES", "ImportReport", "ImportSettings", "Imported", "Steadiness", "import_bag",
+           "read_bag"]

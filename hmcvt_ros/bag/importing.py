@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -13,27 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD
+from hmcvt_core.files.recording import (
+    Readings,
+    SteadyWindow,
+    channels,
+    complaint,
+    split_at_gaps,
+    steady_tests,
+)
+from hmcvt_core.files.steady import Steadiness, block_statistics
 
 from .reader import Bag, ImportSettings, find_topics
-from .recording import Array, Readings, listed, record, split_at_gaps
-from .steady import Channel, Steadiness, block_statistics, find_windows, ratio_of_means
-
-_ZERO_ERROR = 0.01
-"""At full stroke a stroke sensor may read this much above 1 on average."""
-
-
-@dataclass(frozen=True)
-class SteadyWindow:
-    """One steady window: time of its first message and duration [s], count of messages.
-
-    `effective_size` is how many independent messages would tell as much.
-    """
-
-    start: float
-    duration: float
-    messages: int
-    effective_size: float
+from .recording import Array, listed, record
 
 
 @dataclass(frozen=True)
@@ -119,14 +109,10 @@ def import_bag(
     if out_of_order := len(readings.time) - sum(map(len, index)):
         refused[topics.bench]["out of order"] += out_of_order
     stretches = [readings.select(part) for part in index]
-    limits = settings.steadiness
-    parts = stretches if settings.averaged else [
-        stretch.select(window) for stretch in stretches
-        for window in find_windows(stretch.time, _channels(stretch, limits), limits)]
-    found = [_sample(part) for part in parts]
+    found = steady_tests(stretches, settings.steadiness, settings.averaged)
     if not found:
         raise InputError(f"{path}: {_nothing_steady(readings.time, stretches, settings)}")
-    wrong = [_complaint(values) for _, values in found]
+    wrong = [complaint(values) for _, values in found]
     good = [sample for sample, reason in zip(found, wrong, strict=True) if reason is None]
     windows_refused = Counter(filter(None, wrong))
     if not good:
@@ -153,61 +139,9 @@ def import_bag(
     ))
 
 
-def _channels(readings: Readings, limits: Steadiness) -> list[Channel]:
-    """Return what has to be settled.
-
-    The engine torque besides the load torque: an engine that takes up speed loads only the one.
-    The output speed besides the engine speed: it shows a stroke that still moves when the
-    displacement ratio in the log is the one commanded.
-    """
-    speed = limits.speed_drift, limits.speed_scatter
-    torque = limits.torque_drift, limits.torque_scatter
-    stroke, shafts = limits.displacement_drift, readings.shafts
-    return [
-        Channel("engine_speed", shafts.engine_speed, *speed),
-        Channel("output_speed", shafts.output_speed, *speed),
-        Channel("engine_torque", shafts.engine_torque, *torque),
-        Channel("load_torque", shafts.load_torque, *torque),
-        Channel("displacement_ratio", shafts.displacement_ratio, stroke, stroke, relative=False),
-    ]
-
-
-def _sample(part: Readings) -> tuple[SteadyWindow, dict[str, float]]:
-    """Average the readings of a steady window, by column of a bench file; `stamp` is its middle.
-
-    Efficiency is mean output power / mean engine power, its deviation that of the mean from the
-    scatter within the window; a single reading does not tell how well it is known.
-    """
-    shafts, start, end = part.shafts, float(part.time[0]), float(part.time[-1])
-    efficiency, std, size = ratio_of_means(shafts.output_power, shafts.engine_power)
-    speed, stroke = float(shafts.engine_speed.mean()), float(shafts.displacement_ratio.mean())
-    if abs(stroke) <= DISPLACEMENT_RATIO.high + _ZERO_ERROR:
-        stroke = float(np.clip(stroke, DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high))
-    values = {
-        "displacement_ratio": stroke,
-        "engine_speed": speed,
-        "load_torque": float(shafts.output_power.mean()) / speed,
-        "efficiency": efficiency,
-        "output_speed": float(shafts.output_speed.mean()),
-        "stamp": (start + end) / 2.0,
-    }
-    if part.oil_temperature is not None:
-        known = part.oil_temperature[~np.isnan(part.oil_temperature)]
-        # A few readings without a temperature do no harm; a window mostly without one has none.
-        enough = 2 * len(known) > len(part.oil_temperature)
-        values["oil_temperature"] = float(known.mean()) if enough else math.nan
-    if len(part.time) > 1:
-        # A log without any noise still has a last digit.
-        values["efficiency_std"] = max(std, EFFICIENCY_STD.low)
-    return SteadyWindow(start, end - start, len(part.time), size), values
-
-
-def _complaint(values: Mapping[str, float]) -> str | None:
-    """Say why averages make no bench sample, None when they do."""
-    if math.isnan(values.get("oil_temperature", 0.0)):
-        return "no oil_temperature in time (--no-oil-temperature does without)"
-    return next((f"{column.name} out of range" for column in BENCH_COLUMNS
-                 if column.name in values and not column.contains(values[column.name])), None)
+def read_bag(path: str | os.PathLike[str]) -> BenchSamples:
+    """Read the steady windows of a bag, as `import_bag` does without further settings."""
+    return import_bag(path).samples
 
 
 def _refused(reasons: Mapping[str, int]) -> str:
@@ -231,10 +165,10 @@ def _nothing_steady(
 
 
 def _unsettled(readings: Readings, limits: Steadiness) -> str:
-    channels = _channels(readings, limits)
-    blocks = block_statistics(readings.time, channels, limits.block)
+    settled = channels(readings, limits)
+    blocks = block_statistics(readings.time, settled, limits.block)
     parts = []
-    for channel, means, deviations in zip(channels, blocks.means, blocks.deviations, strict=True):
+    for channel, means, deviations in zip(settled, blocks.means, blocks.deviations, strict=True):
         scale = np.abs(means) if channel.relative else np.ones_like(means)
         scatter, change = _median(deviations / scale), _median(np.abs(np.diff(means)) / scale[1:])
         parts.append(f"{channel.name} {scatter} (limit {channel.scatter:g}) and {change} "

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hmcvt_core import InputError
-
-from .steady import Steadiness, limit, require_positive
+from hmcvt_core.files.steady import Steadiness, limit, require_positive
 
 BAG_FILES = (".mcap", ".db3")
 """How the names of the files end that hold messages."""
@@ -104,7 +103,7 @@ class Bag(ExitStack):
             from rosbags.typesys import Stores, get_typestore
         except ImportError as error:
             raise InputError("reading bags needs the library rosbags; in the folder of hmcvt: "
-                             "pip install '.[bag]'") from error
+                             "pip install \".[bag]\"") from error
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._readers: list[Any] = []
         self.topics: dict[str, str] = {}

@@ -7,12 +7,13 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core import InputError
+from hmcvt_core.files.recording import Readings, Shafts
 from hmcvt_core.transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
@@ -22,7 +23,7 @@ from hmcvt_core.transmission.ranges import (
     Range,
 )
 
-from ..shafts import Shafts, UnreadableError, read_shafts
+from ..shafts import UnreadableError, read_shafts
 from .reader import DISPLACEMENT_TOPIC, Bag, Topics
 
 Array = NDArray[np.float64]
@@ -34,31 +35,6 @@ _STROKE = Range("displacement_ratio", DISPLACEMENT_RATIO.low - _OVERSHOOT,
 _NANOSECONDS = 1e-9
 CLOCKS = ("header stamp", "time of receipt")
 _EVERY = 2000  # messages between two reports of progress
-
-
-class Readings(NamedTuple):
-    """Momentary readings of a bench.
-
-    Attributes:
-        time: [s], shape (n,).
-        shafts: arrays of shape (n,).
-        oil_temperature: [deg C], shape (n,), NaN where none is known; None when no topic has it.
-    """
-
-    time: Array
-    shafts: Shafts
-    oil_temperature: Array | None
-
-    @property
-    def span(self) -> float:
-        """Time that they cover [s]."""
-        return float(self.time[-1] - self.time[0])
-
-    def select(self, index: slice | list[int]) -> Readings:
-        """Return some of the readings."""
-        temperature = None if self.oil_temperature is None else self.oil_temperature[index]
-        return Readings(self.time[index], Shafts(*(column[index] for column in self.shafts)),
-                        temperature)
 
 
 def record(
@@ -201,23 +177,3 @@ def align(slow: Array, fast: Array, age_limit: float) -> Array:
     between = np.interp(at, times, values)
     return np.select([fresh_before & fresh_after, fresh_before, fresh_after],
                      [between, values[before], values[after]], np.nan)
-
-
-def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
-    """Split readings (n,) at every step of their time [s] by more than a gap, either way.
-
-    Returns:
-        Indices of each stretch, in which time rises strictly: a reading is left out when another
-        of its time or later came before.
-    """
-    parts: list[list[int]] = []
-    last = -np.inf
-    for i, now in enumerate(time.tolist()):
-        if abs(now - last) > gap:
-            parts.append([i])
-        elif now > last:
-            parts[-1].append(i)
-        else:
-            continue
-        last = now
-    return parts

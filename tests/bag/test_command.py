@@ -50,6 +50,18 @@ def test_from_bag_to_parameters(hmcvt, workplace, model):
         assert error < 0.25 * true, name  # four of them are no empty bound
 
 
+@pytest.mark.parametrize("bag", ["run1", "run1.mcap"])
+def test_watch_reads_a_bag_as_the_import_does(hmcvt, workplace, bag):
+    assert hmcvt("import-bag", bag, "--out", "samples.csv", *(
+        ("--topic", "shafts") if bag.endswith("mcap") else ())).code == 0
+    seen = hmcvt("watch", "samples.csv", "--json")
+    assert seen.code == 0 and seen.json["samples"] == 12
+    if bag == "run1":
+        assert hmcvt("watch", bag, "--json") == seen
+    else:  # its topic has another name: told as the import tells it
+        assert "bench_sample" in hmcvt("watch", bag).err
+
+
 def test_json(hmcvt, workplace):
     code, out, err = hmcvt("import-bag", "run1", "--out", "samples.csv", "--json")
     assert (code, err) == (0, "")

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hmcvt_ros.bag.steady import (
+from hmcvt_core.files.steady import (
     Channel,
     Steadiness,
     effective_size,

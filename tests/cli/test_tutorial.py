@@ -4,12 +4,8 @@
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 
 import pytest
-
-import hmcvt_core
 
 from .running import ROOT, write_raw_bench
 
@@ -86,34 +82,6 @@ def test_worked_example_of_the_diagnosis(hmcvt, tmp_path, monkeypatch):
         told += printed
     assert (tmp_path / "better.yaml").is_file()
     assert "model with charge_pump (50 %, not certain) written to better.yaml" in told
-
-
-def test_effect_of_the_page_is_found():
-    page = (DOCS / "add-an-effect.md").read_text(encoding="utf-8")
-    code, = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    # In a process of its own: a class stays in the library for good.
-    printed = run(f"{code}\nfrom hmcvt_core.physics.effects import library\n"
-                  "print(*(effect.name for effect in library()))\n"
-                  "import hmcvt_core as h\nfrom dataclasses import replace\n"
-                  "model = h.load_model(h.data_path('params/hm4.yaml'))\n"
-                  "point = (0.5, 150.0, 200.0)\n"
-                  "fan = replace(model, effects=(FanDrag(torque=5.0),))\n"
-                  "print(model.efficiency(*point) / fan.efficiency(*point))\n", ROOT)
-    names, ratio = printed.splitlines()
-    assert "fan_drag" in names.split()
-    # 5 N m at 150 rad/s on top of load torque / efficiency.
-    model = hmcvt_core.load_model(ROOT / "params" / "hm4.yaml")
-    engine_torque = 200.0 / model.efficiency(0.5, 150.0, 200.0)
-    assert float(ratio) == pytest.approx((engine_torque + 5.0) / engine_torque, rel=1e-6)
-
-
-def run(code, folder):
-    """Run Python in a process of its own."""
-    path = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
-    done = subprocess.run([sys.executable, "-c", path + code], cwd=folder, capture_output=True,
-                          text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)

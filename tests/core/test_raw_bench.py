@@ -6,7 +6,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core import read_raw_bench
-from hmcvt_core.files.bench import UNITS
+from hmcvt_core.files.raw import UNITS
 from hmcvt_core.transmission.ranges import RPM
 
 SHAFTS = {
@@ -83,10 +83,9 @@ def test_columns_that_are_not_asked_for_may_share_a_name(tmp_path):
 def test_a_row_of_units_and_lines_above_the_header(tmp_path):
     path = raw(tmp_path, "bench 3, run of 2026-11-21\nsep=,\neps,n,M,eta\n[-],[rad/s],[Nm],[-]\n"
                          "0.5,146,200,0.8\n")
-    found = read_raw_bench(path, PLAIN, header_row=3)
-    assert found.engine_speed.tolist() == [146.0]
-    with pytest.raises(hmcvt.InputError, match=r"row 3: 4 fields, .* or lines above the header"):
-        read_raw_bench(path, PLAIN)
+    for row in (3, None):  # the names that are asked for tell which row is the header
+        found = read_raw_bench(path, PLAIN, header_row=row)
+        assert found.engine_speed.tolist() == [146.0]
     path = raw(tmp_path, "eps,n,M,eta\n[-],[rad/s],[Nm],[-]\n0.5,9,200,0.8\n")
     with pytest.raises(hmcvt.InputError, match="row 3: engine_speed = 9 is outside"):
         read_raw_bench(path, PLAIN)
@@ -149,9 +148,10 @@ def test_a_column_that_does_not_fit_is_told(tmp_path, change, message):
 
 
 @pytest.mark.parametrize(("left", "message"), [
-    ({"engine_torque"}, "efficiency (or engine_torque)"),
+    ({"engine_torque"}, "efficiency (or engine_torque or engine_power)"),
     ({"output_speed"}, "load_torque (or output_speed)"),
-    ({"output_speed", "output_torque"}, "load_torque (or output_torque and output_speed)"),
+    ({"output_speed", "output_torque"},
+     "load_torque (or output_power, or output_torque and output_speed)"),
     ({"displacement_ratio", "engine_speed"}, "displacement_ratio, engine_speed"),
 ])
 def test_what_is_missing_is_named(tmp_path, left, message):

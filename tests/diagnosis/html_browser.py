@@ -115,6 +115,20 @@ def laid_out(pages: Mapping[str, str], scratch: Path, widths: tuple[int, ...] = 
     return Layout(json.loads(html.unescape(answer[1])), console)
 
 
+def clicked(page: str, scratch: Path, script: str) -> dict[str, Any]:
+    """Load a page, run the body of a function of its document `page`, return what that returns."""
+    around = scratch / "around.html"
+    around.write_text(
+        f'<!DOCTYPE html><meta charset="utf-8"><iframe srcdoc="{html.escape(page)}"></iframe>'
+        "<pre></pre><script>window.onload = () => { const page = document.querySelector('iframe')"
+        f".contentDocument; document.querySelector('pre').textContent = JSON.stringify((() => {{ "
+        f"{script} }})()); }};</script>", encoding="utf-8")
+    answer = re.search(r"<pre>(.+?)</pre>", browse(around, scratch).document, re.DOTALL)
+    assert answer is not None, "the script gave nothing"
+    found: dict[str, Any] = json.loads(html.unescape(answer[1]))
+    return found
+
+
 def measured(
     pages: Mapping[str, str], widths: tuple[int, ...], scratch: Path
 ) -> dict[str, dict[str, Any]]:

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import base64
 import functools
+import hashlib
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -19,7 +21,7 @@ from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html, write_html
 
 from .campaigns import BASE, NOISE, campaign
-from .html_browser import Layout, laid_out
+from .html_browser import Layout, clicked, laid_out
 
 PAGES = ("no_gap", "cause_found", "ambiguous", "pair", "unexplained", "holdout", "hostile", "bare",
          "many", "one_stroke")
@@ -134,14 +136,18 @@ def figure(name: str, identity: str) -> str:
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_is_well_formed_loads_nothing_and_runs_nothing(name: str) -> None:
+def test_is_well_formed_loads_nothing_and_runs_its_own_script_alone(name: str) -> None:
     items = list(parsed(name).iter())
     names = [item.get("id") for item in items if item.get("id")]
     assert len(names) == len(set(names)) > 100
     titles = [item.get("aria-labelledby") for item in items if item.get("role") == "img"]
     assert len(titles) >= 5 and set(titles) <= set(names)
     assert not {item.tag.rsplit("}")[-1] for item in items} & {
-        "script", "link", "img", "iframe", "object", "embed", "image", "base"}
+        "link", "img", "iframe", "object", "embed", "image", "base"}
+    scripts = [item.text for item in items if item.tag.rsplit("}")[-1] == "script"]
+    digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
+    assert len(scripts) == 1 and f"script-src 'sha256-{digest}'" in page(name)
+    assert not set(re.findall(r"https?:|fetch|XMLHttp|import|eval", scripts[0]))
     keys = {key for item in items for key in item.attrib}
     assert not [key for key in keys if key.startswith("on")]
     assert not keys & {"src", "srcset", "href", "action"}
@@ -179,7 +185,7 @@ def test_says_the_sentence_for_the_mechanic_first(name: str, badge: str, first: 
     assert told[:3] == ["Model against bench: simulated", badge, words.mechanic(found)]
     assert told[2].startswith(first) and len(told[2].split()) <= 25
     grounds = told[3 + len(found.warnings)]
-    assert grounds.startswith(words.verdict(found))
+    assert grounds.startswith(f"The grounds {words.verdict(found)}")
     assert told[3:3 + len(found.warnings)] == [f"{each}." for each in found.warnings]
 
 
@@ -222,6 +228,23 @@ def test_map_shows_every_sample_on_its_side_and_tells_it(view: str) -> None:
         marks = re.search(rf'<g id="map-{view}-{kind}">(.*?)</g>\s*(?:</g>\s*)?<g id', drawn)
         count = 0 if marks is None else marks[1].count("<title>")
         assert count == expected.sum(), kind
+
+
+def test_the_script_sorts_the_table_and_finds_a_test_everywhere(tmp_path: Path) -> None:
+    seen = clicked(page("cause_found"), tmp_path, """
+        const rows = () => [...page.querySelectorAll('#residual-table tbody tr')];
+        const first = page.querySelector('#residual-table th:nth-child(3)');
+        const speeds = () => rows().map(row => parseFloat(row.cells[2].textContent));
+        first.click(); const up = speeds(); first.click(); const down = speeds();
+        const mark = page.querySelector('svg [data-test]');
+        mark.dispatchEvent(new MouseEvent('click', {bubbles: true}));
+        const hit = rows().filter(row => row.classList.contains('hit'));
+        return {up: up, down: down, hit: hit.map(row => row.dataset.test),
+                marks: page.querySelectorAll('svg .hit').length, name: mark.dataset.test};""")
+    assert seen["up"] == sorted(seen["up"]) and seen["down"] == sorted(seen["up"], reverse=True)
+    assert len(seen["up"]) == len(diagnosis("cause_found").samples)
+    # In the three maps and in the residuals before and after.
+    assert seen["hit"] == [seen["name"]] and seen["marks"] == 5
 
 
 def test_of_many_samples_an_even_part_is_drawn_on_a_page_of_moderate_size() -> None:

@@ -76,4 +76,4 @@ def test_nobody_at_the_address(hmcvt, logs, tmp_path):
 def test_dask_is_needed_for_a_cluster_only(hmcvt, logs, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     done = hmcvt("fleet", logs, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:1")
-    assert_refused(done, "pip install '.[fleet]'")
+    assert_refused(done, 'pip install ".[fleet]"')

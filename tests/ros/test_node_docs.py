@@ -167,6 +167,7 @@ def test_keys_of_the_diagnostics(node, replies):
         key.replace("<input>", limits.name) for limits in INPUT_RANGES
         for key in keys if "<input>" in key] + [key for key in keys if "<input>" not in key]
     assert list(statuses["model"]["values"]) == [row[0] for row in table("key", 1)]
+    assert list(statuses["gap"]["values"]) == [row[0] for row in table("key", 2)]
 
 
 def test_files_of_the_state_folder(node, replies, refused):

@@ -98,7 +98,7 @@ def test_without_ros_it_says_what_to_install(place, start):
     done = run(place, sys.executable, "-c", code)
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.startswith("hmcvt: error: the node needs ROS 2 (")
-    assert "pip install '.[ros]'" in done.stderr and done.stderr.count("\n") == 1
+    assert 'pip install ".[ros]"' in done.stderr and done.stderr.count("\n") == 1
 
 
 def test_hmcvt_node_serves_until_it_is_stopped(place, connect, tmp_path):

@@ -1,15 +1,21 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects that the base model leaves out, each acting at its place in the power balance.
 
-To add one, write a class in a module of this folder (or anywhere that is imported): see
-`docs/add-an-effect.md`.
+To add one, write a class in a module of your own: see `docs/add-an-effect.md`. It is known once its
+module is imported: by your program, by `load_effects`, or, in an installed package, through the
+entry-point group `hmcvt.effects`, name = module.
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import pkgutil
+import sys
 from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
@@ -18,7 +24,11 @@ from ...transmission.ranges import Range
 from .base import Effect, EffectParameter, ShaftState
 
 __all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "effect_to_mapping",
-           "library"]
+           "library", "load_effects"]
+
+GROUP = "hmcvt.effects"
+_WAYS = ("one of your own comes with --effects MODULE_OR_FILE.py (effects_file of the node), or "
+         f"from an installed package through the entry-point group {GROUP}")
 
 
 def library() -> tuple[type[Effect], ...]:
@@ -28,9 +38,58 @@ def library() -> tuple[type[Effect], ...]:
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
+    _plug_ins()
     found = [effect for effect in _subclasses(Effect)
              if effect.name and effect.sizes() and not {"name", "form"}.isdisjoint(vars(effect))]
     return tuple(sorted(found, key=lambda effect: (effect.name, effect.form)))
+
+
+@cache
+def _plug_ins() -> tuple[str, ...]:
+    """Import the effects of installed packages; say of each that cannot be loaded why."""
+    complaints = []
+    for entry in entry_points(group=GROUP):
+        try:
+            entry.load()
+        except Exception as error:  # whatever somebody else's module may raise
+            complaints.append(f"{entry.value} ({type(error).__name__}: {error})")
+    return tuple(complaints)
+
+
+def load_effects(source: str) -> None:
+    """Import effects of your own, which is to run the file; a second time does nothing.
+
+    Args:
+        source: name of a module, or path of a Python file.
+
+    Raises:
+        InputError: there is none, it cannot be imported, or it holds no effect.
+    """
+    path = Path(source)
+    known = next((module for module in list(sys.modules.values())
+                  if getattr(module, "__file__", None) and path.suffix == ".py"
+                  and Path(str(module.__file__)).resolve() == path.resolve()), None)
+    try:
+        module = known or (_import_file(path) if path.suffix == ".py"
+                           else importlib.import_module(source))
+    except Exception as error:  # whatever somebody else's module may raise
+        raise InputError(f"{source}: cannot be loaded: {type(error).__name__}: {error}") from error
+    if not any(isinstance(item, type) and issubclass(item, Effect) and item.name
+               for item in vars(module).values()):
+        raise InputError(f"{source}: holds no effect: no class of Effect with a name")
+
+
+def _import_file(path: Path) -> Any:
+    name = f"hmcvt_effects_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path.resolve())
+    assert spec is not None and spec.loader is not None  # it ends with .py
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
 
 
 def _subclasses(base: type[Effect]) -> list[type[Effect]]:
@@ -79,7 +138,8 @@ def _known(name: str, form: str, where: str) -> type[Effect]:
     found = [effect for effect in every if (effect.name, effect.form) == (name, form)]
     if not found:
         raise InputError(f"{where}: effect = {name!r}, form = {form!r} is not known; "
-                         f"there is {', '.join(sorted({effect.name for effect in every}))}")
+                         f"there is {', '.join(sorted({effect.name for effect in every}))}; {_WAYS}"
+                         + "".join(f"; cannot be loaded: {each}" for each in _plug_ins()))
     if len(found) > 1:
         classes = ", ".join(f"{effect.__module__}.{effect.__qualname__}" for effect in found)
         raise InputError(f"{where}: effect = {name!r}, form = {form!r} is the name of several "

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hmcvt_core import InputError
+from ..errors import InputError
 
 Array = NDArray[np.float64]
 LEAST_BLOCKS = 3  # fewer block means show no drift

@@ -1,0 +1,122 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`hmcvt import`."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+import click
+
+from ..errors import InputError
+from ..files.bench import write_bench
+from ..files.guess import Guess
+from ..files.raw import UNITS, Imported, guess_table, import_table, is_enough
+from ..transmission.ranges import BENCH_COLUMNS
+from . import common
+
+_TEXTS = {
+    "displacement_ratio": "Pump stroke.",
+    "engine_torque": "With output torque and speed it tells the efficiency.",
+    "output_torque": "At the output shaft.",
+    "load_torque": "Output power / engine speed.",
+    "efficiency_std": "Standard deviation of the efficiency.",
+    "stamp": "Time of the test; dates and times of day will do.",
+    "pressure": "Over the motor, high minus low side.",
+    "stage": "Stage engaged, as text.",
+}
+
+
+def named(name: str) -> click.Command:
+    """Return the command under a name."""
+    function = common.add_options(
+        _import,
+        click.argument("raw", metavar="TABLE"),
+        click.option("--out", type=common.OutputFile(), required=True, metavar="BENCH.csv",
+                     help="Write the bench samples."),
+        *(click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
+                       help=f"{_TEXTS.get(quantity, '')} {units}".strip())
+          for quantity, units in (*((key, f"[{', '.join(value)}]")
+                                    for key, value in UNITS.items()), ("stage", ""))),
+        click.option("--header-row", type=click.IntRange(1, 10_000), metavar="LINE",
+                     help="Line of the header, from 1; found when left out."),
+        click.option("--sheet", metavar="NAME", help="Of an Excel file."),
+        click.option("--yes", is_flag=True, help="Take the guess of what is not named."),
+        click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test."),
+        click.option("--averaged", is_flag=True,
+                     help="Each row is a steady test, however fast the stamps rise."),
+        common.json_option)
+    return click.command(name, epilog=f"""\b
+Examples:
+  hmcvt {name} raw.csv --out bench.csv
+  hmcvt {name} raw.csv --out bench.csv --displacement-ratio stroke:% \\
+      --engine-speed n_engine:rpm --engine-torque M_engine \\
+      --output-speed n_output:rpm --output-torque M_output
+  hmcvt {name} raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
+      --load-torque M --efficiency eta:%""")(function)
+
+
+def _import(
+    raw: str, out: str, header_row: int | None, sheet: str | None, yes: bool, skip_bad: bool,
+    averaged: bool, as_json: bool, **given: str | None,
+) -> None:
+    """Turn the table of your bench (CSV, Excel) into bench samples.
+
+    Each option names a column of TABLE and its unit, the first in brackets when left out. What is
+    not named is guessed: without --yes the guess is shown and nothing is written. Efficiency and
+    load torque are computed where no column holds them. Other columns are kept. A recording is cut
+    into its steady windows.
+    """
+    common.keep_inputs([raw], [out])
+    columns = {quantity: text for quantity, text in given.items() if text is not None}
+    guesses: dict[str, Guess] = {}
+    if not is_enough(columns):
+        guesses = guess_table(raw, columns, header_row, sheet)
+        columns |= {quantity: f"{guess.column}:{guess.unit}" if guess.unit else guess.column
+                    for quantity, guess in guesses.items()}
+    command = ["hmcvt", "import", raw, "--out", out]
+    for quantity, text in columns.items():
+        command += [f"--{quantity.replace('_', '-')}", text]
+    told = [common.table(("quantity", "column", "unit", "told by"), [
+        (quantity, guess.column, guess.unit or "-", guess.why or "name")
+        for quantity, guess in guesses.items()]), "", f"the same said: {shlex.join(command)}"]
+    try:
+        found = import_table(raw, columns, header_row=header_row, sheet=sheet, averaged=averaged,
+                             skip_bad=skip_bad or bool(guesses and not yes))
+    except InputError as error:
+        if guesses:
+            click.echo("\n".join(told), err=True)
+        raise InputError(f"{error}{_what_to_say if guesses else ''}") from None
+    if guesses and not yes:
+        told += [f"without {line}" for line in found.left_out]
+        click.echo("\n".join([*told, *found.notes, f"{len(found.samples)} bench samples would be "
+                              "written; --yes takes the guess, an option corrects it"
+                              + "; --skip-bad leaves the rows above out" * bool(found.left_out)]))
+        return
+    write_bench(out, found.samples)
+    _tell(found, out, columns, as_json)
+
+
+_what_to_say = "; this was guessed: name the column and unit that are wrong"
+
+
+def _tell(found: Imported, out: str, columns: dict[str, str], as_json: bool) -> None:
+    samples = found.samples
+    kept: list[tuple[Any, Any]] = [
+        (column, values) for column in BENCH_COLUMNS
+        if (values := getattr(samples, column.name)) is not None]
+    if as_json:
+        common.print_json({"samples": len(samples), "out": out, "left_out": found.left_out,
+                           "notes": found.notes, "from": columns, "columns": {
+                               column.name: {"unit": column.unit, "low": values.min(),
+                                             "high": values.max()} for column, values in kept}})
+        return
+    click.echo(common.table(("column", "unit", "lowest", "highest"), [
+        (column.name, column.unit, f"{values.min():.4g}", f"{values.max():.4g}")
+        for column, values in kept]))
+    for line in (*(f"left out: {each}" for each in found.left_out), *found.notes):
+        click.echo(line)
+    click.echo(f"{len(samples)} bench samples written to {out}")
+
+
+command = named("import")

@@ -1,0 +1,265 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The table of any bench, from CSV or Excel: titles, units, footers and gaps of its own."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+from collections import Counter
+from collections.abc import Collection, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .columns import DECIMAL_COMMA, file_text
+from .guess import quantity_of, unit_of
+
+Array = NDArray[np.float64]
+EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
+_TOP = 40  # rows among which the header is looked for
+_SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
+_NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
+_GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
+_STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
+                        r"moyenne|media)\.?:?", re.IGNORECASE)
+_DATES = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M", "%d/%m/%Y %H:%M:%S", "%d/%m/%Y %H:%M",
+          "%H:%M:%S.%f", "%H:%M:%S", "%H:%M")
+
+
+class Table(NamedTuple):
+    """A table as text.
+
+    Attributes:
+        columns: one cell for each row, by column name; no name is empty or doubled.
+        units: what a row of units says, by column; empty without one.
+        rows: line or row of each in the file, from 1.
+        broken: what rows of another length hold, by row.
+        comma: whether commas are decimal commas.
+        source, sha256: of the file.
+    """
+
+    columns: dict[str, list[str]]
+    units: dict[str, str]
+    rows: list[int]
+    broken: dict[int, str]
+    comma: bool
+    source: str
+    sha256: str
+
+    def numbers(self, name: str) -> Array:
+        """Numbers of a column, NaN where a cell holds none; a known unit may follow them."""
+        column = self.columns[name]
+        try:
+            found = np.array([float(cell.replace("_", "?")) for cell in column])
+        except ValueError:
+            found = np.array([_number(cell, self.comma) for cell in column])
+        return np.where(np.isin(found, _SENTINELS), np.nan, found)
+
+    def stamps(self, name: str) -> Array:
+        """Seconds of a column of times: numbers, times of day, or dates (as of UTC)."""
+        found = self.numbers(name)
+        times = [_seconds(cell) if ":" in cell else value
+                 for cell, value in zip(self.columns[name], found, strict=True)]
+        return np.array(times)
+
+    def complaint(self, name: str, i: int) -> str:
+        """Say what is wrong with a cell that holds no number."""
+        cell = self.columns[name][i]
+        thousands = (": write a decimal point, and nothing between thousands" if "," in cell
+                     else "")
+        return f"{name} {f'{cell!r} is not a number' if cell else 'is empty'}{thousands}"
+
+
+def read_table(
+    path: str | os.PathLike[str], names: Collection[str] = (), header_row: int | None = None,
+    sheet: str | None = None,
+) -> Table:
+    """Read a table as text.
+
+    Args:
+        path: CSV (commas, semicolons, tabs or blanks; UTF-8 or Windows-1252) or Excel.
+        names: columns that must be there; they tell which row is the header.
+        header_row: row of the header, from 1; found when left out.
+        sheet: of an Excel file; the one that looks most like a bench table when left out.
+
+    Raises:
+        InputError: the file is missing, empty, too large or no table, or the sheet is not there.
+    """
+    source = str(Path(path))
+    if Path(path).suffix.lower() in EXCEL:
+        sha256, sheets = _excel(Path(path), sheet)
+    elif sheet is not None:
+        raise InputError(f"{source}: has no sheets; --sheet is for Excel")
+    else:
+        text, sha256 = file_text(Path(path))
+        sheets = [_separated(text, source)]
+    rows, top, header = max((
+        (rows, *_header(rows, names, header_row)) for rows in sheets),
+        key=lambda found: _worth(found[2]))
+    if not any(header):
+        raise InputError(f"{source}: is empty")
+    titles = _distinct(header)
+    body, broken = [], {}
+    for number, row in enumerate(rows[top:], top + 1):
+        while len(row) > len(header) and not row[-1]:
+            row = row[:-1]
+        if len(row) == len(header):
+            if any(row):
+                body.append((number, row))
+        elif any(row):
+            broken[number] = (f"{len(row)} fields, the header has {len(header)} (decimal comma, "
+                              "other separator, a comment, or lines above the header?)")
+    units = {}
+    wanted = [titles.index(name) for name in names if name in titles]
+    if body and _holds_units([body[0][1][i] for i in wanted] if wanted else body[0][1]):
+        units = dict(zip(titles, body.pop(0)[1], strict=True))
+    if not body and not broken:
+        raise InputError(f"{source}: holds a header but no samples")
+    return Table({name: [row[i] for _, row in body] for i, name in enumerate(titles)}, units,
+                 [number for number, _ in body], broken,
+                 _comma([cell for _, row in body for cell in row]), source, sha256)
+
+
+def statistic_in(table: Table, i: int) -> str | None:
+    """The cell that makes a row a summary of others, such as `Mean`; None where it is a test."""
+    return next((column[i] for column in table.columns.values()
+                 if _STATISTIC.fullmatch(column[i])), None)
+
+
+def _separated(text: str, source: str) -> list[list[str]]:
+    lines = [line for line in text.splitlines()[:2 * _TOP] if line.strip()]
+    counts = {mark: Counter(count for line in lines if (count := line.count(mark)))
+              for mark in ";\t,"}
+    # The mark that stands most often equally often in a line.
+    mark = max(counts, key=lambda each: max(counts[each].values(), default=0))
+    if lines and not counts[mark]:
+        return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
+    try:
+        return [[cell.strip() for cell in row]
+                for row in csv.reader(io.StringIO(text), delimiter=mark, strict=True)]
+    except csv.Error as error:
+        raise InputError(f"{source}: not CSV: {error}") from None
+
+
+def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
+    import hashlib
+
+    try:
+        import pandas
+    except ImportError:
+        raise InputError(f"{path}: an Excel file needs pandas and openpyxl: pip install "
+                         "\"hmcvt_ros[table]\", or save it as CSV") from None
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    try:
+        frames = pandas.read_excel(io.BytesIO(raw), sheet_name=None, header=None, dtype=object)
+    except Exception as error:  # of the library that reads this kind of file
+        raise InputError(f"{path}: no Excel file, or damaged: {error}") from None
+    if sheet is not None:
+        if sheet not in frames:
+            raise InputError(f"{path}: sheet {sheet!r} is missing; there is {', '.join(frames)}")
+        frames = {sheet: frames[sheet]}
+    return hashlib.sha256(raw).hexdigest(), [
+        [["" if pandas.isna(cell) else str(cell).strip() for cell in row]
+         for row in frame.itertuples(index=False)] for frame in frames.values()]
+
+
+def _header(
+    rows: Sequence[list[str]], names: Collection[str], header_row: int | None
+) -> tuple[int, list[str]]:
+    """How many rows stand above the table, and its header; two rows of names are joined."""
+    if header_row is not None:
+        return header_row, rows[header_row - 1] if header_row <= len(rows) else []
+    filled = [i for i, row in enumerate(rows) if any(row) and not row[0].startswith("#")][:_TOP]
+    options = [(i + 1, head) for i in filled for head in (rows[i], *_joined(rows, i))]
+
+    def rank(option: tuple[int, list[str]]) -> tuple[bool, int]:
+        return bool(names) and set(names) <= set(_distinct(option[1])), _worth(option[1])
+
+    best = max(options, key=rank, default=(0, []))
+    return best if rank(best) > (False, 1) else options[0] if options else best
+
+
+def _joined(rows: Sequence[list[str]], i: int) -> list[list[str]]:
+    """The names of a row each behind the one above, which may stand for several."""
+    if i == 0 or len(rows[i - 1]) != len(rows[i]):
+        return []
+    group, joined = "", []
+    for above, name in zip(rows[i - 1], rows[i], strict=True):
+        group = above or group
+        joined.append(f"{group} {name}".strip())
+    return [joined]
+
+
+def _worth(header: Sequence[str]) -> int:
+    """How many quantities of a bench a row names."""
+    return len({hit[0] for cell in header if cell and not _NUMBER.fullmatch(cell)
+                and (hit := quantity_of(cell)) is not None})
+
+
+def _distinct(header: Sequence[str]) -> list[str]:
+    """Name the columns of a header so that no name is empty and all differ."""
+    names = [cell.strip() or "unnamed" for cell in header]
+    again = [names[:i].count(name) + 1 for i, name in enumerate(names)]
+    return [name if number == 1 else f"{name} ({number})"
+            for name, number in zip(names, again, strict=True)]
+
+
+def _holds_units(cells: Sequence[str]) -> bool:
+    """Whether a row holds words alone, units among them."""
+    numeric = any(_NUMBER.fullmatch(cell) or _is_float(cell) for cell in cells
+                  if unit_of(cell) is None)
+    return not numeric and any(unit_of(cell) is not None for cell in cells)
+
+
+def _is_float(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _comma(cells: Sequence[str]) -> bool:
+    """Whether commas are decimal commas: where nothing else can be meant."""
+    numbers = [cell for cell in cells if "," in cell and _NUMBER.fullmatch(cell)]
+    if any(map(_GROUPED.fullmatch, numbers)):
+        return True
+    return any(map(DECIMAL_COMMA.fullmatch, numbers)) and not any(
+        re.fullmatch(r"[+-]?\d*\.\d+", cell) for cell in cells)
+
+
+def _number(cell: str, comma: bool) -> float:
+    hit = _NUMBER.fullmatch(re.sub(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)", "", cell))
+    if hit is None:
+        return float(cell) if _is_float(cell) and "_" not in cell else np.nan
+    if hit[2] and unit_of(hit[2]) is None:
+        return np.nan
+    text = hit[1].replace(".", "").replace(",", ".") if comma and "," in hit[1] else hit[1]
+    if not comma and re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d+", text):
+        text = text.replace(",", "")
+    return float(text) if _is_float(text) else np.nan
+
+
+def _seconds(cell: str) -> float:
+    found: Any = None
+    for form in _DATES:
+        try:
+            found = datetime.strptime(cell, form)
+            break
+        except ValueError:
+            continue
+    try:
+        found = found or datetime.fromisoformat(cell)
+    except ValueError:
+        return float("nan")
+    return float(found.replace(tzinfo=found.tzinfo or timezone.utc).timestamp()) + (
+        2208988800.0 if found.year == 1900 else 0.0)

@@ -1,0 +1,87 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Effects of one's own, from a file or a package; each in a process, where a class may stay."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from .running import HM4, ROOT, TABLE2, assert_refused, process
+
+EXAMPLE = ROOT / "examples" / "own_effect.py"
+PAGE = (ROOT / "docs" / "add-an-effect.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def worked(tmp_path_factory):
+    """A folder in which the example has run, and what it printed."""
+    folder = tmp_path_factory.mktemp("worked")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLE)], cwd=folder, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout
+
+
+def here(folder, line):
+    """Run a line of the page in a folder."""
+    words = shlex.split(line.replace("examples/own_effect.py", str(EXAMPLE)))[1:]
+    return process(*words, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)})
+
+
+@pytest.mark.slow
+def test_the_page_from_the_class_to_the_diagnosis_that_finds_it(worked):
+    folder, printed = worked
+    code, = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert code in EXAMPLE.read_text(encoding="utf-8")
+    assert re.search(r"^sets +relief valve \d+ %", printed, re.MULTILINE)
+
+    diagnose, predict = re.findall(r"^    (hmcvt (?:diagnose|predict) .*)", PAGE, re.MULTILINE)
+    found = here(folder, f"{diagnose} --json").json
+    assert found["sets"][0]["effects"] == ["relief_valve"]
+    leak = found["causes"][0]["parameters"]["leak"]
+    assert leak["value"] == pytest.approx(6e-11, rel=0.1)
+    assert found["shrinkage"]["fraction"] > 0.9
+    assert "mean |error|  0." in here(folder, predict).out
+
+
+def test_an_unknown_effect_names_both_ways_to_one_of_your_own(worked):
+    folder, _ = worked
+    assert_refused(here(folder, "hmcvt predict valve.csv --params valve.yaml"),
+                   "effect = 'relief_valve', form = '' is not known", "--effects MODULE_OR_FILE.py",
+                   "entry-point group hmcvt.effects")
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (None, ("mine.py: cannot be loaded: FileNotFoundError",)),
+    ("def", ("mine.py: cannot be loaded: SyntaxError", "line 1")),
+    ("import absent_thing", ("ModuleNotFoundError: No module named 'absent_thing'",)),
+    ("x = 1", ("mine.py: holds no effect",)),
+])
+def test_a_file_of_no_use_is_told(hmcvt, tmp_path, text, words):
+    if text is not None:
+        (tmp_path / "mine.py").write_text(text)
+    assert_refused(hmcvt("predict", TABLE2, "--effects", tmp_path / "mine.py"), *words)
+
+
+def test_effects_of_an_installed_package(worked, tmp_path):
+    folder, _ = worked
+    for name, module in (("valve", "own_valve"), ("broken", "broken_effects")):
+        info = tmp_path / f"{name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[hmcvt.effects]\n{name} = {module}\n")
+    (tmp_path / "own_valve.py").write_text(EXAMPLE.read_text(encoding="utf-8"))
+    (tmp_path / "broken_effects.py").write_text("import absent_thing")
+    env = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    done = process("predict", "valve.csv", "--params", "valve.yaml", cwd=folder, env=env)
+    assert done.code == 0 and "mean |error|" in done.out
+    # One that cannot be loaded harms no other, and is named where an effect is missing.
+    text = (folder / "valve.yaml").read_text().replace("relief_valve", "relief_flap")
+    (tmp_path / "flap.yaml").write_text(re.sub("checksum: .*\n", "", text))
+    assert process("predict", TABLE2, "--params", HM4, cwd=folder, env=env).code == 0
+    assert_refused(process("predict", TABLE2, "--params", tmp_path / "flap.yaml", env=env),
+                   "cannot be loaded: broken_effects (ModuleNotFoundError")

@@ -1,0 +1,212 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Ten tables as benches write them, unlike each other: each read in at most one correction."""
+
+import re
+from datetime import datetime, timedelta
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import hmcvt_core as core
+from hmcvt_core.transmission.ranges import RPM
+
+from .running import HM4, assert_refused
+
+TESTS = 14
+rng = np.random.default_rng(5)
+EPS = np.round(rng.uniform(-1.0, 1.0, TESTS), 2)
+SPEED = np.round(rng.uniform(900.0, 2100.0, TESTS), 1)  # r/min
+LOAD = np.round(rng.uniform(80.0, 350.0, TESTS), 1)
+MODEL = core.load_model(HM4)
+ETA = MODEL.efficiency(EPS, SPEED * RPM, LOAD)
+OUT = MODEL.output_speed(EPS, SPEED * RPM, LOAD) / RPM
+INTO, POWER = LOAD / ETA, LOAD * SPEED * RPM  # N m, W
+TORQUE = LOAD * SPEED / OUT
+
+
+class Case(NamedTuple):
+    """A file, the correction it needs (words of the command line), rows that hold no test."""
+
+    path: object
+    correction: tuple = ()
+    lost: tuple = ()
+
+
+def german(number, digits=2):
+    return f"{number:,.{digits}f}".replace(",", "_").replace(".", ",").replace("_", ".")
+
+
+def lines(path, rows, mark, encoding="utf-8"):
+    path.write_bytes("\n".join(mark.join(map(str, row)) for row in rows).encode(encoding))
+    return path
+
+
+def german_office(folder):
+    """Titles, decimal commas and thousands, a row of units, n.a., and a line of means."""
+    rows = [[german(100 * EPS[i], 0), german(SPEED[i], 1), german(INTO[i]), german(OUT[i], 1),
+             german(TORQUE[i]), "65,5" if i != 4 else "n.a."] for i in range(TESTS)]
+    rows[2][2] = "n.a."
+    head = [["Prüfstand 3", "", "", "", "", ""], ["Datum: 21.11.2026", "", "", "", "", ""],
+            ["Pumpenhub", "Motordrehzahl", "Motordrehmoment", "Abtriebsdrehzahl",
+             "Abtriebsdrehmoment", "Öltemperatur"], ["%", "1/min", "Nm", "1/min", "Nm", "°C"]]
+    mean = ["Mittelwert", german(SPEED.mean()), german(INTO.mean()), german(OUT.mean()),
+            german(TORQUE.mean()), "65,5"]
+    return Case(lines(folder / "t.csv", [*head, *rows, mean], ";", "cp1252"), (), (2, 4))
+
+
+def excel_of_two_heads(folder):
+    """Powers under joined cells on the second sheet, with an empty cell."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.append(["see the next sheet"])
+    sheet = book.create_sheet("Messung")
+    sheet.append(["Bench report", None, None, None, None])
+    sheet.append(["Pump", "Engine", None, "Output", None])
+    sheet.append(["displacement [%]", "speed [min-1]", "power [kW]", "speed [min-1]",
+                  "power [kW]"])
+    sheet.merge_cells("B2:C2")
+    for i in range(TESTS):
+        sheet.append([100.0 * EPS[i], SPEED[i], POWER[i] / ETA[i] / 1e3 if i != 7 else None,
+                      OUT[i], POWER[i] / 1e3])
+    book.save(folder / "t.xlsx")
+    return Case(folder / "t.xlsx", (), (7,))
+
+
+def tabs_of_an_american(folder):
+    """Sentinels, lb ft, deg F, psi, hp."""
+    rows = [[i + 1, EPS[i], SPEED[i], f"{INTO[i] / 1.3558179:.4f}", f"{OUT[i]:.3f}",
+             f"{TORQUE[i] / 1.3558179:.4f}", 176, -9999 if i == 5 else 2000 + i]
+            for i in range(TESTS)]
+    head = ["Test No", "Stroke Ratio", "Engine RPM", "Engine Torque (lb-ft)", "Output RPM",
+            "Output Torque (lb-ft)", "Oil Temp (deg F)", "Delta P (psi)"]
+    return Case(lines(folder / "t.txt", [head, *rows], "\t"), (), (5,))
+
+
+def aligned_text(folder):
+    rows = [["eps[-]", "n_eng[rpm]", "T_load[Nm]", "eta[%]"],
+            *[[EPS[i], SPEED[i], LOAD[i], f"{100 * ETA[i]:.3f}"] for i in range(TESTS)]]
+    return Case(lines(folder / "t.dat", [[f"{cell!s:>12}" for cell in row] for row in rows], " "))
+
+
+def units_in_the_cells(folder):
+    rows = [["Swash position", "Input speed", "Input torque", "Output speed", "Output torque"],
+            *[[f"{100 * EPS[i]:.0f} %", f"{SPEED[i]} rpm", f"{INTO[i]:.3f} Nm",
+               f"{OUT[i]:.2f} rpm", f"{TORQUE[i] / 1e3:.6f} kNm"] for i in range(TESTS)]]
+    return Case(lines(folder / "t.csv", rows, ","), ("--output-torque", "Output torque:kNm"))
+
+
+def english_thousands(folder):
+    """Quoted numbers with commas between thousands, an efficiency, and a row said twice."""
+    rows = [[f"{EPS[i]}", f'"{SPEED[i]:,.1f}"', f"{LOAD[i]:.1f}", f"{ETA[i]:.5f}"]
+            for i in range(TESTS)]
+    rows.insert(4, rows[3])
+    head = ["displacement ratio", "engine speed (r/min)", "load torque (N m)", "efficiency"]
+    return Case(lines(folder / "t.csv", [["# bench 2"], head, *rows], ","), (), ())
+
+
+def french(folder):
+    head = ["Cylindrée (%)", "Régime moteur (tr/min)", "Couple moteur (N.m)",
+            "Vitesse sortie (tr/min)", "Couple sortie (N.m)"]
+    rows = [[german(100 * EPS[i], 0), german(SPEED[i], 1).replace(".", " "), german(INTO[i], 3),
+             german(OUT[i], 2).replace(".", "\u202f"), german(TORQUE[i], 3)] for i in range(TESTS)]
+    return Case(lines(folder / "t.csv", [head, *rows], ";"))
+
+
+def greek_and_si(folder):
+    head = ["ε", "ω_e / rad/s", "P_out / kW", "η", "T_oil / K", "remark"]
+    rows = [[EPS[i], f"{SPEED[i] * RPM:.4f}", f"{POWER[i] / 1e3:.4f}", f"{ETA[i]:.5f}", 338.15,
+             "warm"] for i in range(TESTS)]
+    return Case(lines(folder / "t.csv", [head, *rows], ","))
+
+
+def torque_of_no_shaft(folder):
+    """One torque that does not say of which shaft: the guess has to be corrected."""
+    rows = [["hub", "n_an [U/min]", "n_ab [U/min]", "M [Nm]", "Wirkungsgrad [%]"],
+            *[[EPS[i], SPEED[i], f"{OUT[i]:.3f}", f"{TORQUE[i]:.3f}", f"{100 * ETA[i]:.3f}"]
+              for i in range(TESTS)]]
+    return Case(lines(folder / "t.csv", rows, ","), ("--output-torque", "M [Nm]"))
+
+
+def recording(folder):
+    """Ten rows a second with dates: plateaus of 8 s, a ramp of 4 s between them."""
+    start, rows = datetime(2026, 11, 21, 9, 30), []
+    columns = np.column_stack([EPS, SPEED, INTO, OUT, TORQUE])
+    noise = np.random.default_rng(1)
+    for i in range(TESTS):
+        after = columns[min(i + 1, TESTS - 1)]
+        for k in range(120):
+            part = max(0, k - 80) / 40
+            now = columns[i] * (1 - part) + after * part
+            now[1:] *= 1.0 + 1e-3 * noise.standard_normal(4)
+            stamp = start + timedelta(seconds=12 * i + k / 10)
+            rows.append([stamp.isoformat(sep=" "), *(f"{value:.4f}" for value in now)])
+    head = ["Timestamp", "pump_displacement", "n_engine_rpm", "M_engine_Nm", "n_out_rpm",
+            "M_out_Nm"]
+    return Case(lines(folder / "t.csv", [head, *rows], ","))
+
+
+CASES = [german_office, excel_of_two_heads, tabs_of_an_american, aligned_text, units_in_the_cells,
+         english_thousands, french, greek_and_si, torque_of_no_shaft, recording]
+
+
+@pytest.mark.parametrize("make", CASES, ids=lambda make: make.__name__)
+def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
+    if make is excel_of_two_heads:
+        pytest.importorskip("pandas")
+        pytest.importorskip("openpyxl")
+    path, correction, lost = make(tmp_path)
+    out = tmp_path / "bench.csv"
+    shown = hmcvt("import", path, "--out", out, *correction)
+    assert (shown.code, shown.err) == (0, "") and not out.exists(), shown
+    assert "--yes takes the guess" in shown.out
+    skip = ("--skip-bad",) if "--skip-bad" in shown.out else ()
+    done = hmcvt("import", path, "--out", out, "--yes", *correction, *skip)
+    assert done.code == 0, done
+    found = core.read_bench(out)
+    kept = np.setdiff1d(np.arange(TESTS), lost)
+    assert len(found) == len(kept)
+    loose = 3e-3 if make is recording else 2e-3 if make is german_office else 3e-4
+    assert found.displacement_ratio == pytest.approx(EPS[kept], abs=0.006)
+    assert found.engine_speed == pytest.approx(SPEED[kept] * RPM, rel=loose)
+    assert found.load_torque == pytest.approx(LOAD[kept], rel=loose)
+    assert found.efficiency == pytest.approx(ETA[kept], rel=loose)
+    if found.oil_temperature is not None:
+        assert np.all((found.oil_temperature > 60.0) & (found.oil_temperature < 85.0))
+    # What it says is the same as the guess, said explicitly.
+    said = re.search(r"the same said: hmcvt (.*)", shown.out)[1]
+    import shlex
+
+    out.unlink()
+    assert hmcvt(*shlex.split(said), *skip).code == 0
+    assert core.read_bench(out).efficiency.tolist() == found.efficiency.tolist()
+
+
+def test_every_bad_row_is_told_at_once_and_none_is_left_out_unasked(hmcvt, tmp_path):
+    path, out = german_office(tmp_path).path, tmp_path / "bench.csv"
+    done = hmcvt("import", path, "--out", out, "--yes")
+    assert done.code == 2 and not out.exists()
+    error = done.err.splitlines()[-1]
+    for word in ("3 rows cannot be used (--skip-bad leaves them out)", "row 7: Motordrehmoment "
+                 "'n.a.' is not a number", "row 9: Öltemperatur 'n.a.'", "row 19: 'Mittelwert'"):
+        assert word in error, error
+
+
+def test_a_recording_never_passes_as_tests_without_a_word(hmcvt, tmp_path):
+    path, out = recording(tmp_path).path, tmp_path / "bench.csv"
+    done = hmcvt("import", path, "--out", out, "--yes")
+    assert f"a recording of {120 * TESTS} rows was cut into {TESTS} steady windows" in done.out
+    assert hmcvt("import", path, "--out", out, "--yes", "--averaged").code == 0
+    assert len(core.read_bench(out)) == 120 * TESTS
+
+
+def test_what_is_no_table_is_told(hmcvt, tmp_path):
+    out = tmp_path / "bench.csv"
+    for name, text, words in (("e.csv", "", "is empty"), ("w.csv", "a,b\n1,2\n", "no column"),
+                              ("x.xlsx", "no zip", "Excel")):
+        (tmp_path / name).write_text(text)
+        done = hmcvt("import", tmp_path / name, "--out", out)
+        assert done.code == 2 and words in done.err.splitlines()[-1], done
+    assert_refused(hmcvt("import", tmp_path / "w.csv", "--out", out, "--sheet", "S",
+                         "--displacement-ratio", "a"), "--sheet is for Excel")
