@@ -30,6 +30,7 @@ COMMANDS = {
     "diagnose": "diagnose the gap between model and bench",
     "next": "choose the bench test that tells most about a gap",
     "fleet": "identify and diagnose every bench log of a folder",
+    "unit": "diagnose a single pump or motor, from its tests or a maker's table",
     "separable": "tell which effects a test plan can tell apart",
     "import-csv": "turn the table of your bench into bench samples",
 }

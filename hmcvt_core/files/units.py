@@ -20,6 +20,7 @@ from .columns import Cells, decimal_points, holds_units, read_cells
 
 Array = NDArray[np.float64]
 KINDS = ("pump", "motor")
+AXES = ("displacement_ratio", "speed", "pressure")
 
 METER_DEVIATION = 0.0035
 """Standard deviation of a flow or torque, as a part, where nobody states one.
@@ -30,7 +31,7 @@ deviation, and two of them make an efficiency.
 PRESSURE_DEVIATION = 5e4  # Pa; the same class near zero, as of a transmission's pressure
 
 _TURN = 2.0 * np.pi
-_CM3 = {name: 1e-6 / _TURN for name in ("cm3", "cc", "cm3/r", "cc/r", "cm3/rev", "cc/rev", "ml/r")}
+_CM3 = dict.fromkeys(("cm3", "cc", "cm3/r", "cc/r", "cm3/rev", "cc/rev", "ml/r"), 1e-6 / _TURN)
 _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
     "displacement_ratio": UNITS["efficiency"],
     "displacement": {"m3/rad": 1.0, "m3/r": 1.0 / _TURN, **_CM3},
@@ -113,6 +114,18 @@ class UnitSamples:
         return replace(self, **{item.name: value[index] for item in fields(self)
                                 if isinstance(value := getattr(self, item.name), np.ndarray)})
 
+    def divided(self, axis: str, part: float) -> tuple[UnitSamples, UnitSamples]:
+        """Return the samples up to a part of the highest value along an axis, and those above.
+
+        Raises:
+            InputError: one of them is empty.
+        """
+        values = getattr(self, axis)
+        above = values > part * values.max()
+        if above.all():
+            raise InputError(f"{self.source}: no sample lies below {part:g} of the highest {axis}")
+        return self.select(~above), self.select(above)
+
 
 def unit_samples(
     kind: str, displacement: float, points: Mapping[str, Array], losses: tuple[Array, Array] | None,
@@ -185,8 +198,7 @@ def read_unit(
     kind = _kind(cells, kind)
     _require_plausible(values, cells)
     stroke = values.setdefault("displacement_ratio", np.ones(len(cells.rows)))
-    points = {name: values[name] for name in
-              ("displacement_ratio", "speed", "pressure", "oil_temperature") if name in values}
+    points = {name: values[name] for name in (*AXES, "oil_temperature") if name in values}
     displacement = float(values["displacement"][0])
     losses = efficiencies = None
     if "flow_loss" in values:
@@ -266,7 +278,8 @@ def _require_plausible(values: Mapping[str, Array], cells: Cells) -> None:
     if np.ptp(displacement) > 1e-6 * displacement[0]:
         row = int(np.argmax(np.abs(displacement - displacement[0])))
         raise InputError(f"{cells.source}: row {cells.rows[row]}: displacement = "
-                         f"{displacement[row]:g} m3/rad, above {displacement[0]:g}: one unit a file")
+                         f"{displacement[row]:g} m3/rad; the rows above have {displacement[0]:g}: "
+                         "one unit at a time")
     if pressure.max() < _LEAST_PRESSURE:
         raise InputError(f"{cells.source}: the highest pressure is {pressure.max():g} Pa, below "
                          f"{_LEAST_PRESSURE:g}: is it in bar or MPa? (pressure_bar)")

@@ -140,7 +140,8 @@ class Effect:
 
     def with_values(self, values: dict[str, float]) -> Effect:
         """Return a copy with other parameter values."""
-        return replace(self, **values)
+        changes: dict[str, Any] = {**values}
+        return replace(self, **changes)
 
     def values(self) -> dict[str, float]:
         """Return parameter values by name."""

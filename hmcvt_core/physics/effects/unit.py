@@ -123,7 +123,8 @@ class SlowLeakage(Effect):
 
     def leakage_flow(self, state: ShaftState) -> Value:
         speed = np.maximum(np.abs(state.pump_speed), np.abs(state.motor_speed))
-        return self.leakage / state.viscosity_ratio * state.pressure / (1.0 + speed / self.fade_speed)
+        left = 1.0 / (1.0 + speed / self.fade_speed)
+        return self.leakage / state.viscosity_ratio * state.pressure * left
 
 
 @dataclass(frozen=True)
