@@ -23,7 +23,7 @@ from ..diagnosis.observations import TRUST_ASSUMED, TRUST_STATED, Observations, 
 from ..diagnosis.result import NAMING
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..errors import InputError
-from ..files.units import METER_DEVIATION, TELLING, UnitSamples
+from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
 from ..physics.effects.base import Effect, EffectParameter, ShaftState, Value
@@ -44,122 +44,26 @@ SPEED = Axis("speed", "rad/s", "speed", "speed [rad/s]", 1, RPM,
              told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / RPM)
 PRESSURE = Axis("pressure", "Pa", "pressure", "pressure [Pa]", 0, 1e5, told="{1:.0f} bar",
                 second=1e-5)
+_AXES = (STROKE, SPEED, PRESSURE, OIL_TEMPERATURE)
 PARAMETERS = {"leakage": "m3/(s Pa)", "damping": "N m s/rad"}
 """Base parameters and their units."""
 
-FRICTION = 0.01  # c_fp = c_fm of the paper
+FRICTION = 0.01
+"""c_fp = c_fm of the paper [-]."""
 _SIZE = 55e-6 / (2.0 * np.pi)  # m3/rad, of which the priors of the paper's pair are
-_GRID = (5, 6, 6)
+_OF_ANY_SIZE = ("-", "1/GPa")  # sizes in these are the same in small units and in large ones
 _REFERENCE, _FEWEST = "reference_displacement", 3
 _DEALS, _STEADY = 8, 6  # deals of the samples, and how many must lead to the same set
-_OF_ANY_SIZE = ("-", "1/GPa")  # sizes in these are the same in small units and in large ones
-
-
-class HydrostaticUnit:
-    """A pump or motor as a `diagnosis.system.System`.
-
-    Attributes:
-        kind, displacement: as of `UnitSamples`.
-    """
-
-    refusal = "cannot be run"
-    advice = "check speed and pressure"
-
-    def __init__(self, samples: UnitSamples) -> None:
-        self.kind, self.displacement = samples.kind, samples.displacement
-        self._sign = 1.0 if self.kind == "pump" else -1.0
-        self.axes: tuple[Axis, ...] = (STROKE, SPEED, PRESSURE, OIL_TEMPERATURE)
-        # The errors of meters by class hardly scatter: a table is off smoothly by so much of the
-        # ideal flow and torque. Losses nobody listed are larger, as those of an efficiency are.
-        off = [METER_DEVIATION * float(each.max())
-               for each in (samples.ideal_flow, samples.ideal_torque)]
-        deviations = samples.flow_std, samples.torque_std
-        self.channels = tuple(
-            Channel(name, unit, factor, 2, 0.0, False,
-                    (2.5 * off[i], 8.0 * off[i], 25.0 * off[i]), (8.0 * off[i], 25.0 * off[i]),
-                    off[i], least=float(np.median(deviations[i])))
-            for i, (name, unit, factor) in enumerate((("flow_loss", "L/min", 6e4),
-                                                      ("torque_loss", "N m", 1.0))))
-        damping = 1 if self.kind == "motor" else 2
-        # Half of the pair's leakage, to within a decade; the dampings as in the transmission.
-        self.base = BaseParameters(
-            tuple(PARAMETERS), np.array([PRIOR_MEAN[0] - np.log10(2.0), PRIOR_MEAN[damping]]),
-            np.array([1.0, PRIOR_SPREAD[damping]]), np.array([-16.0, 0.0]),
-            np.array([-8.0, 10.0]), self._values)
-        size = self.displacement / _SIZE
-        varied = np.ptp(samples.displacement_ratio) > STROKE.held
-        # On its stop, or in proportion, the plate is the reference displacement; and a charge pump
-        # on the shaft is one of the constant torques.
-        self.library: tuple[Any, ...] = tuple(
-            Sized(kind(), size, self.kind) for kind in library(units=True)
-            if kind.name != "charge_pump" and kind.form != "gain"
-            and (varied or kind.name != "displacement_error"))
-
-    def _values(self, base: Array) -> Array:
-        size = self.displacement / _SIZE
-        return np.array([10.0 ** base[0], base[1]]) * size
-
-    def predict(self, base: Array, effects: Sequence[Any], points: Points) -> Array:
-        """Return loss of flow [m3/s] and of torque [N m] as reckoned from readings, (2, n)."""
-        leakage, damping = self._values(base)
-        stroke, speed, pressure = (points[axis.name] for axis in (STROKE, SPEED, PRESSURE))
-        viscosity: Value = 1.0
-        if OIL_TEMPERATURE.name in points:
-            for effect in effects:
-                viscosity = viscosity * effect.viscosity_ratio(points[OIL_TEMPERATURE.name])
-        true = stroke
-        for effect in effects:
-            true = effect.true_displacement_ratio(true)
-        state = self._state(true, speed, pressure, viscosity)
-        true = true - _sum(effects, "stroke_lag", state)
-        state = state._replace(displacement_ratio=true)
-        # What the reference displacement has that the unit has not, and the plate.
-        missing = self._sign * self.displacement * (stroke - true)
-        flow = (leakage / viscosity * pressure + _sum(effects, "leakage_flow", state)
-                + missing * speed)
-        torque = (damping * viscosity * speed + FRICTION * self.displacement * true * pressure
-                  + _sum(effects, f"{self.kind}_drag", state) - missing * pressure)
-        return np.stack([flow, torque])
-
-    def _state(self, stroke: Array, speed: Array, pressure: Array, viscosity: Value) -> ShaftState:
-        still = np.zeros_like(speed)
-        pump, motor = (speed, still) if self.kind == "pump" else (still, speed)
-        return ShaftState(speed, pump, speed, motor, stroke, pressure, viscosity, still, still,
-                          self.displacement * stroke * pressure * speed, self.displacement)
-
-    def candidates(self, points: Points, base: Array) -> Points:
-        """Return a grid over the range of the tests."""
-        rows = [np.unique(np.linspace(points[axis.name].min(), points[axis.name].max(), count))
-                for axis, count in zip((STROKE, SPEED, PRESSURE), _GRID, strict=True)]
-        grid = dict(zip((STROKE.name, SPEED.name, PRESSURE.name),
-                        (each.ravel() for each in np.meshgrid(*rows)), strict=True))
-        return {name: grid.get(name, np.full(grid["speed"].size, np.median(points[name])))
-                for name in points}
-
-    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
-        """Return the power of the flow that is lost beyond what is expected [W], (n,)."""
-        return (real - expected) * points["pressure"]
-
-    def model_of(
-        self, base: Array, effects: Sequence[Any], samples: UnitSamples
-    ) -> UnitModel:
-        """Return the refitted model."""
-        return UnitModel(self, base, tuple(effects), samples)
-
-    def remarks(self, samples: UnitSamples) -> tuple[str, ...]:
-        """Say what a missing column costs."""
-        return () if samples.oil_temperature is not None else (
-            "without column oil_temperature, viscosity cannot be judged",)
 
 
 @dataclass(frozen=True)
 class Sized:
-    """An effect at its size in the paper's unit, as it is in one of another displacement.
+    """An effect whose typical size is that of the paper's unit, in one of another displacement.
 
     Attributes:
         effect: what acts.
-        factor: displacement / that of the paper's unit: sizes that grow with it are so much larger.
-        kind: of the unit in which it acts.
+        factor: displacement / that of the paper's unit: so much larger most sizes are.
+        kind: of the unit.
     """
 
     effect: Effect
@@ -171,15 +75,16 @@ class Sized:
 
     @property
     def component(self) -> str:
-        """The unit on the bench, where the effect belongs to one."""
+        """As of the effect; of pump and motor the one on the bench."""
         own = self.effect.component
         return self.kind if own in ("pump", "motor") else own
 
     def parameters(self) -> list[EffectParameter]:
-        """As of the effect, with the sizes of this displacement."""
-        return [item if item.unit in _OF_ANY_SIZE or not item.is_size else replace(
-            item, **{end: self.factor * getattr(item, end) for end in ("typical", "low", "high")})
-            for item in self.effect.parameters()]
+        """As of the effect, larger."""
+        return [replace(item, **{end: self.factor * getattr(item, end)
+                                 for end in ("typical", "low", "high")})
+                if item.is_size and item.unit not in _OF_ANY_SIZE else item
+                for item in self.effect.parameters()]
 
     def sizes(self) -> list[EffectParameter]:
         """Those of the parameters that switch it off."""
@@ -189,37 +94,96 @@ class Sized:
         """Return a copy with other parameter values."""
         return replace(self, effect=self.effect.with_values(values))
 
-    def inside(self, larger: float, part: float) -> Effect:
-        """The effect in that unit of a transmission.
 
-        Args:
-            larger: displacement there / here.
-            part: of the larger of pump and motor, by which effects reckon.
-        """
-        values = self.effect.values()
-        for item in self.effect.sizes():
-            values[item.name] *= part if item.unit in _OF_ANY_SIZE else larger
-        return replace(self.effect, part=self.kind, **values)
+class HydrostaticUnit:
+    """A pump or motor as a `diagnosis.system.System`."""
 
+    axes: tuple[Axis, ...] = _AXES
+    refusal = "cannot be run"
+    advice = "check speed and pressure"
 
-def _sum(effects: Sequence[Any], hook: str, state: ShaftState) -> Value:
-    return sum((getattr(effect, hook)(state) for effect in effects), 0.0)
+    def __init__(self, samples: UnitSamples) -> None:
+        self.kind, self.displacement = samples.kind, samples.displacement
+        # Errors that the class of a meter allows do not scatter: a table is off smoothly. Losses
+        # nobody listed are larger than that, as much as those of an efficiency are.
+        whole, deviation = METER_DEVIATION * samples.ideal.max(axis=1), samples.deviation
+        self.channels = tuple(
+            Channel(f"{name}_loss", unit, factor, 2, 0.0, False, (2.5 * off, 8.0 * off, 25.0 * off),
+                    (8.0 * off, 25.0 * off), off, least=least)
+            for name, unit, factor, off, least in zip(
+                ("flow", "torque"), ("L/min", "N m"), (6e4, 1.0), whole.tolist(),
+                np.median(deviation, axis=1).tolist(), strict=True))
+        # Half of the leakage of a pair, within a decade; the dampings as in a transmission.
+        i, size = (1 if self.kind == "motor" else 2), self.displacement / _SIZE
+        self.base = BaseParameters(
+            tuple(PARAMETERS), np.array([PRIOR_MEAN[0] - np.log10(2.0), PRIOR_MEAN[i]]),
+            np.array([1.0, PRIOR_SPREAD[i]]), np.array([-16.0, 0.0]), np.array([-8.0, 10.0]),
+            lambda base: size * np.array([10.0 ** base[0], base[1]]))
+        # On its stop, or in proportion, the plate is the reference displacement; and a charge pump
+        # on the shaft is one of the constant torques.
+        varied = np.ptp(samples.displacement_ratio) > STROKE.held
+        self.library: tuple[Any, ...] = tuple(
+            Sized(effect(), size, self.kind) for effect in library(units=True)
+            if effect.name != "charge_pump" and effect.form != "gain"
+            and (varied or effect.name != "displacement_error"))
+
+    def predict(self, base: Array, effects: Sequence[Any], points: Points) -> Array:
+        """Return loss of flow [m3/s] and of torque [N m] as reckoned from readings, (2, n)."""
+        leakage, damping = self.base.values(base)
+        stroke, speed, pressure = (points[axis.name] for axis in (STROKE, SPEED, PRESSURE))
+        viscosity: Value = 1.0
+        true, still = stroke, np.zeros_like(speed)
+        for effect in effects:
+            true = effect.true_displacement_ratio(true)
+            if OIL_TEMPERATURE.name in points:
+                viscosity = viscosity * effect.viscosity_ratio(points[OIL_TEMPERATURE.name])
+        pump, motor = (speed, still) if self.kind == "pump" else (still, speed)
+        state = ShaftState(speed, pump, speed, motor, true, pressure, viscosity, still, still,
+                           still, self.displacement)
+
+        def total(hook: str) -> Value:
+            return sum((getattr(effect, hook)(state) for effect in effects), 0.0)
+
+        state = state._replace(displacement_ratio=true - total("stroke_lag"))
+        true = state.displacement_ratio
+        # What the displacement stated and the stroke commanded have, and the unit has not.
+        missing = sign_of(self.kind) * self.displacement * (stroke - true)
+        friction = FRICTION * self.displacement * true * pressure
+        return np.stack([
+            leakage / viscosity * pressure + total("leakage_flow") + missing * speed,
+            damping * viscosity * speed + friction + total(f"{self.kind}_drag")
+            - missing * pressure])
+
+    def candidates(self, points: Points, base: Array) -> Points:
+        """Return a grid over the range of the tests."""
+        rows = [np.unique(np.linspace(points[axis.name].min(), points[axis.name].max(), 6))
+                for axis in _AXES[:3]]
+        grid = dict(zip((axis.name for axis in _AXES), map(np.ravel, np.meshgrid(*rows)),
+                        strict=False))
+        return {name: grid.get(name, np.full(grid["speed"].size, np.median(points[name])))
+                for name in points}
+
+    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
+        """Return the power of the flow that is lost beyond what is expected [W], (n,)."""
+        return (real - expected) * points["pressure"]
+
+    def model_of(self, base: Array, effects: Sequence[Any], samples: UnitSamples) -> UnitModel:
+        """Return the refitted model."""
+        return UnitModel(self, base, tuple(effects))
+
+    def remarks(self, samples: UnitSamples) -> tuple[str, ...]:
+        """Say what a missing column costs."""
+        return () if samples.oil_temperature is not None else (
+            "without column oil_temperature, viscosity cannot be judged",)
 
 
 @dataclass(frozen=True, eq=False)
 class UnitModel:
-    """A unit with effects, fitted to samples.
-
-    Attributes:
-        system, base: whose parameters these are, scaled.
-        effects: at their sizes.
-        samples: that they were fitted to.
-    """
+    """A unit with effects at their sizes; `base` holds its scaled parameters."""
 
     system: HydrostaticUnit
     base: Array
     effects: tuple[Sized, ...]
-    samples: UnitSamples
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -230,48 +194,21 @@ class UnitModel:
         """Loss of flow [m3/s] and torque [N m] at the points of samples, shape (2, n)."""
         return self.system.predict(self.base, self.effects, _points(samples))
 
-    def covariance(self) -> Array:
-        """Of the base parameters as scaled, linearised, sizes of the effects free, (2, 2)."""
-        sizes = [(i, item) for i, effect in enumerate(self.effects) for item in effect.sizes()]
-
-        def scaled(theta: Array) -> Array:
-            effects = list(self.effects)
-            for (i, item), change in zip(sizes, theta[2:].tolist(), strict=True):
-                effects[i] = effects[i].with_values(
-                    {item.name: effects[i].values()[item.name] + change * item.typical})
-            return self.system.predict(self.base + theta[:2], effects, _points(self.samples))
-
-        left = _measured(self.samples) - self.losses(self.samples)
-        free = max(left.shape[1] - 1.5, 1.0)
-        deviation = np.sqrt(np.sum(left**2, axis=1, keepdims=True) / free)
-        steps = 1e-4 * np.eye(2 + len(sizes))
-        slopes = np.array([((scaled(step) - scaled(-step)) / 2e-4 / deviation).ravel()
-                           for step in steps])
-        prior = np.append(self.system.base.spread ** -2.0, np.full(len(sizes), 0.04))
-        return np.linalg.inv(slopes @ slopes.T + np.diag(prior))[:2, :2]
-
 
 def _points(samples: UnitSamples) -> Points:
-    names = [axis.name for axis in (STROKE, SPEED, PRESSURE, OIL_TEMPERATURE)]
-    return {name: row for name in names if (row := getattr(samples, name)) is not None}
-
-
-def _measured(samples: UnitSamples) -> Array:
-    return np.stack([samples.flow_loss, samples.torque_loss])
+    return {axis.name: row for axis in _AXES if (row := getattr(samples, axis.name)) is not None}
 
 
 def observe_unit(system: HydrostaticUnit, samples: UnitSamples) -> Observations:
     """Set up the two channels; the stroke is an axis where it varies."""
     points = _points(samples)
-    axes = tuple(axis for axis in system.axes if axis.name in points
+    axes = tuple(axis for axis in _AXES if axis.name in points
                  and (axis is not STROKE or np.ptp(samples.displacement_ratio) > STROKE.held))
-    trust = TRUST_ASSUMED if samples.assumed else TRUST_STATED
-    readings = tuple(
-        Reading(channel, values, deviation, trust) for channel, values, deviation in zip(
-            system.channels, _measured(samples), (samples.flow_std, samples.torque_std),
-            strict=True))
+    assumed = samples.noise is None
+    readings = tuple(Reading(*each, TRUST_ASSUMED if assumed else TRUST_STATED) for each in zip(
+        system.channels, samples.losses, samples.deviation, strict=True))
     return Observations(axes, points, readings, samples, np.arange(len(samples)),
-                        samples.noise_source, samples.assumed, channels=system.channels)
+                        "assumed, ISO 4409 class A" if assumed else "given", assumed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,15 +216,14 @@ class UnitDiagnosis:
     """A diagnosis of a unit, and what it says of both channels.
 
     Attributes:
-        found: where, which, how far, as of any system; the gap is that of the flow loss.
-        paper: the model with the terms of the paper alone, refitted.
+        found: as of any system; the gap is that of the flow loss, `found.base` the model with the
+            terms of the paper alone.
         model: with the leading set of effects, whether it is named or not.
         holdout: samples held out, or None.
-        same: in how many of the deals of the samples the same set leads; None without a gap.
+        same: in how many of eight deals the same set leads; None where no cause is named.
     """
 
     found: Diagnosis
-    paper: UnitModel
     model: UnitModel
     holdout: UnitSamples | None
     same: int | None
@@ -295,47 +231,48 @@ class UnitDiagnosis:
     @property
     def rmse(self) -> dict[str, dict[str, float | None]]:
         """Errors of both models by channel, m3/s and N m; None without a holdout."""
-        rows = [_rms(model, samples) for samples in (self.found.samples, self.holdout)
-                for model in (self.paper, self.model)]
-        names = ("base", "with_effects", "holdout_base", "holdout_with_effects")
-        return {channel: {name: row[i] for name, row in zip(names, rows, strict=True)}
+        rows: dict[str, Any] = {}
+        for where, samples in (("", self.found.samples), ("holdout_", self.holdout)):
+            for name, model in (("base", self.found.base), ("with_effects", self.model)):
+                rows[where + name] = (None, None) if samples is None else np.sqrt(np.mean(
+                    (samples.losses - model.losses(samples)) ** 2, axis=1)).tolist()
+        return {channel: {name: row[i] for name, row in rows.items()}
                 for i, channel in enumerate(("flow", "torque"))}
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """Standard errors: of log10 of the leakage [-], and of the damping [N m s/rad]."""
+        system, names = self.model.system, tuple(sorted(each.name for each in self.model.effects))
+        variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.field.alive
+                         if rival.names == names), system.base.spread**2)
+        decades, damping = np.sqrt(variance[:2]).tolist()
+        return decades, damping * system.displacement / _SIZE
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt unit --json`."""
         data, stroke = self.found.to_dict(), self.found.samples.displacement_ratio
         for region in data["where"]:
             region.setdefault(STROKE.name, [float(stroke.min()), float(stroke.max())])
-        return {**data, "rmse": self.rmse, "deals": None if self.same is None else {
-            "same": self.same, "of": _DEALS}, "parameters": {
-                name: {"value": value, "unit": PARAMETERS[name]}
-                for name, value in self.model.parameters.items()}}
+        return {**data, "rmse": self.rmse, "same_set_in_deals": self.same, "parameters": {
+            name: {"value": value, "unit": PARAMETERS[name]}
+            for name, value in self.model.parameters.items()}}
 
     def report(self) -> str:
         """Return the outcome as text for a person."""
         lines = [self.found.report()]
         if self.same is not None:
-            lines.append(f"deals      the same set leads in {self.same} of {_DEALS} deals of the "
-                         "samples")
-        for channel, factor, unit in (("flow", 6e4, "L/min"), ("torque", 1.0, "N m")):
-            told = [f"{label} {factor * row[0]:.3g} -> {factor * row[1]:.3g} {unit}"
-                    for label, row in (("fitted", (one["base"], one["with_effects"])), (
-                        "held out", (one["holdout_base"], one["holdout_with_effects"])))
-                    if row[0] is not None and row[1] is not None] if (
-                        one := self.rmse[channel]) else []
-            lines.append(f"{channel:10} rms of the paper's terms -> with effects: "
+            lines.append(f"deals      the same set leads in {self.same} of {_DEALS}")
+        for (channel, row), (factor, unit) in zip(
+                self.rmse.items(), ((6e4, "L/min"), (1.0, "N m")), strict=True):
+            told = [f"{label} {factor * before:.3g} -> {factor * after:.3g} {unit}"
+                    for label, before, after in (
+                        ("fitted", row["base"], row["with_effects"]),
+                        ("held out", row["holdout_base"], row["holdout_with_effects"]))
+                    if before is not None and after is not None]
+            lines.append(f"{channel:10} rms left by the paper's terms -> with effects: "
                          f"{', '.join(told)}")
-        lines += [f"{name:10} {value:.4g} {PARAMETERS[name]}"
-                  for name, value in self.model.parameters.items()]
-        return "\n".join(lines)
-
-
-def _rms(model: UnitModel, samples: UnitSamples | None) -> list[float] | list[None]:
-    if samples is None:
-        return [None, None]
-    left = _measured(samples) - model.losses(samples)
-    found: list[float] = np.sqrt(np.mean(left**2, axis=1)).tolist()
-    return found
+        return "\n".join((*lines, *(f"{name:10} {value:.4g} {PARAMETERS[name]}"
+                                    for name, value in self.model.parameters.items())))
 
 
 def diagnose_unit(
@@ -347,8 +284,8 @@ def diagnose_unit(
 ) -> UnitDiagnosis:
     """Diagnose the gap between the loss terms of the paper and a unit.
 
-    A set of causes is called found only where it leads in six of eight deals of the samples too,
-    each without an eighth of them. A reference displacement in doubt leaves every cause unnamed.
+    A set of causes is called found only where it leads in six of eight deals too, each without an
+    eighth of the samples. A reference displacement in doubt leaves other causes unnamed.
 
     Args:
         samples: at least five.
@@ -363,19 +300,17 @@ def diagnose_unit(
             samples.kind, samples.displacement):
         raise InputError(f"{holdout.source}: a {holdout.kind} of {holdout.displacement:.4g} m3/rad "
                          f"is not the unit of {samples.source}")
-    doubt = _doubt(samples) or (None if holdout is None else _doubt(holdout))
-    notes = []
-    told = samples.pressure >= TELLING
-    if not told.all():
-        notes.append(f"{int(np.sum(~told))} samples below {TELLING:g} Pa tell no torque and were "
-                     "left out")
-        samples = samples.select(told)
+    doubt = next(filter(None, map(_doubt, filter(None, (samples, holdout)))), None)
+    dull = int(np.sum(samples.pressure < TELLING))
+    notes = [f"{dull} samples below {TELLING:g} Pa tell no torque and were left out"] * bool(dull)
+    samples = samples.select(samples.pressure >= TELLING)
     if holdout is not None:
         holdout = holdout.select(holdout.pressure >= TELLING)
     system = HydrostaticUnit(samples)
     observed = observe_unit(system, samples)
-    held = None if holdout is None else observe_unit(system, holdout)
-    found = diagnose_system(system, observed, held, notes=notes, seed=seed, progress=progress)
+    found = diagnose_system(
+        system, observed, None if holdout is None else observe_unit(system, holdout), notes=notes,
+        seed=seed, progress=progress)
     verdict, same, model = found.verdict, None, found.base
     if found.causes:
         effects, model = found.sets[0].effects, found.causes[0].model
@@ -385,15 +320,14 @@ def diagnose_unit(
         if _REFERENCE in effects:
             excess, = (effect.values()["excess"] for effect in model.effects
                        if effect.name == _REFERENCE)
-            doubt = (f"the losses are those of another displacement: the one stated is "
-                     f"{100.0 * excess:+.1f} % off")
+            doubt = f"the displacement stated is {100.0 * excess:+.1f} % off by the losses"
         elif doubt and verdict in NAMING:
             verdict = "unexplained"
-    # What states a noise would do so for the flow alone.
-    kept = tuple(note for note in found.notes if "--noise" not in note)
+    # What --noise would state is not the flow's alone.
+    kept = (note for note in found.notes if "--noise" not in note)
     warnings = (doubt,) if doubt else ()
     return UnitDiagnosis(replace(found, verdict=verdict, notes=(*warnings, *kept),
-                                 warnings=warnings), found.base, model, holdout, same)
+                                 warnings=warnings), model, holdout, same)
 
 
 def _same(
@@ -413,19 +347,19 @@ def _same(
 
 
 def _doubt(samples: UnitSamples) -> str | None:
-    """Say that less torque is lost at high pressure than friction alone takes, as the paper has it.
+    """Say that less torque is lost at high pressure than friction alone takes in the paper.
 
-    A reference displacement that is too large makes it so.
+    A displacement stated too large makes it so.
     """
     high = samples.select(samples.pressure > 0.5 * samples.pressure.max())
-    lost = np.sort(high.torque_loss / high.ideal_torque)[:_FEWEST]
+    lost = np.sort(high.torque_loss / high.ideal[1])[:_FEWEST]
     if lost.mean() >= FRICTION:
         return None
-    return (f"a torque loss of {100.0 * lost[0]:.1f} % at high pressure is less than friction "
-            f"alone takes ({100.0 * FRICTION:g} %): the displacement stated is in doubt")
+    return (f"a mechanical loss of {100.0 * lost[0]:.1f} % at high pressure is less than friction "
+            f"alone takes, {100.0 * FRICTION:g} %: the displacement stated is in doubt")
 
 
-def put_into(model: EfficiencyModel, unit: UnitModel) -> EfficiencyModel:
+def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
     """Return a transmission with a unit in it; its standard errors are the prior of a refit.
 
     What a unit loses grows with its displacement. As long as one of the two is not known its
@@ -436,27 +370,31 @@ def put_into(model: EfficiencyModel, unit: UnitModel) -> EfficiencyModel:
     """
     if model.formulation != "power_balance":
         raise InputError(f"a unit needs formulation power_balance, not {model.formulation!r}")
-    pair, kind, whole = model.stage.pump_motor, unit.system.kind, unit.system.displacement
+    pair, system = model.stage.pump_motor, unit.model.system
+    kind, samples = system.kind, unit.found.samples
     size = {"pump": pair.pump_displacement, "motor": pair.motor_displacement}
-    leakage, damping = unit.parameters.values()
-    decades, scaled_error = np.sqrt(np.diag(unit.covariance())).tolist()
+    larger = size[kind] / system.displacement
+    leakage, damping = unit.model.parameters.values()
+    decades, error = unit.errors
     tested = {**dict(model.provenance.get("units", {})), kind: {
-        "leakage_per_displacement": leakage / whole, "decades": decades,
-        "data": unit.samples.source.rsplit("/", 1)[-1], "data_sha256": unit.samples.sha256}}
-    # Of pump and motor; what is not known is like the other, within the spread of units.
-    each = [tested.get(name, {**tested[kind], "decades": float(PRIOR_SPREAD[0])}) for name in size]
+        "leakage_per_displacement": leakage / system.displacement, "decades": decades,
+        "data": samples.source.rsplit("/", 1)[-1], "data_sha256": samples.sha256}}
+    like = {**tested[kind], "decades": float(PRIOR_SPREAD[0])}
+    each = [tested.get(name, like) for name in size]
     leaks = np.array([one["leakage_per_displacement"] for one in each]) * list(size.values())
     spread = np.log(10.0) * leaks * [one["decades"] for one in each]
-    unknown = dict(zip(PARAMETER_NAMES, PRIOR_SPREAD.tolist(), strict=True))
-    errors = {**unknown, **model.standard_errors, "leakage": float(np.hypot(*spread)),
-              f"{kind}_damping": scaled_error * size[kind] / _SIZE}
+    own = f"{kind}_damping"
     values = {**{name: getattr(model.parameters, name) for name in PARAMETER_NAMES},
-              "leakage": float(leaks.sum()), f"{kind}_damping": damping * size[kind] / whole}
-    effects = [effect for effect in model.effects if effect.part != kind]
-    for effect in unit.effects:
-        if effect.component != "sensor":
-            effects.append(effect.inside(size[kind] / whole, size[kind] / max(size.values())))
+              "leakage": float(leaks.sum()), own: damping * larger}
+    errors = {**dict(zip(PARAMETER_NAMES, PRIOR_SPREAD.tolist(), strict=True)),
+              **model.standard_errors, "leakage": float(np.hypot(*spread)), own: error * larger}
+    part = size[kind] / max(size.values())  # effects reckon by the larger of the two
+    inside = [replace(effect.effect, part=kind, **{
+        item.name: effect.values()[item.name] * (part if item.unit in _OF_ANY_SIZE else larger)
+        for item in effect.sizes()}) for effect in unit.model.effects
+        if effect.component != "sensor"]
     return replace(
-        model, parameters=HydraulicParameters(**values), effects=tuple(effects),
-        standard_errors=errors, correlation=np.eye(len(PARAMETER_NAMES)),
+        model, parameters=HydraulicParameters(**values), standard_errors=errors,
+        effects=(*(effect for effect in model.effects if effect.part != kind), *inside),
+        correlation=np.eye(len(PARAMETER_NAMES)),
         provenance={**model.provenance, "source": "hmcvt unit", "units": tested})

@@ -71,9 +71,9 @@ def command(
     with closing(common.Progress("diagnosis")) as progress:
         found = diagnose_unit(samples, held, seed=seed, progress=progress)
     if into is not None and model is not None:
-        save_model(put_into(model, found.model), into)
+        save_model(put_into(model, found), into)
     if report is not None:
-        write_html(found.found, report)
+        write_html(found, report)
     if as_json:
         common.print_json(found.to_dict())
         return

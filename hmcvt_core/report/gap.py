@@ -17,10 +17,12 @@ from .style import BLUE, INK, ORANGE, Figures, few_ticks, icon, styled, to_svg
 
 Array = NDArray[np.float64]
 
-# Label and factor to what is shown, for each axis of the working space.
-_AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0),
-         "engine_speed": ("engine speed [r/min]", 1.0 / RPM),
-         "load_torque": ("load torque [N·m]", 1.0)}
+# Label, factor to what is shown, decimals and words, for each axis of the working space.
+_AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0, 2, "displacement ratio {}"),
+         "engine_speed": ("engine speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
+         "load_torque": ("load torque [N·m]", 1.0, 0, "{} N·m"),
+         "speed": ("speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
+         "pressure": ("pressure [bar]", 1e-5, 0, "{} bar")}
 _MAP = (6.9, 6.0)  # in
 _MOST_MARKS = 400
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
@@ -38,13 +40,29 @@ def _shown(samples: Any, axis: str) -> Array:
     return np.asarray(getattr(samples, axis)) * _AXES[axis][1]
 
 
+def _axes(found: Diagnosis) -> list[str]:
+    return [axis.name for axis in found.axes]
+
+
+def columns(found: Diagnosis) -> list[tuple[str, str, float, int]]:
+    """Heading, axis, factor and decimals of each column that tells a place; speeds twice."""
+    told = []
+    for name in _axes(found):
+        label, factor, digits, _ = _AXES[name]
+        told.append((label, name, factor, digits))
+        if label.endswith("[r/min]"):
+            told.append((label.replace("r/min", "rad/s"), name, 1.0, 1))
+    return told
+
+
 def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
-    columns = (*(_shown(samples, axis) for axis in _AXES), values)
-    return np.array([
-        f"displacement ratio {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
-        f"{words.fixed(load, 0)} N·m: {words.amount(found, value, sign=True)}"
-        for stroke, speed, load, value in np.column_stack(columns).tolist()])
+    rows = zip(*(_shown(samples, axis).tolist() for axis in _axes(found)), values.tolist(),
+               strict=True)
+    return np.array([", ".join(
+        _AXES[axis][3].format(words.fixed(value, _AXES[axis][2]))
+        for axis, value in zip(_axes(found), place, strict=True))
+        + f": {words.amount(found, residual, sign=True)}" for *place, residual in rows])
 
 
 def gap_map(found: Diagnosis) -> Figures:
@@ -61,9 +79,11 @@ def gap_map(found: Diagnosis) -> Figures:
     legend = [(text, icon(f"mark-{i}", partial(_scatter, kind=kind, at=[[0.5, 0.5]],
                                                height=height)))
               for i, (text, kind, height) in enumerate(entries)]
-    views = [_view(found, values, largest, *view) for view in itertools.combinations(_AXES, 2)]
-    return Figures(views, legend, ["Each mark is one sample: measured minus predicted efficiency, "
-                                   "predicted without the sample itself.", *_part(values)])
+    views = [_view(found, values, largest, *view)
+             for view in itertools.combinations(_axes(found), 2)]
+    return Figures(views, legend, ["Each mark is one sample: measured minus predicted "
+                                   f"{words.plain(found.channel.name)}, predicted without the "
+                                   "sample itself.", *_part(values)])
 
 
 def _part(values: Array) -> list[str]:
@@ -165,7 +185,8 @@ def _across(found: Diagnosis) -> tuple[str, Array]:
         span = np.ptp(getattr(found.samples, axis))
         return float(np.ptp(found.where[0].limits[axis]) / max(span, 1e-12))
 
-    axis = min(_AXES, key=width) if found.where else "engine_speed"
+    speed, = (axis for axis in _axes(found) if axis.endswith("speed"))
+    axis = min(_axes(found), key=width) if found.where else speed
     return _AXES[axis][0], _shown(found.judged, axis)
 
 
@@ -175,21 +196,23 @@ def _panel(
     known, shown = np.flatnonzero(np.isfinite(values)), _picked(values)
     rms = (f"{words.amount(found, np.sqrt(np.mean(values[known] ** 2)))} rms" if len(known)
            else "not known")
+    name_of, factor = words.plain(found.channel.name), found.channel.factor
+    reach, noise = factor * reach, factor * found.gap.noise
     with styled() as figure:
         axes = figure.subplots()
-        axes.axhspan(-200.0 * found.gap.noise, 200.0 * found.gap.noise, color="#e9edf1", lw=0.0)
+        axes.axhspan(-2.0 * noise, 2.0 * noise, color="#e9edf1", lw=0.0)
         axes.axhline(0.0, color="0.4", lw=1.0)
-        axes.scatter(across[shown], 100.0 * values[shown], s=40.0, color=BLUE, alpha=0.75,
+        axes.scatter(across[shown], factor * values[shown], s=40.0, color=BLUE, alpha=0.75,
                      edgecolors="w", linewidths=0.6, gid="sample")
         if len(known) >= _TREND_SAMPLES:
             parts = np.array_split(known[np.argsort(across[known], kind="stable")], _TREND_BINS)
             axes.plot([across[part].mean() for part in parts],
-                      [100.0 * values[part].mean() for part in parts], color="k", lw=2.4)
+                      [factor * values[part].mean() for part in parts], color="k", lw=2.4)
         axes.update_datalim(np.column_stack([across, across]))  # one range before and after
         axes.autoscale_view()
-        axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
-                 ylabel="measured minus predicted [points]")
+        axes.set(ylim=(-reach, reach), xlabel=label, title=f"{title}: {rms}",
+                 ylabel=f"measured minus predicted [{found.channel.unit}]")
         few_ticks(axes)
         texts = _in_words(found, found.judged, values)[shown].tolist()
-        return to_svg(figure, name, f"{title}: measured minus predicted efficiency over {label}",
+        return to_svg(figure, name, f"{title}: measured minus predicted {name_of} over {label}",
                       {"sample": texts})
