@@ -8,15 +8,18 @@ are candidates on the bench of a unit alone. Both hooks of drag are the same law
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from .base import Array, Effect, ShaftState, Value, shape, size
+from .base import Array, Effect, EffectParameter, ShaftState, Value, shape, size
 from .hydraulic import Compressibility, PressureFrictionStroke
 
 _PRESSURE = 20e6  # Pa, sizes are stated at this pressure
 _SPEED = 200.0  # rad/s, and at this speed
+OF_ANY_SIZE = ("-", "1/GPa")
+"""Units of sizes that are the same in small pumps and motors and in large ones."""
 
 
 class _Drag(Effect):
@@ -172,3 +175,42 @@ class CoulombStribeck(PressureFrictionStroke):
 
     def _part(self, speed: Array) -> Array:
         return np.asarray(1.0 + self.rise * np.exp(-np.abs(speed) / self.fade_speed))
+
+
+@dataclass(frozen=True)
+class Sized:
+    """An effect whose typical size is that of the paper's unit, in one of another displacement.
+
+    Attributes:
+        effect: what acts.
+        factor: displacement / that of the paper's unit: so much larger most sizes are.
+        kind: of the unit.
+    """
+
+    effect: Effect
+    factor: float
+    kind: str
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.effect, name)
+
+    @property
+    def component(self) -> str:
+        """As of the effect; of pump and motor the one on the bench."""
+        own = self.effect.component
+        return self.kind if own in ("pump", "motor") else own
+
+    def parameters(self) -> list[EffectParameter]:
+        """As of the effect, larger."""
+        return [replace(item, **{end: self.factor * getattr(item, end)
+                                 for end in ("typical", "low", "high")})
+                if item.is_size and item.unit not in OF_ANY_SIZE else item
+                for item in self.effect.parameters()]
+
+    def sizes(self) -> list[EffectParameter]:
+        """Those of the parameters that switch it off."""
+        return [item for item in self.parameters() if item.is_size]
+
+    def with_values(self, values: dict[str, float]) -> Sized:
+        """Return a copy with other parameter values."""
+        return replace(self, effect=self.effect.with_values(values))
