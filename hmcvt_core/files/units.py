@@ -166,8 +166,8 @@ def read_unit(
     given = {cell.strip().lower() for cell in cells.columns.get("kind", [])} | {kind} - {None}
     if len(given) != 1 or not given <= {*KINDS}:
         told = " and ".join(sorted(map(str, given))) or "missing"
-        raise InputError(f"{cells.source}: kind is {told}; one of {', '.join(KINDS)}, in a "
-                         "column or by --kind")
+        raise InputError(f"{cells.source}: kind is {told}; needs one of {', '.join(KINDS)}, "
+                         "in a column or by --kind")
     read = _numbers(cells, factors)
     displacement = float(read.pop("displacement")[0])
     points = {"displacement_ratio": np.ones(len(cells.rows)), **read}

@@ -40,7 +40,7 @@ def _work(at: Place, draw: Any) -> tuple[Array, Array]:
 
 
 FORMS: Mapping[str, tuple[Form, tuple[float, float]]] = {
-    "compressibility": (_work, (0.015, 0.03)),
+    "compressibility": (_work, (0.01, 0.02)),
     "pressure_leakage": (lambda at, draw: (  # gaps that open
         at.p * ((1.0 + draw(0.3, 0.8) * at.p) ** 3 - 1.0) / 3.0, 0.0), (0.015, 0.04)),
     "orifice_leakage": (lambda at, draw: (at.p ** draw(0.53, 0.6), 0.0), (0.01, 0.03)),
@@ -65,7 +65,7 @@ def simulated(names: tuple[str, ...], seed: int) -> UnitSamples:
     draw = rng.uniform
     pumps = {"compressibility", "reference_displacement"} & {*names}
     kind = "pump" if pumps else str(rng.choice(["pump", "motor"]))
-    displacement = 1e-6 * np.exp(draw(np.log(28.0), np.log(250.0))) / (2.0 * np.pi)
+    displacement = 1e-6 * float(np.exp(draw(np.log(28.0), np.log(250.0)))) / (2.0 * np.pi)
     fastest, rated = draw(5.0, 7.5) / np.cbrt(displacement), draw(280e5, 420e5)
     slowest = draw(0.02, 0.15) if {"slow_leakage", "pressure_friction"} & {*names} else 0.3
     strokes = np.array([1.0]) if rng.random() < 0.6 else np.array([0.4, 0.7, 1.0])
@@ -77,7 +77,7 @@ def simulated(names: tuple[str, ...], seed: int) -> UnitSamples:
     at = Place(p, w, stroke, fastest * w)
     # The terms of the paper: leakage, damping, and friction of one percent.
     flow = draw(0.01, 0.04) * p * 0.7
-    torque = draw(0.01, 0.04) * w + 0.01 * p * stroke
+    torque = draw(0.03, 0.08) * w + 0.01 * p * stroke
     for name in names:
         form, sizes = FORMS[name]
         size = draw(*sizes) / (1.0 if name == "reference_displacement" else 0.7)
