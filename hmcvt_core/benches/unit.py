@@ -303,8 +303,8 @@ def diagnose_unit(
     # What --noise would state is not the flow's alone.
     kept = (note for note in found.notes if "--noise" not in note)
     warnings = (doubt,) if doubt else ()
-    return UnitDiagnosis(replace(found, verdict=verdict, notes=(*warnings, *kept),
-                                 warnings=warnings), _paper(system, samples), model, holdout, same, deals)
+    told = replace(found, verdict=verdict, notes=(*warnings, *kept), warnings=warnings)
+    return UnitDiagnosis(told, _paper(system, samples), model, holdout, same, deals)
 
 
 def _paper(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:

@@ -3,68 +3,22 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import click
 
-from hmcvt_core.benches.unit import DEALS, UnitDiagnosis, diagnose_unit
+from hmcvt_core.benches.unit import DEALS
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.files.units import KINDS, UnitSamples, read_unit
 from studies.page import Goal, goal_table, render, table
 from studies.workers import workers
 
-from .simulate import FORMS, simulated
+from .judge import BAND, CHANNELS, judged, tried, units_in
+from .simulate import FORMS
 
-_BAND = 0.7
 _PAIRS = (("compressibility", "constant_torque"), ("orifice_leakage", "pressure_friction"),
           ("barrel_churning", "pressure_leakage"))
-_CHANNELS = (("flow", 6e4), ("torque", 1.0))
-
-
-def units_in(folder: Path) -> dict[str, UnitSamples]:
-    """Read every unit of every CSV file; a name of the file tells the kind where no column does."""
-    found = {}
-    for path in sorted(folder.glob("*.csv")):
-        lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
-        rows = list(csv.DictReader(lines))
-        for name in dict.fromkeys(row.get("unit", path.stem) for row in rows):
-            kind = None if "kind" in rows[0] else next(
-                kind for kind in KINDS if path.name.startswith(kind))
-            found[f"{name} ({kind})"] = read_unit(
-                path, kind=kind, unit=name if "unit" in rows[0] else None)
-    return found
-
-
-def judged(samples: UnitSamples) -> dict[str, Any]:
-    """Diagnose a unit as a whole, and fitted below a part of the highest pressure and speed."""
-    whole = diagnose_unit(samples)
-    bands = {axis: diagnose_unit(*samples.divided(axis, _BAND)) for axis in ("pressure", "speed")}
-    return {"whole": record(whole), **{axis: record(one) for axis, one in bands.items()}}
-
-
-def record(one: UnitDiagnosis) -> dict[str, Any]:
-    """What the page says of one diagnosis."""
-    found = one.found
-    errors = {}
-    for channel, factor in _CHANNELS:
-        row = {name: None if value is None else factor * value
-               for name, value in one.rmse[channel].items()}
-        part = None if row["holdout_base"] is None else (
-            1.0 - (row["holdout_with_effects"] / row["holdout_base"]) ** 2)
-        errors[channel] = {**row, "removed": part}
-    leading = found.sets[0].effects if found.sets else ()
-    return {"samples": len(found.samples), "verdict": found.verdict, "effects": leading,
-            "same": one.same, "errors": errors, "warnings": found.warnings}
-
-
-def tried(task: tuple[tuple[str, ...], int]) -> tuple[tuple[str, ...], str, tuple[str, ...]]:
-    """Diagnose a simulated unit: what it has, the verdict, and which set leads."""
-    names, seed = task
-    found = diagnose_unit(simulated(names, seed), deals=0).found
-    return names, found.verdict, found.sets[0].effects if found.sets else ()
 
 
 @click.command("units")
@@ -95,13 +49,13 @@ def written(real: dict[str, Any], answers: list[Any], kinds: list[Any], how: str
     for name, one in real.items():
         whole = one["whole"]
         left.append((name, whole["samples"], *(f"{whole['errors'][channel][key]:.2f}"
-                     for channel, _ in _CHANNELS for key in ("base", "with_effects")),
+                     for channel, _ in CHANNELS for key in ("base", "with_effects")),
                      _named(whole["effects"]), _verdict(whole),
                      "; ".join(whole["warnings"]) or "-"))
         for axis in ("pressure", "speed"):
             band = one[axis]
             rows.append((name, axis, *(
-                cell for channel, _ in _CHANNELS for cell in (
+                cell for channel, _ in CHANNELS for cell in (
                     f"{band['errors'][channel]['holdout_base']:.2f}",
                     f"{band['errors'][channel]['holdout_with_effects']:.2f}",
                     f"{100 * band['errors'][channel]['removed']:.0f} %")),
@@ -110,16 +64,16 @@ def written(real: dict[str, Any], answers: list[Any], kinds: list[Any], how: str
     for names in kinds:
         own = [(verdict, first) for hidden, verdict, first in answers if hidden == names]
         wrong = Counter(_named(first) for _, first in own if first != names)
+        others = ", ".join(f"{name} ({count})" for name, count in wrong.most_common(3))
         trials.append((_named(names), len(own), sum(first == names for _, first in own),
-                       sum(verdict == "cause_found" for verdict, _ in own),
-                       ", ".join(f"{name} ({count})" for name, count in wrong.most_common(3)) or "-"))
+                       sum(verdict == "cause_found" for verdict, _ in own), others or "-"))
     hidden = [(names, first) for names, _, first in answers if names]
     right = sum(names == first for names, first in hidden) / len(hidden)
     none = [verdict for names, verdict, _ in answers if not names]
     alarms = sum(verdict != "no_gap" for verdict in none) / len(none)
     pumps = [one["pressure"]["errors"] for name, one in real.items() if "pump" in name]
     bands = [one["pressure"]["errors"][channel]["removed"]
-             for one in real.values() for channel, _ in _CHANNELS]
+             for one in real.values() for channel, _ in CHANNELS]
     worst = max(each["flow"]["holdout_with_effects"] for each in pumps)
     goals = [
         Goal("flow loss of pumps above 70 % of the largest pressure, rms", "<= 0.35 L/min",
@@ -133,7 +87,7 @@ def written(real: dict[str, Any], answers: list[Any], kinds: list[Any], how: str
     led = Counter(effect for one in real.values() for part in one.values()
                   for effect in part["effects"])
     return render(
-        "units.md.j2", Path(__file__).parent, how=how, goals=goal_table(goals), band=100 * _BAND,
+        "units.md.j2", Path(__file__).parent, how=how, goals=goal_table(goals), band=100 * BAND,
         left=table(("unit", "points", "flow, paper's terms [L/min]", "with effects",
                     "torque, paper's terms [N m]", "with effects", "leading set", "verdict",
                     "warning"), left),

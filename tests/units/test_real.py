@@ -15,7 +15,8 @@ pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="no real units here"
 
 def band(name, kind, unit=None):
     """Fitted below 70 % of the largest pressure, predicted above."""
-    return diagnose_unit(*read_unit(FOLDER / name, kind=kind, unit=unit).divided("pressure", 0.7), deals=0)
+    samples = read_unit(FOLDER / name, kind=kind, unit=unit)
+    return diagnose_unit(*samples.divided("pressure", 0.7), deals=0)
 
 
 def removed(found, channel):
