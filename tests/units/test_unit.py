@@ -1,6 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A pump or motor through the diagnosis, and from there into a transmission."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cli.running import assert_refused
@@ -18,6 +20,7 @@ from hmcvt_core.files.units import read_unit
 from hmcvt_core.identification.evidence import Prior
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.physics.balance import BalanceSolver
+from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
 from studies.units.simulate import simulated
 
@@ -155,6 +158,21 @@ def test_the_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):
     assert wide[2] < 0.1 and wide[1] == pytest.approx(1.0)  # of their wear
     assert model.standard_errors["pump_damping"] == pytest.approx(
         found.errors[1] * 55.0 / CM3, rel=1e-6)
+    # Bench samples then refine it: what they do not say of the pump stays as tested.
+    bench, out = tmp_path / "bench.csv", tmp_path / "refined.yaml"
+    hm4 = model.stages["HM4"]
+    eps, w, load = np.array([0.1, 0.4, -0.3, 0.6, -0.6]), np.full(5, 150.0), np.full(5, 150.0)
+    true = replace(hm4, parameters=HydraulicParameters(4e-12, 0.12, hm4.parameters.pump_damping))
+    columns = np.column_stack([eps, w, load, true.efficiency(eps, w, load), np.full(5, 0.001)])
+    np.savetxt(bench, columns, delimiter=",", comments="", header="displacement_ratio,"
+               "engine_speed,load_torque,efficiency,efficiency_std")
+    save_model(hm4, tractor)
+    data = hmcvt("identify", bench, "--params", tractor, "--refine", "--out", out, "--json").json
+    assert data["error_after"] < 0.5 * data["error_before"]
+    refined = load_model(out)
+    assert refined.parameters.motor_damping == pytest.approx(0.12, rel=0.15)
+    assert refined.parameters.pump_damping == pytest.approx(
+        hm4.parameters.pump_damping, abs=2.0 * model.standard_errors["pump_damping"])
     assert list(tmp_path.glob("tractor.previous-*.yaml")), "the old file is kept"
 
 
