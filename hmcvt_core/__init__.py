@@ -9,12 +9,14 @@ SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio a
 """
 
 from .benches.transmission import diagnose, next_test, separable
+from .benches.unit import diagnose_unit
 from .benches.watch import Opening, Watch, watch
 from .diagnosis import Advice, Diagnosis, Isolability
 from .errors import HmcvtError, IdentificationError, InputError
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw import read_raw_bench
+from .files.units import read_unit
 from .identification import Identification, Schedule, identify
 from .model.domain import Domain, EfficiencyMap, Prediction
 from .model.drive_line import DriveOptimum
@@ -35,7 +37,8 @@ __all__ = [
     "EfficiencyMap", "EfficiencyModel", "Engine", "GearPair", "HmcvtError",
     "HydraulicParameters", "Identification", "IdentificationError", "InputError", "Isolability",
     "Opening", "Optimum", "Path", "Prediction", "PumpMotor", "Schedule", "ShaftState", "Stage",
-    "Value", "Watch", "__version__", "data_path", "diagnose", "identify", "load_effects",
-    "load_engine", "load_model", "load_stage", "next_test", "read_bench", "read_raw_bench",
-    "save_model", "separable", "shape", "size", "watch", "write_bench", "write_html",
+    "Value", "Watch", "__version__", "data_path", "diagnose", "diagnose_unit", "identify",
+    "load_effects", "load_engine", "load_model", "load_stage", "next_test", "read_bench",
+    "read_raw_bench", "read_unit", "save_model", "separable", "shape", "size", "watch",
+    "write_bench", "write_html",
 ]

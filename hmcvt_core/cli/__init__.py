@@ -31,6 +31,7 @@ COMMANDS = {
     "next": "choose the bench test that tells most about a gap",
     "watch": "tell whether a gap has opened, since when and how large",
     "fleet": "identify and diagnose every bench log of a folder",
+    "unit": "diagnose a single pump or motor, from its tests or a maker's table",
     "separable": "tell which effects a test plan can tell apart",
     "import": "turn the table of your bench (CSV, Excel) into bench samples",
     "import-csv": "the older name of import",

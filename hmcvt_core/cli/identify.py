@@ -11,10 +11,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import data_path
-from ..files.bench import read_bench
+from ..files.bench import BenchSamples, read_bench
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingRun
-from ..model.parameter_file import load_stage
+from ..identification.refit import refit
+from ..model.model import EfficiencyModel
+from ..model.parameter_file import load_stage, save_model
 from ..transmission.stage import Stage
 from . import common
 
@@ -54,6 +56,9 @@ Examples:
 @click.option("--params", metavar="P.yaml",
               help="Parameter file whose gear train is taken, with all its stages: BENCH.csv has a "
                    "column stage then.")
+@click.option("--refine", is_flag=True,
+              help="Take the model of --params as prior, with its standard errors and effects: "
+                   "what the samples do not say stays, such as that of a unit tested before.")
 @click.option("--out", type=common.OutputFile(), metavar="P.yaml", help="Write the parameter file.")
 @common.picture_option
 @common.seed_option
@@ -61,7 +66,7 @@ Examples:
 def command(
     bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
     gears: list[float], transmission: str | None, stage: str | None, params: str | None,
-    out: str | None, picture: str | None, seed: int, as_json: bool,
+    refine: bool, out: str | None, picture: str | None, seed: int, as_json: bool,
 ) -> None:
     """Identify leakage and dampings from bench samples.
 
@@ -74,6 +79,11 @@ def command(
                                "give one")
     common.keep_inputs([bench, transmission, params], [out, picture])
     samples = read_bench(bench)
+    if refine:
+        if params is None or fit or hold_back or gears or picture is not None:
+            raise click.UsageError("--refine goes with --params, --out, --seed and --json alone")
+        _refined(samples, common.model_from(params), out, seed, as_json)
+        return
     if fit is None:
         held_count = 0 if hold_back is None else min(
             len(samples) - 1, max(1, round(hold_back * len(samples))))
@@ -119,6 +129,29 @@ def command(
         click.echo(common.sample_table(predicted(best)))
     if out is not None:
         click.echo(f"written to {out}")
+
+
+def _refined(
+    samples: BenchSamples, prior: EfficiencyModel, out: str | None, seed: int, as_json: bool
+) -> None:
+    """Refit a model to samples with itself as prior, and tell."""
+    found = refit(samples, prior, prior, seed=seed)
+    if out is not None:
+        save_model(found.model, out)
+    told = [*found.kept, *found.warnings, *filter(None, [found.refused])]
+    parameters = found.model.parameters.to_mapping(found.model.standard_errors)
+    if as_json:
+        common.print_json({"parameters": parameters, "error_before": found.error_before,
+                           "error_after": found.error_after, "refused": found.refused or None,
+                           "notes": told})
+        return
+    click.echo(common.table(("parameter", "value", "standard error", "unit"), [
+        (name, f"{entry['value']:.4g}", f"{entry['standard_error']:.2g}", entry["unit"])
+        for name, entry in parameters.items()]))
+    click.echo(f"mean error {100 * found.error_before:.2f} % before, "
+               f"{100 * found.error_after:.2f} % refined")
+    for line in told:
+        click.echo(f"note: {line}")
 
 
 def _comparison(found: list[Identification]) -> str:

@@ -45,7 +45,7 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
         **dict.fromkeys(("schema", "checksum", "formulation", "correlation", "provenance")),
         "served": None,  # what a node adds on its topic ~/model
         "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
-        "effects": dict.fromkeys(("effect", "form", "parameters")),
+        "effects": dict.fromkeys(("effect", "form", "part", "parameters")),
         "domain": dict.fromkeys(AXES),
         "transmission": _GEAR_TRAIN,
     },

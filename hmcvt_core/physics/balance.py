@@ -139,8 +139,8 @@ class BalanceSolver(ArraySolver):
         for effect in effects:
             watts = np.asarray(
                 effect.engine_drag(state) * state.engine_speed
-                + effect.pump_drag(state) * state.pump_speed
-                + effect.motor_drag(state) * np.abs(state.motor_speed)
+                + effect.at("pump_drag", state) * state.pump_speed
+                + effect.at("motor_drag", state) * np.abs(state.motor_speed)
                 + effect.output_drag(state) * state.output_speed
             )
             losses[effect.name] = losses.get(effect.name, 0.0) + watts

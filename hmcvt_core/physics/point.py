@@ -45,7 +45,7 @@ def at_point(
             middle /= square
             inside = middle * middle - load / square
             if not inside >= 0.0 or square <= 0.0:
-                if number == DRIVEN or number == 0 and not load > stall:
+                if number == DRIVEN or (number == 0 and not load > stall):
                     continue
                 return nan, nan, nan
             output = middle + sense * sqrt(inside) if load else 2.0 * middle

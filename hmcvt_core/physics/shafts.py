@@ -271,7 +271,7 @@ class Shafts(ArrayQuadrant):
     def _sum(self, hook: str, state: ShaftState) -> Value:
         total: Value = 0.0
         for effect in self.effects:
-            total = total + getattr(effect, hook)(state)
+            total = total + effect.at(hook, state)
         return total
 
     def _geared(

@@ -17,10 +17,12 @@ from .style import BLUE, INK, ORANGE, Figures, few_ticks, icon, styled, to_svg
 
 Array = NDArray[np.float64]
 
-# Label and factor to what is shown, for each axis of the working space.
-_AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0),
-         "engine_speed": ("engine speed [r/min]", 1.0 / RPM),
-         "load_torque": ("load torque [N·m]", 1.0)}
+# Label, factor to what is shown, decimals and words, for each axis of the working space.
+_AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0, 2, "displacement ratio {}"),
+         "engine_speed": ("engine speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
+         "load_torque": ("load torque [N·m]", 1.0, 0, "{} N·m"),
+         "speed": ("speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
+         "pressure": ("pressure [bar]", 1e-5, 0, "{} bar")}
 _MAP = (6.9, 6.0)  # in
 _MOST_MARKS, _MOST_ROWS = 400, 300
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
@@ -40,18 +42,33 @@ def _shown(samples: Any, axis: str) -> Array:
 
 def _names(samples: Any) -> list[str]:
     """What each test is called: by its row in the file, if it was read from one."""
-    return ([f"row {row}" for row in samples.rows] if samples.rows else
+    return ([f"row {row}" for row in samples.rows] if getattr(samples, "rows", ()) else
             [f"test {i}" for i in range(1, len(samples) + 1)])
+
+
+def _axes(found: Diagnosis) -> list[str]:
+    return [axis.name for axis in found.axes]
+
+
+def columns(found: Diagnosis) -> list[tuple[str, str, float, int]]:
+    """Heading, axis, factor and decimals of each column that tells a place; speeds twice."""
+    told = []
+    for name in _axes(found):
+        label, factor, digits, _ = _AXES[name]
+        told.append((label, name, factor, digits))
+        if label.endswith("[r/min]"):
+            told.append((label.replace("r/min", "rad/s"), name, 1.0, 1))
+    return told
 
 
 def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
-    columns = (*(_shown(samples, axis) for axis in _AXES), values)
-    return np.array([
-        f"{name}: stroke {words.fixed(stroke, 2)}, {words.fixed(speed, 0)} r/min, "
-        f"{words.fixed(load, 0)} N·m: {words.amount(found, value, sign=True)}"
-        for name, (stroke, speed, load, value) in zip(
-            _names(samples), np.column_stack(columns).tolist(), strict=True)])
+    rows = zip(_names(samples), *(_shown(samples, axis).tolist() for axis in _axes(found)),
+               values.tolist(), strict=True)
+    return np.array([f"{name}: " + ", ".join(
+        _AXES[axis][3].format(words.fixed(value, _AXES[axis][2]))
+        for axis, value in zip(_axes(found), place, strict=True))
+        + f": {words.amount(found, residual, sign=True)}" for name, *place, residual in rows])
 
 
 def gap_map(found: Diagnosis) -> Figures:
@@ -68,9 +85,11 @@ def gap_map(found: Diagnosis) -> Figures:
     legend = [(text, icon(f"mark-{i}", partial(_scatter, kind=kind, at=[[0.5, 0.5]],
                                                height=height)))
               for i, (text, kind, height) in enumerate(entries)]
-    views = [_view(found, values, largest, *view) for view in itertools.combinations(_AXES, 2)]
-    return Figures(views, legend, ["Each mark is one sample: measured minus predicted efficiency, "
-                                   "predicted without the sample itself.", *_part(values)])
+    views = [_view(found, values, largest, *view)
+             for view in itertools.combinations(_axes(found), 2)]
+    return Figures(views, legend, ["Each mark is one sample: measured minus predicted "
+                                   f"{words.plain(found.channel.name)}, predicted without the "
+                                   "sample itself.", *_part(values)])
 
 
 def _part(values: Array) -> list[str]:
@@ -171,10 +190,10 @@ def residuals(found: Diagnosis) -> Figures:
     for i, (title, values) in enumerate(panels.items()):
         with styled() as figure:
             _panel(figure.subplots(), found, title, values, reach)
+            texts = _in_words(found, found.judged, values)[_picked(values)].tolist()
             drawings.append(to_svg(
-                figure, f"residuals-{i}", f"{title}: measured minus predicted efficiency over "
-                f"{label}", {"sample": _in_words(found, found.judged, values)[_picked(values)]
-                             .tolist()}))
+                figure, f"residuals-{i}", f"{title}: measured minus predicted "
+                f"{words.plain(found.channel.name)} over {label}", {"sample": texts}))
     return Figures(drawings, notes=_part(across))
 
 
@@ -182,13 +201,15 @@ def residual_table(found: Diagnosis) -> dict[str, Any]:
     """The residuals as a table: its head, its rows of text, and a note where not all are there."""
     samples, panels = found.judged, _panels(found)[0]
     shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST_ROWS))]
-    columns = [*(_shown(samples, axis) for axis in _AXES), 100.0 * samples.efficiency,
-               *(100.0 * values for values in panels.values())]
-    names = _names(samples)
-    return {"head": ("test", *(label for label, _ in _AXES.values()), "measured [%]",
-                     *(f"{title} [points]" for title in panels)),
-            "rows": [(names[i], *(words.fixed(column[i], digits) for column, digits in zip(
-                columns, (3, 0, 1, 2, 2, 2), strict=False))) for i in shown],
+    channel, axes, names = found.channel, _axes(found), _names(samples)
+    columns = [*(_shown(samples, axis) for axis in axes), *(
+        channel.factor * values for values in (getattr(samples, channel.name), *panels.values()))]
+    digits = [*(_AXES[axis][2] + 1 for axis in axes), 2, 2, 2]
+    unit = "%" if channel.unit == "points" else channel.unit
+    return {"head": ("test", *(_AXES[axis][0] for axis in axes), f"measured [{unit}]",
+                     *(f"{title} [{channel.unit}]" for title in panels)),
+            "rows": [(names[i], *(words.fixed(column[i], places) for column, places in zip(
+                columns, digits, strict=False))) for i in shown],
             "note": " An even part of the tests." * (len(shown) < len(samples))}
 
 
@@ -206,7 +227,8 @@ def _across(found: Diagnosis) -> tuple[str, Array]:
         span = np.ptp(getattr(found.samples, axis))
         return float(np.ptp(found.where[0].limits[axis]) / max(span, 1e-12))
 
-    axis = min(_AXES, key=width) if found.where else "engine_speed"
+    speed, = (axis for axis in _axes(found) if axis.endswith("speed"))
+    axis = min(_axes(found), key=width) if found.where else speed
     return _AXES[axis][0], _shown(found.judged, axis)
 
 
@@ -215,16 +237,18 @@ def _panel(axes: Any, found: Diagnosis, title: str, values: Array, reach: float)
     known, shown = np.flatnonzero(np.isfinite(values)), _picked(values)
     rms = (f"{words.amount(found, np.sqrt(np.mean(values[known] ** 2)))} rms" if len(known)
            else "not known")
-    axes.axhspan(-200.0 * found.gap.noise, 200.0 * found.gap.noise, color="#e9edf1", lw=0.0)
+    factor = found.channel.factor
+    reach, noise = factor * reach, factor * found.gap.noise
+    axes.axhspan(-2.0 * noise, 2.0 * noise, color="#e9edf1", lw=0.0)
     axes.axhline(0.0, color="0.4", lw=1.0)
-    axes.scatter(across[shown], 100.0 * values[shown], s=40.0, color=BLUE, alpha=0.75,
+    axes.scatter(across[shown], factor * values[shown], s=40.0, color=BLUE, alpha=0.75,
                  edgecolors="w", linewidths=0.6, gid="sample")
     if len(known) >= _TREND_SAMPLES:
         parts = np.array_split(known[np.argsort(across[known], kind="stable")], _TREND_BINS)
         axes.plot([across[part].mean() for part in parts],
-                  [100.0 * values[part].mean() for part in parts], color="k", lw=2.4)
+                  [factor * values[part].mean() for part in parts], color="k", lw=2.4)
     axes.update_datalim(np.column_stack([across, across]))  # one range before and after
     axes.autoscale_view()
-    axes.set(ylim=(-100.0 * reach, 100.0 * reach), xlabel=label, title=f"{title}: {rms}",
-             ylabel="measured minus predicted [points]")
+    axes.set(ylim=(-reach, reach), xlabel=label, title=f"{title}: {rms}",
+             ylabel=f"measured minus predicted [{found.channel.unit}]")
     few_ticks(axes)

@@ -31,8 +31,8 @@ _WAYS = ("one of your own comes with --effects MODULE_OR_FILE.py (effects_file o
          f"from an installed package through the entry-point group {GROUP}")
 
 
-def library() -> tuple[type[Effect], ...]:
-    """Return every effect class known, sorted by name and form.
+def library(units: bool = False) -> tuple[type[Effect], ...]:
+    """Return every effect class known, sorted by name and form; with `units` those of units too.
 
     A class without a size, or a subclass with neither a name nor a form of its own, is none.
     """
@@ -40,7 +40,8 @@ def library() -> tuple[type[Effect], ...]:
         importlib.import_module(f"{__name__}.{module.name}")
     _plug_ins()
     found = [effect for effect in _subclasses(Effect)
-             if effect.name and effect.sizes() and not {"name", "form"}.isdisjoint(vars(effect))]
+             if effect.name and effect.sizes() and (units or not effect.unit_only)
+             and not {"name", "form"}.isdisjoint(vars(effect))]
     return tuple(sorted(found, key=lambda effect: (effect.name, effect.form)))
 
 
@@ -101,6 +102,8 @@ def effect_to_mapping(effect: Effect) -> dict[str, Any]:
     entry: dict[str, Any] = {"effect": effect.name}
     if effect.form:
         entry["form"] = effect.form
+    if effect.part:
+        entry["part"] = effect.part
     entry["parameters"] = {
         parameter.name: {"value": effect.values()[parameter.name], "unit": parameter.unit}
         for parameter in effect.parameters()
@@ -130,11 +133,14 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
         limits = fields[key]
         value, place = quantity(entry, limits.unit, f"{where}.parameters.{key}")
         values[key] = float(Range(place, limits.low, limits.high, limits.unit).check(value))
-    return kind(**values)
+    part = str(data.get("part", ""))
+    if part not in ("", "pump", "motor"):
+        raise InputError(f"{where}.part = {part!r} is not pump or motor")
+    return kind(**values, part=part)
 
 
 def _known(name: str, form: str, where: str) -> type[Effect]:
-    every = library()
+    every = library(units=True)
     found = [effect for effect in every if (effect.name, effect.form) == (name, form)]
     if not found:
         raise InputError(f"{where}: effect = {name!r}, form = {form!r} is not known; "

@@ -104,8 +104,12 @@ class Effect:
         summary: what it does, in plain words.
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
+        unit_only: whether it is a candidate on the bench of a single pump or motor only.
         prior: how often the field meets effects of this name, against the usual ones; all forms
             of a name state the same. Other than 1 needs a count in `source`: none shipped has one.
+
+    Attributes:
+        part: `pump` or `motor` where it acts in that unit alone; empty where in both.
     """
 
     name: ClassVar[str] = ""
@@ -115,6 +119,9 @@ class Effect:
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
     prior: ClassVar[float] = 1.0
+    unit_only: ClassVar[bool] = False
+
+    part: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():
@@ -137,12 +144,25 @@ class Effect:
 
     def with_values(self, values: dict[str, float]) -> Effect:
         """Return a copy with other parameter values."""
-        return replace(self, **values)
+        changes: dict[str, Any] = {**values}
+        return replace(self, **changes)
 
     def values(self) -> dict[str, float]:
         """Return parameter values by name."""
         return {parameter.name: float(getattr(self, parameter.name))
                 for parameter in self.parameters()}
+
+    def at(self, hook: str, state: ShaftState) -> Value:
+        """What a hook of a state says; in one unit alone, as if the other stood still."""
+        if self.part:
+            other = "motor" if self.part == "pump" else "pump"
+            if hook == f"{other}_drag":
+                return 0.0
+            still = np.zeros_like(state.pressure)
+            state = state._replace(motor_speed=still) if other == "motor" else state._replace(
+                pump_speed=still, displacement_ratio=still + 1.0)
+        value: Value = getattr(self, hook)(state)
+        return value
 
     # Hooks, in the order in which the power balance meets them.
 

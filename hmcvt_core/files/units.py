@@ -1,0 +1,261 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Tests of one pump or motor: losses of flow and torque, from a bench or a maker's table."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..transmission.ranges import OIL_TEMPERATURE, Range
+from .columns import Cells, decimal_points, read_cells
+from .raw import UNITS
+
+Array = NDArray[np.float64]
+KINDS = ("pump", "motor")
+AXES = ("displacement_ratio", "speed", "pressure")
+
+METER_DEVIATION = 0.0035
+"""Standard deviation of a flow or torque against the ideal one, as a part, if nobody states it.
+
+ISO 4409, class A: errors up to 0.5 % of flow, torque, speed and pressure each; half of that is one
+deviation, and two of them make an efficiency.
+"""
+_GAUGE_DEVIATION = 5e4  # Pa; the same class near zero, as of a transmission's pressure
+
+_TURN = 2.0 * np.pi
+_CM3 = dict.fromkeys(("cm3", "cc", "cm3/r", "cc/r", "cm3/rev", "cc/rev", "ml/r"), 1e-6 / _TURN)
+_PART = UNITS["efficiency"]
+_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
+    "displacement_ratio": _PART, "stroke": _PART,
+    "displacement": {"m3/rad": 1.0, "m3/r": 1.0 / _TURN, **_CM3},
+    "speed": UNITS["engine_speed"],
+    "pressure": UNITS["pressure"],
+    "flow_loss": {"m3/s": 1.0, "l/min": 1.0 / 6e4},
+    "torque_loss": UNITS["engine_torque"],
+    "volumetric_efficiency": _PART, "volumetric": _PART,
+    "mechanical_efficiency": _PART, "mechanical": _PART,
+    "oil_temperature": UNITS["oil_temperature"],
+})
+_MEANT = {"stroke": "displacement_ratio", "volumetric": "volumetric_efficiency",
+          "mechanical": "mechanical_efficiency"}
+_LOSSES = ("flow_loss", "torque_loss")
+_EFFICIENCIES = ("volumetric_efficiency", "mechanical_efficiency")
+_RANGES = {limits.name: limits for limits in (
+    Range("displacement_ratio", 0.01, 1.0, "-", "a fraction of full stroke, not percent"),
+    Range("displacement", 1e-7, 1e-3, "m3/rad", "is it in cm3 per revolution?"),
+    Range("speed", 0.1, 1200.0, "rad/s", "is it in r/min?"),
+    Range("pressure", 0.0, 1e8, "Pa", "difference between the ports, not negative"),
+    Range("flow_loss", -0.01, 0.1, "m3/s", "is it in L/min?"),
+    Range("torque_loss", -500.0, 5000.0, "N m"),
+    # Another displacement than the one stated takes them a little above one.
+    *(Range(name, 1e-4, 1.1, "-", "a fraction, not percent") for name in _EFFICIENCIES),
+    OIL_TEMPERATURE)}
+_SIZED_SPEED = 15.0  # m/s, speed x displacement^(1/3): makers' limits lie between 3 and 10
+_LEAST_PRESSURE = 1e6  # Pa: no unit's tests end below
+TELLING = 1e5
+"""Pressure below which a mechanical efficiency tells no torque [Pa]."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitSamples:
+    """Steady points of one pump or motor; every array has shape (n,).
+
+    Attributes:
+        kind: `pump` or `motor`.
+        displacement: of full stroke, by which the losses are reckoned [m3/rad].
+        displacement_ratio, speed, pressure: [-], [rad/s], [Pa] between the ports.
+        flow_loss: what a pump does not deliver or a motor takes too much [m3/s].
+        torque_loss: what a pump takes too much or a motor does not give [N m].
+        oil_temperature: [deg C], or None.
+        noise: standard deviation of flow and torque, as a part, or None for `METER_DEVIATION`.
+        source, sha256: of the file.
+    """
+
+    kind: str
+    displacement: float
+    displacement_ratio: Array
+    speed: Array
+    pressure: Array
+    flow_loss: Array
+    torque_loss: Array
+    oil_temperature: Array | None = None
+    noise: float | None = None
+    source: str = "samples"
+    sha256: str = ""
+
+    def __len__(self) -> int:
+        return len(self.speed)
+
+    @property
+    def losses(self) -> Array:
+        """Loss of flow and of torque, shape (2, n)."""
+        return np.stack([self.flow_loss, self.torque_loss])
+
+    @property
+    def ideal(self) -> Array:
+        """Flow [m3/s] and torque [N m] without any loss, shape (2, n)."""
+        return self.displacement * self.displacement_ratio * np.stack([self.speed, self.pressure])
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation of `losses`: that of what the meters read, shape (2, n)."""
+        part = METER_DEVIATION if self.noise is None else self.noise
+        read = self.ideal + self.losses * np.array([[-1.0], [1.0]]) * sign_of(self.kind)
+        gauge = np.stack([0.0 * self.pressure, _GAUGE_DEVIATION / np.maximum(self.pressure, 1.0)])
+        return np.asarray(np.abs(read) * np.hypot(part, gauge))
+
+    def select(self, index: NDArray[Any]) -> UnitSamples:
+        """Return the samples at an index array or mask, in that order."""
+        return replace(self, **{item.name: value[index] for item in fields(self)
+                                if isinstance(value := getattr(self, item.name), np.ndarray)})
+
+    def divided(self, axis: str, part: float) -> tuple[UnitSamples, UnitSamples]:
+        """Return the samples up to a part of the highest value along an axis, and those above.
+
+        Raises:
+            InputError: none lies above, or below.
+        """
+        above = (values := getattr(self, axis)) > part * values.max()
+        if above.all() or not above.any():
+            raise InputError(f"{self.source}: {part:g} of the highest {axis} parts no samples")
+        return self.select(~above), self.select(above)
+
+
+def sign_of(kind: str) -> float:
+    """1 for a pump, -1 for a motor, whose power goes the other way."""
+    return 1.0 if kind == "pump" else -1.0
+
+
+def read_unit(
+    path: str | os.PathLike[str], *, kind: str | None = None, unit: str | None = None,
+    noise: float | None = None,
+) -> UnitSamples:
+    """Read the tests of one unit from CSV, or a maker's table.
+
+    Columns: `kind`, `displacement`, `displacement_ratio` (1 if absent), `speed`, `pressure`, and
+    `flow_loss` and `torque_loss` or `volumetric_efficiency` and `mechanical_efficiency`; optional
+    `oil_temperature`, and `unit` where the table holds several. SI, or with the unit behind the
+    name: `pressure_bar`, `speed [r/min]`, `displacement_cm3`, `flow_loss_L/min`.
+
+    Args:
+        path: CSV file, as `read_bench` takes it.
+        kind: `pump` or `motor`, where no column says so.
+        unit: which one, of several.
+        noise: standard deviation of flow and torque, as a part.
+
+    Raises:
+        InputError: the file cannot be read, a column is missing, or a value is no number, outside
+            its range, in another unit, in percent, or the efficiencies are swapped.
+    """
+    factors: dict[str, float] = {}
+
+    def names(header: list[str]) -> list[str]:
+        known = list(map(_quantity, header))
+        factors.update(known)
+        return [name for name, _ in known]
+
+    cells = _of_unit(read_cells(path, (), names), unit)
+    given = {cell.strip().lower() for cell in cells.columns.get("kind", [])} | {kind} - {None}
+    if len(given) != 1 or not given <= {*KINDS}:
+        told = " and ".join(sorted(map(str, given))) or "missing"
+        raise InputError(f"{cells.source}: kind is {told}; needs one of {', '.join(KINDS)}, "
+                         "in a column or by --kind")
+    read = _numbers(cells, factors)
+    displacement = float(read.pop("displacement")[0])
+    points = {"displacement_ratio": np.ones(len(cells.rows)), **read}
+    nothing = np.zeros(len(cells.rows))
+    samples = UnitSamples(
+        str(*given), displacement, points["displacement_ratio"], points["speed"],
+        points["pressure"], read.get("flow_loss", nothing), read.get("torque_loss", nothing),
+        read.get("oil_temperature"), noise, cells.source, cells.sha256)
+    _require_si(samples, cells)
+    if _LOSSES[0] in read:
+        return samples
+    _require_in_place(read, cells.source)
+    # Against the ideal one: what a pump gives, or a motor takes, and the torque the other way.
+    part = np.stack([read[name] for name in _EFFICIENCIES]) ** sign_of(samples.kind)
+    flow, torque = sign_of(samples.kind) * samples.ideal * np.stack([1.0 - part[0],
+                                                                     1.0 / part[1] - 1.0])
+    return replace(samples, flow_loss=flow, torque_loss=torque)
+
+
+def _quantity(cell: str) -> tuple[str, float]:
+    """Name of a column of a table, and size of its unit in SI; others stay as they are."""
+    plain = re.sub(r"[\s()\[\]:]+", "_", cell.strip()).strip("_").lower()
+    for name, units in _UNITS.items():
+        for unit, factor in {"": 1.0, **units}.items():
+            if plain == f"{name}_{unit}".lower().replace(" ", "_").rstrip("_"):
+                return _MEANT.get(name, name), factor
+    return (plain if plain in ("kind", "unit") else cell.strip()), 1.0
+
+
+def _of_unit(cells: Cells, unit: str | None) -> Cells:
+    names = cells.columns.get("unit", [unit or ""] * len(cells.rows))
+    there = ", ".join(dict.fromkeys(names))
+    rows = [i for i, name in enumerate(names) if unit in (None, name)]
+    if not rows or (unit is None and len(set(names)) > 1):
+        raise InputError(f"{cells.source}: --unit names one of {there}")
+    return cells._replace(rows=[cells.rows[i] for i in rows], columns={
+        name: [column[i] for i in rows] for name, column in cells.columns.items()})
+
+
+def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
+    pair = _LOSSES if _LOSSES[0] in cells.columns else _EFFICIENCIES
+    needed = ("displacement", "speed", "pressure", *pair)
+    missing = [name for name in needed if name not in cells.columns]
+    if missing:
+        raise InputError(
+            f"{cells.source}: column {', '.join(missing)} is missing; there is "
+            f"{', '.join(cells.columns)} (a unit may stand behind the name: pressure_bar)")
+    names = [*needed, *({"displacement_ratio", "oil_temperature"} & cells.columns.keys())]
+    cells, values = decimal_points(cells, names), {}
+    for name in names:
+        values[name] = factors[name] * cells.numbers(name)
+        cells.require_range(values[name], _RANGES[name])
+    if np.ptp(values["displacement"]) > 1e-6 * values["displacement"][0]:
+        raise InputError(f"{cells.source}: displacement differs between rows: one unit at a time")
+    return values
+
+
+def _require_si(samples: UnitSamples, cells: Cells) -> None:
+    """Refuse what is in range and yet in another unit."""
+    pressure, speed = float(samples.pressure.max()), float(samples.speed.max())
+    limit = _SIZED_SPEED / float(np.cbrt(samples.displacement))
+    told = ""
+    if pressure < _LEAST_PRESSURE:
+        told = (f"the highest pressure is {pressure:g} Pa, below {_LEAST_PRESSURE:g}: is it in bar "
+                "or MPa? (pressure_bar)")
+    elif speed > limit:
+        told = (f"the highest speed is {speed:g} rad/s, a unit of {samples.displacement:.3g} "
+                f"m3/rad runs up to {limit:.0f}: is it in r/min? (speed_rpm)")
+    else:
+        whole = samples.ideal.max(axis=1)
+        for name, loss, most in zip(_LOSSES, samples.losses, whole, strict=True):
+            if (worst := float(np.abs(loss).max())) > most:
+                told = (f"{name} = {worst:g} {_RANGES[name].unit} is more than all that the unit "
+                        f"moves, {most:.3g}: check its unit, and that of displacement")
+    if told:
+        raise InputError(f"{cells.source}: {told}")
+
+
+def _require_in_place(read: Mapping[str, Array], source: str) -> None:
+    """Refuse swapped efficiencies.
+
+    The mechanical one gains on the volumetric one with pressure, and loses with speed.
+    """
+    told = read["pressure"] > TELLING
+    speed, pressure, volumetric, mechanical = (
+        read[name][told] for name in ("speed", "pressure", *_EFFICIENCIES))
+    columns = [np.ones_like(speed), pressure / pressure.max(), speed / speed.max()]
+    slopes = np.linalg.lstsq(np.stack(columns, axis=1), mechanical - volumetric)[0]
+    if slopes[1] < slopes[2]:
+        raise InputError(f"{source}: volumetric_efficiency gains on mechanical_efficiency with "
+                         "pressure, and loses with speed: are the two columns swapped?")

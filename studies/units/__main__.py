@@ -1,0 +1,112 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`python -m studies.units DIR`: the loss terms of the paper judged on real and simulated units."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hmcvt_core.benches.unit import DEALS
+from hmcvt_core.files.atomic import write_atomically
+from studies.page import Goal, goal_table, render, table
+from studies.workers import workers
+
+from .judge import BAND, CHANNELS, judged, tried, units_in
+from .simulate import FORMS
+
+_PAIRS = (("compressibility", "constant_torque"), ("orifice_leakage", "pressure_friction"),
+          ("barrel_churning", "pressure_leakage"))
+
+
+@click.command("units")
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--campaigns", type=click.IntRange(1), default=20, show_default=True,
+              help="Simulated units of each kind; four times as many without an effect.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True)
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=None)
+def command(folder: Path, campaigns: int, seed: int, jobs: int, out: Path | None) -> None:
+    """Judge the terms on every unit of DIR and on simulated ones."""
+    samples = units_in(folder)
+    kinds = [*((name,) for name in FORMS), *_PAIRS]
+    tasks = [(names, 1000 * seed + 100_000 * i + j) for i, names in enumerate(kinds, 1)
+             for j in range(campaigns)] + [((), 1000 * seed + j) for j in range(4 * campaigns)]
+    with workers(jobs) as pool:
+        real = dict(zip(samples, pool.map(judged, samples.values()), strict=True))
+        answers = list(pool.map(tried, tasks, chunksize=4))
+    page = written(real, answers, kinds, f"--campaigns {campaigns} --seed {seed}")
+    click.echo(page)
+    if out is not None:
+        write_atomically(out, page)
+
+
+def written(real: dict[str, Any], answers: list[Any], kinds: list[Any], how: str) -> str:
+    """Return the page."""
+    rows, left = [], []
+    for name, one in real.items():
+        whole = one["whole"]
+        left.append((name, whole["samples"], *(f"{whole['errors'][channel][key]:.2f}"
+                     for channel, _ in CHANNELS for key in ("base", "with_effects")),
+                     _named(whole["effects"]), _verdict(whole),
+                     "; ".join(whole["warnings"]) or "-"))
+        for axis in ("pressure", "speed"):
+            band = one[axis]
+            rows.append((name, axis, *(
+                cell for channel, _ in CHANNELS for cell in (
+                    f"{band['errors'][channel]['holdout_base']:.2f}",
+                    f"{band['errors'][channel]['holdout_with_effects']:.2f}",
+                    f"{100 * band['errors'][channel]['removed']:.0f} %")),
+                _named(band["effects"]), _verdict(band)))
+    trials = []
+    for names in kinds:
+        own = [(verdict, first) for hidden, verdict, first in answers if hidden == names]
+        wrong = Counter(_named(first) for _, first in own if first != names)
+        others = ", ".join(f"{name} ({count})" for name, count in wrong.most_common(3))
+        trials.append((_named(names), len(own), sum(first == names for _, first in own),
+                       sum(verdict == "cause_found" for verdict, _ in own), others or "-"))
+    hidden = [(names, first) for names, _, first in answers if names]
+    right = sum(names == first for names, first in hidden) / len(hidden)
+    none = [verdict for names, verdict, _ in answers if not names]
+    alarms = sum(verdict != "no_gap" for verdict in none) / len(none)
+    pumps = [one["pressure"]["errors"] for name, one in real.items() if "pump" in name]
+    bands = [one["pressure"]["errors"][channel]["removed"]
+             for one in real.values() for channel, _ in CHANNELS]
+    worst = max(each["flow"]["holdout_with_effects"] for each in pumps)
+    goals = [
+        Goal("flow loss of pumps above 70 % of the largest pressure, rms", "<= 0.35 L/min",
+             f"{worst:.2f} L/min", worst <= 0.35),
+        Goal("least part of the squared gap removed there, any unit and channel", ">= 60 %",
+             f"{100 * min(bands):.0f} %", min(bands) >= 0.6),
+        Goal("simulated units: right set first", ">= 85 %", f"{100 * right:.0f} % of {len(hidden)}",
+             right >= 0.85),
+        Goal("simulated units without an effect: false alarms", "<= 5 %",
+             f"{100 * alarms:.0f} % of {len(none)}", alarms <= 0.05)]
+    led = Counter(effect for one in real.values() for part in one.values()
+                  for effect in part["effects"])
+    return render(
+        "units.md.j2", Path(__file__).parent, how=how, goals=goal_table(goals), band=100 * BAND,
+        left=table(("unit", "points", "flow, paper's terms [L/min]", "with effects",
+                    "torque, paper's terms [N m]", "with effects", "leading set", "verdict",
+                    "warning"), left),
+        bands=table(("unit", "held out", "flow, paper's terms [L/min]", "with effects", "removed",
+                     "torque, paper's terms [N m]", "with effects", "removed", "leading set",
+                     "verdict"), rows),
+        trials=table(("hidden", "units", "leads", "cause found", "else"), trials),
+        led=", ".join(f"{_named([name])} {count}" for name, count in led.most_common()),
+        fits=3 * len(real))
+
+
+def _named(effects: Any) -> str:
+    return " + ".join(name.replace("_", " ") for name in effects) or "none"
+
+
+def _verdict(one: dict[str, Any]) -> str:
+    same = "" if one["same"] is None else f" ({one['same']} of {DEALS} deals)"
+    return one["verdict"].replace("_", " ") + same
+
+
+if __name__ == "__main__":
+    command()

@@ -1,0 +1,38 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Real pumps and motors, where the folder is at hand: HMCVT_REAL_UNITS names it (docs/units.md)."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from hmcvt_core.benches.unit import diagnose_unit
+from hmcvt_core.files.units import read_unit
+
+FOLDER = Path(os.environ.get("HMCVT_REAL_UNITS", Path(__file__).parents[4] / "shared" / "real"))
+pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="no real units here")
+
+
+def band(name, kind, unit=None):
+    """Fitted below 70 % of the largest pressure, predicted above."""
+    samples = read_unit(FOLDER / name, kind=kind, unit=unit)
+    return diagnose_unit(*samples.divided("pressure", 0.7), deals=0)
+
+
+def removed(found, channel):
+    row = found.rmse[channel]
+    return 1.0 - (row["holdout_with_effects"] / row["holdout_base"]) ** 2
+
+
+def test_a_pump_is_predicted_beyond_the_pressures_fitted():
+    found = band("pump_asw062.csv", "pump")
+    flow = found.rmse["flow"]
+    assert flow["holdout_base"] > 0.5 / 6e4 and flow["holdout_with_effects"] < 0.35 / 6e4
+    assert removed(found, "flow") > 0.6 and removed(found, "torque") > 0.6
+    assert not found.found.warnings
+
+
+def test_a_motor_loses_what_oil_is_squeezed():
+    found = band("motors_s4d_c7.csv", "motor", "S4D")
+    assert "compressibility" in found.found.sets[0].effects
+    assert removed(found, "flow") > 0.9
