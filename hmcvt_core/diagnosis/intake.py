@@ -117,10 +117,11 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
 
 def _together(some: Array, place: Array) -> bool:
     """Whether some of very many places lie in a part of the range: a gap narrower than a cell."""
+    if place.shape[1] <= LARGE or not some.size:
+        return False
     from scipy.stats import ks_2samp
 
-    return place.shape[1] > LARGE and some.size > 0 and any(
-        ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))
+    return any(ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))
 
 
 def _nearest(place: Array) -> NDArray[np.intp]:

@@ -165,7 +165,7 @@ def diagnose_system(
               for axis, row in zip(observed.steered, observed.whole.place, strict=True)}
     advice = advise(base, ranking, system.candidates(observed.points, base.base))
     field = GapField.of(base, ranking.entries())
-    expected = field.at(observed.points)[0]
+    expected = field.at()[0]
     return Diagnosis(
         gap, _where(study, expected), verdict, _causes(study, verdict),
         _sets(study) if study.significant else (), shrunk, delivered, _next_tests(advice),

@@ -109,11 +109,11 @@ class _Search:
 
 def _lack_of_fit(search: _Search, white: Array) -> float:
     """Chance of so much scatter at the noise stated (F test, worth of the statement counted)."""
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     left = search.fit.left(white[None])[0, :white.shape[1]] * search.root[0]
     free = float(search.free[0])
-    return float(f.sf(np.sum(left**2) / free, free, search.trust[0]))
+    return float(fdtrc(free, search.trust[0], np.sum(left**2) / free))
 
 
 def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
