@@ -8,7 +8,7 @@ exact refit decides, and whoever leads is asked what may stand beside it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -160,14 +160,9 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     def weight(names: Names) -> float:
         return found[names][0].log + found[names][1]
 
-    def refitted(proposals: Sequence[Proposal], level: float = 0.0) -> None:
-        best, short = max(map(weight, found), default=-math.inf), 0.0
+    def refitted(proposals: Iterable[Proposal]) -> None:
         for each in proposals:
-            # The screen falls short of the refit by no more than it did for those before.
-            if level + each.gain + short < best - _HOPELESS:
-                break
             rival = explanation(each.refit())
-            best, short = max(best, rival.log), max(short, rival.log - each.gain - level)
             if rival.names not in found or rival.log + each.price > weight(rival.names):
                 found[rival.names] = rival, each.price
                 refined.discard(rival.names)
@@ -182,17 +177,16 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
         sized = [names for names in found if len(names) == size]
         return sorted(sized, key=weight, reverse=True)[:count]
 
-    alone, level = screen(base, library), nothing(base).log
-    refitted(_promising(_distinct(alone, by_form=True))[:_KINDS], level)
+    alone = screen(base, library)
+    refitted(_promising(_distinct(alone, by_form=True))[:_KINDS])
     for names in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item.effects[0].name in names
-                             and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS],
-                 level)
+                             and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS])
     largest = int(base.observed.count.sum()) // _SAMPLES_EACH
     if largest > 1:  # two that hold the leader are found from it, below
         (first,), = leaders(1, 1)
         refitted([item for item in _promising(_distinct(screen(base, library, 2)))
-                  if first not in {effect.name for effect in item.effects}][:_SETS], level)
+                  if first not in {effect.name for effect in item.effects}][:_SETS])
     for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
         refitted(_distinct(sorted((
             each._replace(gain=rival.log + each.gain, price=each.price + found[rival.names][1])
