@@ -28,7 +28,6 @@ from .result import (
     CauseSet,
     Delivered,
     Gap,
-    NextTest,
     Region,
     ShrinkageSummary,
 )
@@ -36,7 +35,6 @@ from .rivals import Rival
 from .shrinkage import cross_validated_errors, deals, shrinkage
 from .significance import Significance, significance
 from .system import Effect, Points, System
-from .words import named
 
 Array = NDArray[np.float64]
 
@@ -168,7 +166,7 @@ def diagnose_system(
     expected = field.at()[0]
     return Diagnosis(
         gap, _where(study, expected), verdict, _causes(study, verdict),
-        _sets(study) if study.significant else (), shrunk, delivered, _next_tests(advice),
+        _sets(study) if study.significant else (), shrunk, delivered, advice.next_tests,
         advice, ranking.unlisted if study.significant else 0.0,
         ranking.misfit if study.significant else 0.0,
         _lost_power(study, verdict, expected), tuple(warnings),
@@ -237,15 +235,6 @@ def _sets(study: _Study) -> tuple[CauseSet, ...]:
     return tuple(CauseSet(names, p, *(
         (shrunk[names].after, shrunk[names].fraction) if names in shrunk else (None, None)))
         for names, (_, p) in study.ranking.sets.items())
-
-
-def _next_tests(advice: Advice) -> tuple[NextTest, ...]:
-    tests = [NextTest(item.point, (named(item.separates[0]), named(item.separates[1])),
-                      item.information) for item in advice.tests]
-    if advice.measure is not None and len(advice.alive) > 1:
-        tests.append(NextTest(None, (named(advice.alive[0][0]), named(advice.alive[1][0])), 0.0,
-                              advice.measure))
-    return tuple(tests)
 
 
 def _errors_on(

@@ -86,8 +86,7 @@ class Ranking:
 
     def is_misfit(self, rival: Rival) -> bool:
         """Whether a rival is a base model that is a little off and nothing else."""
-        return not rival.names and len(getattr(rival.beside, "channels", ())) == len(
-            rival.fit.observed.readings)
+        return not rival.names and rival.beside is not None and rival.beside.of_base
 
     @cached_property
     def misfit(self) -> float:

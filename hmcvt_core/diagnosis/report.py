@@ -10,7 +10,8 @@ from dataclasses import fields
 from typing import Any
 
 from . import words
-from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
+from .advice import NextTest
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Outcome
 
 _TOLD_SET, _SETS = 0.01, 5
 _DETAILED = 3  # causes told at length; the page has all
@@ -100,10 +101,9 @@ def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
         f"{each.separates[0]} from {each.separates[1]}" for each in tests))
     if not test.point:
         return f"{test.measure}: tells {told}"
-    place = ", ".join(axis.told.format(test.point[axis.name], axis.second * test.point[axis.name])
-                      for axis in found.axes)
     extra = f", with {test.measure} read" if test.measure else ""
-    return f"{place}{extra}: tells {told}, gain {max(each.gain for each in tests):.1f}"
+    gain = max(each.gain for each in tests)
+    return f"{words.point_of(test, found.axes)}{extra}: tells {told}, gain {gain:.1f}"
 
 
 class Diagnosis(Outcome):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .advice import Advice
+from .advice import Advice, NextTest
 from .gap_field import GapField
 from .system import Axis, Channel
 
@@ -152,23 +152,6 @@ class ShrinkageSummary:
     fraction: float | None
     interval: tuple[float, float] | None
     on: str
-
-
-@dataclass(frozen=True)
-class NextTest:
-    """A test worth making.
-
-    Attributes:
-        point: where, by the name of the axis; None when no point helps.
-        separates: the two explanations it tells apart best, each its effects in words.
-        gain: information expected on which explanation is right [nats].
-        measure: a calibration or measurement beside the plan, or None.
-    """
-
-    point: Mapping[str, float] | None
-    separates: tuple[str, str]
-    gain: float
-    measure: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

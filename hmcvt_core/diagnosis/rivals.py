@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,13 +72,6 @@ def weigh(
             for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)]
 
 
-class Unlisted(Protocol):
-    """A loss that nobody listed."""
-
-    def columns(self, points: Observations) -> Array:
-        """Change of the readings / deviation by each coefficient, shape (channels, n, m)."""
-
-
 @dataclass(frozen=True, eq=False)
 class Rival:
     """One explanation.
@@ -95,7 +88,7 @@ class Rival:
     weighed: Linear
     plain: Linear
     log: float
-    beside: Unlisted | None = None
+    beside: Loss | None = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -255,55 +248,48 @@ def exact(rival: Rival) -> Rival:
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothLoss:
-    """A loss that varies smoothly over the working space of a campaign, in some channels.
+class Loss:
+    """A loss that nobody listed, in some channels: smooth over a working space, or inside a box.
 
     Attributes:
-        channels: their indices.
         campaign: whose working space it is.
+        channels: their indices.
+        box: limits of the place, shape (2, axes); None for a smooth one.
+        of_base: whether it is what a base model that is a little off leaves.
     """
 
-    channels: tuple[int, ...]
     campaign: Observations
+    channels: tuple[int, ...]
+    box: Array | None = None
+    of_base: bool = False
 
     def columns(self, points: Observations) -> Array:
-        """As `Unlisted`: the functions for one channel after another."""
-        functions = self.campaign.smooth[0] if points is self.campaign else smooth_functions(
-            points.place, SMOOTH_DEGREE, self.campaign.place)[0]
+        """Change of the readings / deviation by each coefficient, shape (channels, n, m).
+
+        Those of one channel after another.
+        """
+        functions = self._functions(points)
         m = functions.shape[1]
         own = np.zeros((len(points.readings), len(functions), m * len(self.channels)))
         for k, i in enumerate(self.channels):
             own[i, :, k * m:(k + 1) * m] = functions * points.readings[i].unit_loss[:, None]
         return own
 
-    def spread(self, scale: float) -> Array:
-        """Prior standard deviations in one channel: the rougher, the smaller."""
-        return np.asarray(scale * 2.0 ** -(self.campaign.smooth[1] - 1.0).clip(0.0) / 2.0)
+    def _functions(self, points: Observations) -> Array:
+        if self.box is not None:
+            low, high = self.box[..., None]
+            inside = (points.place >= low) & (points.place <= high)
+            return inside.all(axis=0)[:, None].astype(float)
+        return self.campaign.smooth[0] if points is self.campaign else smooth_functions(
+            points.place, SMOOTH_DEGREE, self.campaign.place)[0]
+
+    def spread(self, *scales: float) -> Array:
+        """Prior standard deviations of a smooth one, by channel: the rougher, the smaller."""
+        rough = 2.0 ** -(self.campaign.smooth[1] - 1.0).clip(0.0) / 2.0
+        return np.asarray(np.outer(scales, rough).ravel())
 
 
-@dataclass(frozen=True, eq=False)
-class LocalLoss:
-    """A loss inside a box, in one channel.
-
-    Attributes:
-        channel: its index.
-        low, high: limits, shape (axes,).
-    """
-
-    channel: int
-    low: Array
-    high: Array
-
-    def columns(self, points: Observations) -> Array:
-        """As `Unlisted`: one column."""
-        place = points.place.T
-        own = np.zeros((len(points.readings), len(place), 1))
-        own[self.channel, :, 0] = points.readings[self.channel].unit_loss * np.all(
-            (place >= self.low) & (place <= self.high), axis=1)
-        return own
-
-
-def _with_loss(rival: Rival, loss: Unlisted, spreads: Iterable[Array]) -> Rival:
+def _with_loss(rival: Rival, loss: Loss, spreads: Iterable[Array]) -> Rival:
     """Weigh a rival with a loss beside it, under several priors."""
     observed, found = rival.fit.observed, []
     for model in (rival.weighed, rival.plain):
@@ -317,11 +303,10 @@ def _with_loss(rival: Rival, loss: Unlisted, spreads: Iterable[Array]) -> Rival:
                  log_mean([item.log for item in found[0]]), loss)
 
 
-def base_misfit(observed: Observations) -> tuple[SmoothLoss, Array]:
+def base_misfit(observed: Observations) -> tuple[Loss, Array]:
     """A base model that is a little off in every channel, and its prior deviations."""
-    loss = SmoothLoss(tuple(range(len(observed.readings))), observed)
-    return loss, np.concatenate([loss.spread(reading.channel.misfit_spread)
-                                 for reading in observed.readings])
+    loss = Loss(observed, tuple(range(len(observed.readings))), of_base=True)
+    return loss, loss.spread(*(reading.channel.misfit_spread for reading in observed.readings))
 
 
 def misfitting(bare: Rival) -> Rival:
@@ -333,7 +318,7 @@ def misfitting(bare: Rival) -> Rival:
 def fields(rival: Rival) -> list[Rival]:
     """Weigh a smooth loss that nobody listed beside a rival, channel by channel."""
     observed = rival.fit.observed
-    losses = [SmoothLoss((i,), observed) for i in range(len(observed.readings))]
+    losses = [Loss(observed, (i,)) for i in range(len(observed.readings))]
     return [_with_loss(rival, loss, [loss.spread(scale) for scale in reading.channel.field_spreads])
             for loss, reading in zip(losses, observed.readings, strict=True)]
 
@@ -363,6 +348,6 @@ def local(rival: Rival, boxes: Regions) -> Rival | None:
     ends = observed.place.min(axis=1), observed.place.max(axis=1)
     low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
     high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
-    found = _with_loss(rival, LocalLoss(channel, low, high), [
+    found = _with_loss(rival, Loss(observed, (channel,), np.stack([low, high])), [
         np.array([scale]) for scale in observed.readings[channel].channel.step_spreads])
     return replace(found, log=found.log + log_mean(np.ravel(gains)) - float(np.max(gains)))

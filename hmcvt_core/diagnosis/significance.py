@@ -30,14 +30,12 @@ class Significance(NamedTuple):
 
     Attributes:
         p_value: of the largest statistic over regions and effects together.
-        region_z: studentised mean residual of each region in the channel where it is largest,
+        region_channel: the one in which the mean residual of each region, studentised, is largest,
             shape (boxes,).
-        region_channel: that channel, shape (boxes,).
         region_p: family-wise p value of each region, shape (boxes,).
     """
 
     p_value: float
-    region_z: Array
     region_channel: NDArray[np.intp]
     region_p: Array
 
@@ -56,7 +54,7 @@ def significance(
     observed, search = fit.observed, _Search(fit, boxes)
     p, white = len(fit.theta), fit.target / np.sqrt(fit.noise)[:, None]
     *own, effects = search.statistics(white[None], np.zeros((1, p)))
-    z = np.concatenate(own)
+    z = np.concatenate(own)  # of boxes by channel
     rng = np.random.default_rng(seed)
     tops = []
     for start in range(0, replicates, _CHUNK):
@@ -72,9 +70,8 @@ def significance(
     if len(observed) < FEW:
         # Two looks: shape and size.
         p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, white)))
-    channel = np.abs(z).argmax(axis=0)
-    z = np.take_along_axis(z, channel[None], 0)[0]
-    return Significance(float(p_value), z, channel, _p_values(null[0], np.abs(z)))
+    return Significance(float(p_value), np.abs(z).argmax(axis=0),
+                        _p_values(null[0], np.abs(z).max(axis=0)))
 
 
 class _Search:

@@ -113,7 +113,6 @@ class Effect(Protocol):
     name: ClassVar[str]
     form: ClassVar[str]
     component: ClassVar[str]
-    prior: ClassVar[float]
     summary: ClassVar[str]
     source: ClassVar[str]
     remedy: ClassVar[str]
