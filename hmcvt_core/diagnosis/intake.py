@@ -100,11 +100,13 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
         observed: the bench.
         whitened: residuals of the refitted base model, shape (channels, n).
     """
+    from scipy.spatial import cKDTree
+
     n = whitened.shape[1]
     if n < FEW:
         return np.array([], dtype=np.intp)
     place = scaled_to_extent(observed.place)
-    nearest = _nearest(place.T)
+    nearest = cKDTree(place.T).query(place.T, _NEIGHBOURS + 1)[1][:, 1:]
     flagged = np.zeros(n, dtype=bool)
     for row in whitened:
         apart = row - np.median(row[nearest], axis=1)
@@ -122,12 +124,3 @@ def _together(some: Array, place: Array) -> bool:
     from scipy.stats import ks_2samp
 
     return any(ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))
-
-
-def _nearest(place: Array) -> NDArray[np.intp]:
-    if len(place) > LARGE:  # all distances would not fit
-        from scipy.spatial import cKDTree
-
-        return np.asarray(cKDTree(place).query(place, _NEIGHBOURS + 1)[1][:, 1:])
-    distance = np.sum((place[:, None] - place[None, :]) ** 2, axis=2)
-    return np.argsort(distance, axis=1)[:, 1:_NEIGHBOURS + 1]

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -15,7 +14,6 @@ from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Outcome
 
 _TOLD_SET, _SETS = 0.01, 5
 _DETAILED = 3  # causes told at length; the page has all
-_POINTS, _TESTS = 4, 5  # most points, most tests told; the page has all
 _WIDTH, _MARGIN = 100, 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
@@ -80,30 +78,18 @@ def _causes(found: Outcome) -> list[str]:
 
 
 def _tests(found: Outcome) -> list[str]:
-    """The first few of the next tests: points, then measurements beside the plan."""
-    merged: dict[tuple[object, ...], list[NextTest]] = {}
-    for test in found.next_tests:
-        place = None if test.point is None else tuple(test.point.values())
-        merged.setdefault((place, test.measure), []).append(test)
-    groups = sorted(merged.values(), key=lambda tests: -max(test.gain for test in tests))
-    if not groups:
+    if not found.next_tests:
         return []
     gain = (" (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
-            "halves the choice)") if groups[0][0].point else ""
-    points = [tests for tests in groups if tests[0].point][:_POINTS]
-    beside = [tests for tests in groups if not tests[0].point][:_TESTS - len(points)]
-    return [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in points + beside)]
+            "halves the choice)") if found.next_tests[0].point else ""
+    return [f"next tests{gain}", *(f"  {_test(found, test)}" for test in found.next_tests)]
 
 
-def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
-    test = tests[0]
-    told = " and ".join(dict.fromkeys(
-        f"{each.separates[0]} from {each.separates[1]}" for each in tests))
+def _test(found: Outcome, test: NextTest) -> str:
+    told = "tells " + " from ".join(test.separates)
     if not test.point:
-        return f"{test.measure}: tells {told}"
-    extra = f", with {test.measure} read" if test.measure else ""
-    gain = max(each.gain for each in tests)
-    return f"{words.point_of(test, found.axes)}{extra}: tells {told}, gain {gain:.1f}"
+        return f"{test.measure}: {told}"
+    return f"{words.point_of(test, found.axes)}: {told}, gain {test.gain:.1f}"
 
 
 class Diagnosis(Outcome):
