@@ -159,8 +159,6 @@ def diagnose_system(
         before, after = observed.at_samples(before), observed.at_samples(after)
     gap = Gap(len(residuals), _rms(residuals), study.scatter, observed.whole.usual_noise,
               observed.noise_source, found.p_value, study.significant)
-    extent = {axis.name: (float(row.min()), float(row.max()))
-              for axis, row in zip(observed.steered, observed.whole.place, strict=True)}
     advice = advise(base, ranking, system.candidates(observed.points, base.base))
     field = GapField.of(base, ranking.entries())
     expected = field.at()[0]
@@ -172,8 +170,7 @@ def diagnose_system(
         _lost_power(study, verdict, expected), tuple(warnings),
         (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
-        _model_of(base), field, observed.samples, residuals, judged.samples, before, after,
-        observed.steered, extent, observed.readings[0].channel)
+        _model_of(base), field, observed.samples, residuals, judged.samples, before, after)
 
 
 def next_test(

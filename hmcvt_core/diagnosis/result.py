@@ -174,8 +174,6 @@ class Outcome:
         residuals: measured - predicted of the refitted base model at each of them, left out, (n,).
         judged: the samples by which the shrinkage is measured, of the holdout or the same;
             `residuals_before`, `residuals_after` are theirs.
-        axes: of the operating points; `extent` how far the samples reach along each.
-        channel: the one in which the gap is measured.
     """
 
     gap: Gap
@@ -199,9 +197,22 @@ class Outcome:
     judged: Any
     residuals_before: Array
     residuals_after: Array
-    axes: tuple[Axis, ...]
-    extent: Mapping[str, tuple[float, float]]
-    channel: Channel
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Of the operating points."""
+        return self.field.base.observed.steered
+
+    @property
+    def extent(self) -> dict[str, tuple[float, float]]:
+        """How far the samples reach along each of `axes`."""
+        return {axis.name: (float(row.min()), float(row.max())) for axis, row in zip(
+            self.axes, self.field.base.observed.whole.place, strict=True)}
+
+    @property
+    def channel(self) -> Channel:
+        """The one in which the gap is measured."""
+        return self.field.base.observed.readings[0].channel
 
     def gap_at(self, *place: Array | float, **named: Array | float) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at any operating point.
