@@ -138,7 +138,7 @@ class Proposal(NamedTuple):
         start: the refit that they are added to.
         added: the forms, and what they change.
         price: log of the mean over all forms of these names against the best.
-        mean: of the parameters, those of the start first and then a size for each form.
+        mean: of the parameters, the sizes of the forms last.
     """
 
     gain: float
@@ -155,11 +155,8 @@ class Proposal(NamedTuple):
     def refit(self, opposite: bool = False) -> Fit:
         """Refit from where the linear approximation ends, with the slopes that it has."""
         hypothesis = Hypothesis(self.start.hypothesis.system, self.effects, opposite)
-        sizes = [len(form.sizes()) for form, _ in self.added]
-        theta = np.repeat(self.mean, [1] * len(self.start.theta) + sizes)
-        slopes = np.stack([change / count for (_, change), count in zip(
-            self.added, sizes, strict=True) for _ in range(count)], axis=-1)
-        return refit(hypothesis, self.start.observed, theta,
+        slopes = np.stack([change for _, change in self.added], axis=-1)
+        return refit(hypothesis, self.start.observed, self.mean,
                      np.concatenate([self.start.jacobian, slopes], axis=-1))
 
 
