@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -87,12 +87,14 @@ class NextTest:
         separates: the two explanations it tells apart best, each its effects in words.
         gain: information expected on which explanation is right [nats].
         measure: a calibration or measurement beside the plan, or None.
+        setting: label along each axis that has some.
     """
 
     point: Mapping[str, float] | None
     separates: tuple[str, str]
     gain: float
     measure: str | None = None
+    setting: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,8 @@ class Advice:
         """Return the JSON object of `hmcvt next --json`."""
         return {
             "stop": self.stop, "reason": self.reason,
-            "test": {**(self.tests[0].point or {}), "stage": None, "channels": list(self.channels)}
+            "test": {**(self.tests[0].point or {}), "stage": None, **self.tests[0].setting,
+                     "channels": list(self.channels)}
             if self.tests and not self.stop else None,
             "measure": self.measure,
             "alive": [{"effects": list(names), "probability": p} for names, p in self.alive],
@@ -197,7 +200,9 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
         pair = np.unravel_index(int(np.argmax(weight)), weight.shape)
         tests.append(NextTest(
             {axis.name: float(pool.points[axis.name][best]) for axis in pool.steered},
-            (named(names[int(pair[0])]), named(names[int(pair[1])])), float(information[best])))
+            (named(names[int(pair[0])]), named(names[int(pair[1])])), float(information[best]),
+            setting={axis.name: axis.labels[int(pool.points[axis.name][best])]
+                     for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
     short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
     return answer(None, tests, None, math.ceil(max(1.0, short / max(

@@ -21,7 +21,7 @@ _SETTLED = 2.0  # standard errors from which a drift of a base parameter is wort
 def _fields(value: Any) -> dict[str, Any]:
     """What JSON has under the name of a field; a place is told axis by axis, a model not at all."""
     return {item.name: getattr(value, item.name) for item in fields(value)
-            if item.name not in ("limits", "point", "model")}
+            if item.name not in ("limits", "point", "setting", "model")}
 
 
 def _wrapped(line: str) -> str:

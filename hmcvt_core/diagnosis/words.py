@@ -86,8 +86,8 @@ def listed(names: Sequence[str], last: str = "or") -> str:
 def point_of(test: NextTest, axes: Sequence[Axis]) -> str:
     """Return the point of a test."""
     point = test.point or {}
-    return ", ".join(axis.told.format(point[axis.name], axis.second * point[axis.name])
-                     for axis in axes)
+    told = [axis.told.format(point[axis.name], axis.second * point[axis.name]) for axis in axes]
+    return ", ".join([*told, *map(" ".join, test.setting.items())])
 
 
 def advice(found: Advice) -> str:
