@@ -29,7 +29,7 @@ REFUSED = 100.0
 More than any misfit, or refits to a large gap would hide the worst points where there is none.
 """
 
-_FIRST_SIZE = _SCREENED_SIZE = 0.1  # in typical sizes
+_SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _PASSES = 12
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
@@ -64,7 +64,7 @@ class Hypothesis:
 
     @property
     def _sizes(self) -> list[Any]:
-        return [item for effect in self.effects for item in effect.sizes()]
+        return [effect.sizes()[0] for effect in self.effects]
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -86,9 +86,8 @@ class Hypothesis:
 
     def with_sizes(self, scaled: Array) -> tuple[Effect, ...]:
         """Return the effects at sizes given in typical ones."""
-        values = iter(scaled.tolist())
-        return tuple(effect.with_values({item.name: next(values) * item.typical
-                                         for item in effect.sizes()}) for effect in self.effects)
+        return tuple(effect.with_values({item.name: value * item.typical}) for effect, item, value
+                     in zip(self.effects, self._sizes, scaled.tolist(), strict=True))
 
     def predict(self, theta: Array, points: Points) -> Array:
         """Return every channel, shape (channels, n)."""
@@ -152,15 +151,13 @@ class Fit:
 
     @cached_property
     def signatures(self) -> list[Signature]:
-        """Every form of the library that can show."""
+        """Every form of the library that can show beside the base model."""
         observed, system, found = self.observed, self.hypothesis.system, list[Signature]()
-        here = observed.whiten(self.hypothesis.predict(self.theta, observed.points))
+        # The refit leaves little of an effect: the slope that counts is that of a small one.
+        theta = np.append(self.base, _SCREENED_SIZE)
         for form in (form for kind in system.library for form in forms_of(kind)):
-            # The refit leaves little of an effect: the slope that counts is that of a small one.
-            small = form.with_values({item.name: _SCREENED_SIZE * item.typical
-                                      for item in form.sizes()})
-            there = system.predict(self.base, (*self.effects, small), observed.points)
-            change = np.nan_to_num((here - observed.whiten(there)) / _SCREENED_SIZE)
+            there = observed.whiten(Hypothesis(system, (form,)).predict(theta, observed.points))
+            change = np.nan_to_num((self.whitened - there) / _SCREENED_SIZE)
             # Where the typical size cannot be carried it says nothing.
             if np.abs(change).max() >= _UNSEEN:
                 found.append((form, change))
@@ -196,7 +193,6 @@ def refit(
     from scipy.optimize import lsq_linear
 
     theta, bounds = hypothesis.prior_mean, hypothesis.bounds
-    theta[hypothesis.shared:] = -_FIRST_SIZE if hypothesis.opposite else _FIRST_SIZE
     if start is not None:
         theta[:len(start)] = start
     theta = theta.clip(*bounds)

@@ -277,11 +277,11 @@ def _cause(study: _Study, name: str) -> Cause:
     effect, errors = effects[index], np.sqrt(np.diagonal(rival.plain.covariance))
     shrunk = study.shrunk(rival)
     partners = [other for other in rival.names if other != name]
-    first = rival.fit.hypothesis.shared + sum(len(other.sizes()) for other in effects[:index])
     return Cause(
         name, effect.form, effect.component, study.ranking.effects[name],
         _twins(study.ranking, name), " and ".join(partners) or None,
-        _parameters(effect, errors[first:]), shrunk.after, shrunk.fraction,
+        _parameters(effect, errors[rival.fit.hypothesis.shared + index]),
+        shrunk.after, shrunk.fraction,
         _drift(study.base, rival.fit, errors), effect.summary, effect.source, effect.remedy,
         _model_of(rival.fit))
 
@@ -297,16 +297,15 @@ def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
     return tuple(other for other in chosen if other != name) if name in chosen else ()
 
 
-def _parameters(effect: Effect, errors: Array) -> dict[str, dict[str, Any]]:
-    """`Cause.parameters`; standard errors of the sizes in typical ones, in order."""
+def _parameters(effect: Effect, error: float) -> dict[str, dict[str, Any]]:
+    """`Cause.parameters`; standard error of the size in typical ones."""
     values: dict[str, dict[str, Any]] = {}
-    spreads = iter((1.96 * errors).tolist())
     for parameter in effect.parameters():
         value = effect.values()[parameter.name]
         entry = values[parameter.name] = {"value": value, "unit": parameter.unit,
                                           "meaning": parameter.meaning}
         if parameter.is_size:
-            spread = next(spreads) * parameter.typical
+            spread = 1.96 * float(error) * parameter.typical
             entry["interval"] = [max(value - spread, parameter.low),
                                  min(value + spread, parameter.high)]
             entry["plausible"] = bool(parameter.low < value < parameter.high

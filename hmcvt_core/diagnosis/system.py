@@ -109,7 +109,7 @@ class Effect(Protocol):
     """Something the base model leaves out; `hmcvt_core.physics.effects` says what each member is.
 
     `parameters` and `sizes` give objects with `name`, `unit`, `meaning`, `typical`, `low`, `high`,
-    `grid` (the values tried of a shape, empty for a size) and `is_size`.
+    `grid` (the values tried of a shape, empty for a size) and `is_size`; there is one size.
     """
 
     name: ClassVar[str]
