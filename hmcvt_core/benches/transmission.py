@@ -153,9 +153,10 @@ class Transmission:
         torque = lowest + part * (highest - lowest)
         possible = {name: np.full(len(speed), np.median(points[name])) for name in points}
         possible.update(zip(_POINT, (stroke, speed, torque), strict=True))
-        if STAGE.name in points:  # the one that most tests were in
-            stages, counts = np.unique(points["stage"], return_counts=True)
-            possible["stage"] = np.full(len(speed), stages[counts.argmax()])
+        if STAGE.name in points:  # any that tests were in
+            stages = np.unique(points["stage"])
+            possible = {name: np.tile(row, len(stages)) for name, row in possible.items()}
+            possible["stage"] = np.repeat(stages, len(speed))
         # NaN is no answer, and is not contained.
         usable = EFFICIENCY.contains(self.predict(base, (), possible)[0])
         return {name: values[usable] for name, values in possible.items()}
@@ -218,7 +219,7 @@ def observe(
         if unknown := sorted(set(samples.points.stage.tolist()) - set(stages)):
             raise InputError(f"{samples.source}: stage {unknown[0]!r} is not known to the model; "
                              f"there is {', '.join(stages)}")
-        axes = (*axes, STAGE)
+        axes = (*axes, replace(STAGE, labels=tuple(stages)))
         points["stage"] = np.array([stages.index(name) for name in samples.points.stage], float)
     stated = samples.efficiency_std
     first, source = reading_of(
@@ -286,15 +287,14 @@ def next_test(
     Raises:
         InputError: as `diagnose`.
     """
-    system, observed = Transmission(model, samples.pressure is not None), _distinct(
-        samples, noise, [], list(model.stages))
-    points = None
+    stages, points = list(model.stages), None
+    observed = _distinct(samples, noise, [], stages)
     if possible is not None:  # what a plan leaves out stays as it mostly was
-        points = {name: np.full(len(possible), np.median(row))
+        plan = observe(possible, noise, stages).points
+        points = {name: plan.get(name, np.full(len(possible), np.median(row)))
                   for name, row in observed.points.items()}
-        points.update((name, row) for name in points
-                      if (row := getattr(possible, name, None)) is not None)
-    return next_test_of_system(system, observed, points)
+    return next_test_of_system(
+        Transmission(model, samples.pressure is not None), observed, points)
 
 
 def _distinct(

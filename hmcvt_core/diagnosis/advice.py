@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +37,11 @@ _MOST = 8  # explanations weighed
 _DECISIVE = 9.0  # squared deviations: three standard deviations
 _MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
 _WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
+
+
+def named(effects: Names | None) -> str:
+    """Return a set of effects in words."""
+    return " + ".join(effects or ()).replace("_", " ") or "something unlisted"
 
 
 class Foretold(NamedTuple):
@@ -74,18 +79,22 @@ class Foretold(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Test:
+class NextTest:
     """A test worth making.
 
     Attributes:
-        point: where, by the name of the axis.
-        information: that is expected of it [nats].
-        separates: the two sets that it tells apart best.
+        point: where, by the name of the axis; None when no point helps.
+        separates: the two explanations it tells apart best, each its effects in words.
+        gain: information expected on which explanation is right [nats].
+        measure: a calibration or measurement beside the plan, or None.
+        setting: label along each axis that has some.
     """
 
-    point: Mapping[str, float]
-    information: float
-    separates: tuple[Names, Names]
+    point: Mapping[str, float] | None
+    separates: tuple[str, str]
+    gain: float
+    measure: str | None = None
+    setting: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,7 @@ class Advice:
 
     stop: bool
     reason: str | None
-    tests: tuple[Test, ...]
+    tests: tuple[NextTest, ...]
     channels: tuple[str, ...]
     measure: str | None
     alive: tuple[tuple[Names, float], ...]
@@ -115,11 +124,20 @@ class Advice:
     tests_expected: int
     axes: tuple[Axis, ...]
 
+    @property
+    def next_tests(self) -> tuple[NextTest, ...]:
+        """The tests, and the measurement that settles it where none does."""
+        if self.measure is None or len(self.alive) < 2:
+            return self.tests
+        first, second = (named(names) for names, _ in self.alive[:2])
+        return *self.tests, NextTest(None, (first, second), 0.0, self.measure)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt next --json`."""
         return {
             "stop": self.stop, "reason": self.reason,
-            "test": {**self.tests[0].point, "stage": None, "channels": list(self.channels)}
+            "test": {**(self.tests[0].point or {}), "stage": None, **self.tests[0].setting,
+                     "channels": list(self.channels)}
             if self.tests and not self.stop else None,
             "measure": self.measure,
             "alive": [{"effects": list(names), "probability": p} for names, p in self.alive],
@@ -142,7 +160,7 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
     no_gap = labels[None][1]
     channels = tuple(reading.channel.name for reading in base.observed.readings)
 
-    def answer(reason: str | None, tests: Sequence[Test] = (), measure: str | None = None,
+    def answer(reason: str | None, tests: Sequence[NextTest] = (), measure: str | None = None,
                expected: int = 0) -> Advice:
         return Advice(reason is not None, reason, tuple(tests), channels, measure, alive, no_gap,
                       expected, base.observed.steered)
@@ -180,13 +198,15 @@ def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advi
         best = int(np.argmax(information))
         weight = p[:, None] * p * (1.0 - np.exp(-distance[:, :, best]))
         pair = np.unravel_index(int(np.argmax(weight)), weight.shape)
-        tests.append(Test({axis.name: float(pool.points[axis.name][best]) for axis in pool.steered},
-                          float(information[best]),
-                          (names[int(pair[0])] or (), names[int(pair[1])] or ())))
+        tests.append(NextTest(
+            {axis.name: float(pool.points[axis.name][best]) for axis in pool.steered},
+            (named(names[int(pair[0])]), named(names[int(pair[1])])), float(information[best]),
+            setting={axis.name: axis.labels[int(pool.points[axis.name][best])]
+                     for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
     short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
     return answer(None, tests, None, math.ceil(max(1.0, short / max(
-        2.0 * tests[0].information, _WORTH))))
+        2.0 * tests[0].gain, _WORTH))))
 
 
 def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:

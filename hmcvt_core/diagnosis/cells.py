@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from .hypothesis import Fit
 from .observations import LARGE, REPEATED, Gathered, Observations, Reading, filled_in
-from .regions import scaled_to_extent, smooth_functions
+from .regions import smooth_functions
 
 Array = NDArray[np.float64]
 
 _DEGREE = 3
+_FINER = 1.05  # a lattice than the one before
 _LOCAL = 20  # samples in a group over which what is left is a plane, at least
 
 
@@ -93,28 +94,18 @@ def _noise(
 
 
 def neighbourhoods(observed: Observations, most: int) -> NDArray[np.intp]:
-    """Number the cells of the samples, shape (n,): the widest is halved until there are so many.
+    """Number the cells of the samples, shape (n,): of the finest lattice with at most so many.
 
     Every axis counts by the range of the campaign; samples that repeat a point stay together.
     """
-    rows = np.stack([observed.points[axis.name] for axis in observed.axes])
-    least = 2.0 * np.maximum(REPEATED, np.array([axis.held for axis in observed.axes])
-                             / np.maximum(np.ptp(rows, axis=1), 1e-12))
-    scaled = scaled_to_extent(rows).T
-
-    def widths(members: NDArray[np.intp]) -> Array:
-        wide = np.ptp(scaled[members], axis=0)
-        return np.where(wide > least, wide, 0.0)
-
-    cells = [np.arange(len(scaled))]
-    widest = [widths(cells[0]).max()]
-    while len(cells) < most and max(widest) > 0.0:
-        at = int(np.argmax(widest))
-        along = scaled[cells[at], widths(cells[at]).argmax()]
-        above = along > (along.min() + along.max()) / 2.0
-        cells[at:at + 1] = cells[at][~above], cells[at][above]
-        widest[at:at + 1] = [widths(part).max() for part in cells[at:at + 2]]
-    cell = np.empty(len(scaled), dtype=np.intp)
-    for i, members in enumerate(cells):
-        cell[members] = i
+    rows = [observed.points[axis.name] for axis in observed.axes]
+    place = np.stack([(row - row.min()) / max(float(np.ptp(row)), axis.held / REPEATED)
+                      for row, axis in zip(rows, observed.axes, strict=True)], axis=1)
+    cell, parts = np.zeros(len(place), dtype=np.intp), 2.0
+    while parts < 0.5 / REPEATED:
+        code = (place * parts).astype(int) @ (int(parts) + 1) ** np.arange(place.shape[1])
+        finer = np.unique(code, return_inverse=True)[1]
+        if finer.max() >= most:
+            break
+        cell, parts = finer, _FINER * parts
     return cell

@@ -44,18 +44,20 @@ class GapField:
         total = sum(p for _, p in kept)
         return cls(base, tuple((rival, p / total) for rival, p in kept))
 
-    def at(self, points: Points) -> tuple[Array, Array]:
-        """Mean and standard deviation of the gap at n points, shapes (n,).
+    def at(self, points: Points | None = None) -> tuple[Array, Array]:
+        """Mean and standard deviation of the gap at n points, those of the campaign if None, (n,).
 
         Measured minus refitted base in the unit of the first channel; NaN where the base model has
         no answer.
         """
-        there = as_measured(self.base, points)
+        there, start = self.base.observed, self.base.whitened[0]
+        if points is not None:
+            there, start = as_measured(self.base, points), np.zeros(1)
         deviation = there.readings[0].deviation
         means, variances, weights = [], [], []
         for rival, p in self.alive:
             shift, columns = rival.at(there)
-            means.append(deviation * shift[0])
+            means.append(deviation * (start + shift[0]))
             variances.append(deviation**2 * np.einsum(
                 "np,pq,nq->n", columns[0], rival.plain.covariance, columns[0]))
             # Who has no answer at a point has no say there.

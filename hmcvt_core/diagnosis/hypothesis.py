@@ -9,9 +9,8 @@ Parameters are theta = (base, sizes): scaled base parameters, and sizes in typic
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,12 +29,12 @@ REFUSED = 100.0
 More than any misfit, or refits to a large gap would hide the worst points where there is none.
 """
 
-_FIRST_SIZE = _SCREENED_SIZE = 0.1  # in typical sizes
+_SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
-_PASSES, _STEPS = 8, 3  # estimates of the noise, and evaluations between two of them, at most
-_TOLERANCE = 1e-4  # of the squares
-_NOISE_SETTLED = 2e-2
-_AT_BOUND = 1e-3  # in prior deviations or typical sizes
+_PASSES = 12
+_PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
+# Standard deviations: of a last step, and of one at the end of which slopes are taken anew.
+_SMALL, _NEAR = 0.3, 1.0
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 
 
@@ -65,7 +64,7 @@ class Hypothesis:
 
     @property
     def _sizes(self) -> list[Any]:
-        return [item for effect in self.effects for item in effect.sizes()]
+        return [effect.sizes()[0] for effect in self.effects]
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -87,9 +86,8 @@ class Hypothesis:
 
     def with_sizes(self, scaled: Array) -> tuple[Effect, ...]:
         """Return the effects at sizes given in typical ones."""
-        values = iter(scaled.tolist())
-        return tuple(effect.with_values({item.name: next(values) * item.typical
-                                         for item in effect.sizes()}) for effect in self.effects)
+        return tuple(effect.with_values({item.name: value * item.typical}) for effect, item, value
+                     in zip(self.effects, self._sizes, scaled.tolist(), strict=True))
 
     def predict(self, theta: Array, points: Points) -> Array:
         """Return every channel, shape (channels, n)."""
@@ -153,15 +151,13 @@ class Fit:
 
     @cached_property
     def signatures(self) -> list[Signature]:
-        """Every form of the library that can show."""
+        """Every form of the library that can show beside the base model."""
         observed, system, found = self.observed, self.hypothesis.system, list[Signature]()
-        here = observed.whiten(self.hypothesis.predict(self.theta, observed.points))
+        # The refit leaves little of an effect: the slope that counts is that of a small one.
+        theta = np.append(self.base, _SCREENED_SIZE)
         for form in (form for kind in system.library for form in forms_of(kind)):
-            # The refit leaves little of an effect: the slope that counts is that of a small one.
-            small = form.with_values({item.name: _SCREENED_SIZE * item.typical
-                                      for item in form.sizes()})
-            there = system.predict(self.base, (*self.effects, small), observed.points)
-            change = np.nan_to_num((here - observed.whiten(there)) / _SCREENED_SIZE)
+            there = observed.whiten(Hypothesis(system, (form,)).predict(theta, observed.points))
+            change = np.nan_to_num((self.whitened - there) / _SCREENED_SIZE)
             # Where the typical size cannot be carried it says nothing.
             if np.abs(change).max() >= _UNSEEN:
                 found.append((form, change))
@@ -179,78 +175,57 @@ class Fit:
         return np.asarray(whole - whole @ self.absorbed @ self.absorbed.T)
 
 
-def refit(hypothesis: Hypothesis, observed: Observations, base: Array | None = None) -> Fit:
-    """Fit base parameters and sizes within their bounds.
+def refit(
+    hypothesis: Hypothesis, observed: Observations, start: Array | None = None,
+    slopes: Array | None = None,
+) -> Fit:
+    """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
+
+    Sizes are held by their bounds alone; their prior enters when evidence is weighed.
 
     Args:
         hypothesis: what is assumed.
         observed: the bench.
-        base: scaled base parameters to start from; None for the middle of their prior.
+        start: theta to start from, or its base part; None for the middle of the prior.
+        slopes: `Fit.jacobian` there, nearly; the steps mend it (Broyden 1965), and it is not taken
+            anew. None: it is, at the end too.
     """
-    theta, shared, bounds = hypothesis.prior_mean, hypothesis.shared, hypothesis.bounds
-    first = -_FIRST_SIZE if hypothesis.opposite else _FIRST_SIZE
-    theta[shared:] = [effect.values()[item.name] / item.typical or first
-                      for effect in hypothesis.effects for item in effect.sizes()]
-    if base is not None:
-        theta[:len(base)] = base
+    from scipy.optimize import lsq_linear
+
+    theta, bounds = hypothesis.prior_mean, hypothesis.bounds
+    if start is not None:
+        theta[:len(start)] = start
     theta = theta.clip(*bounds)
-    # Sizes are held by their bounds alone; their prior enters when evidence is weighed.
-    spread = hypothesis.system.base.spread
-    prior = np.eye(shared, len(theta)) / spread[:, None]
-    scale = np.concatenate([spread, np.ones(len(theta) - shared)])
-
-    @lru_cache(maxsize=2)
-    def whitened(at: bytes) -> Array:
-        return _whitened(hypothesis, observed, np.frombuffer(at))
-
-    def rows(at: Array) -> Array:
-        return np.concatenate([(whitened(at.tobytes()) / root).ravel(),
-                               prior @ (at - hypothesis.prior_mean)])
-
-    variance = _noise(observed, whitened(theta.tobytes()), len(theta))
-    root = np.sqrt(variance)[:, None]
-    free = np.ones(len(theta), dtype=bool)
+    here, exact = _whitened(hypothesis, observed, theta), True
+    jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
+    prior = np.eye(hypothesis.shared, len(theta)) / hypothesis.system.base.spread[:, None]
     for _ in range(_PASSES):
-        # One slope a pass: predictions are nearly linear, and each slope costs as many as there
-        # are parameters.
-        slope = _jacobian(hypothesis, observed, theta, whitened(theta.tobytes()))
-        slopes = np.concatenate([-(slope / root[..., None]).reshape(-1, len(theta)), prior])
-        theta, settled = _within(rows, slopes, theta, bounds, scale, free)
-        variance = _noise(observed, whitened(theta.tobytes()), len(theta))
-        settled &= bool(np.max(np.abs(np.log(variance / root[:, 0] ** 2))) < _NOISE_SETTLED)
-        root = np.sqrt(variance)[:, None]
-        # What is pressed against a bound is put on it and held; the search stays inside.
-        gain = -slopes.T @ rows(theta)
-        theta = np.where((gain < 0.0) & (theta - bounds[0] < _AT_BOUND * scale), bounds[0], theta)
-        theta = np.where((gain > 0.0) & (bounds[1] - theta < _AT_BOUND * scale), bounds[1], theta)
-        before, free = free, ~(((theta <= bounds[0]) & (gain < 0.0))
-                               | ((theta >= bounds[1]) & (gain > 0.0)))
-        if settled and (free == before).all():
+        noise = _noise(observed, here, len(theta))
+        root = np.sqrt(noise)[:, None]
+
+        def missed(here: Array, theta: Array, root: Array = root) -> Array:
+            return np.append(here / root, prior @ (hypothesis.prior_mean - theta))
+
+        columns = np.concatenate([(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
+        left, before, whitened = missed(here, theta), theta, here
+        aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
+        for part in _PARTS:
+            theta = aim if part == 1.0 else before + part * (aim - before)
+            here = _whitened(hypothesis, observed, theta) if part else whitened
+            if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
+                break
+        step = theta - before
+        size = np.linalg.norm(columns @ step)
+        if exact and size < _SMALL:  # predictions are nearly linear: the slopes still hold
             break
-    here = whitened(theta.tobytes())
-    return Fit(hypothesis, observed, theta, here, _jacobian(hypothesis, observed, theta, here),
-               variance)
-
-
-def _within(
-    rows: Callable[[Array], Array], slopes: Array, theta: Array,
-    bounds: tuple[Array, Array], scale: Array, free: NDArray[np.bool_],
-) -> tuple[Array, bool]:
-    """Take a few steps in the free parameters; return where they end, and whether all is still."""
-    from scipy.optimize import least_squares
-
-    def whole(part: Array) -> Array:
-        at = theta.copy()
-        at[free] = part
-        return at
-
-    if not free.any():
-        return theta, True
-    found = least_squares(
-        lambda part: rows(whole(part)), theta[free], lambda part: slopes[:, free],
-        (bounds[0][free], bounds[1][free]), x_scale=scale[free], ftol=_TOLERANCE, xtol=_TOLERANCE,
-        max_nfev=_STEPS)
-    return whole(found.x), found.status > 0
+        exact = slopes is not None or bool(size < _NEAR)
+        if slopes is None and exact:
+            jacobian = _jacobian(hypothesis, observed, theta, here)
+        else:
+            along = columns.T @ columns @ step
+            jacobian = jacobian + ((whitened - here) - jacobian @ step)[..., None] * along / (
+                step @ along)
+    return Fit(hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta)))
 
 
 def linearise(
@@ -276,7 +251,10 @@ def _jacobian(
         step = _BASE_STEP if i < hypothesis.shared else _SIZE_STEP
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= high[i] else -step
-        jacobian[..., i] = (here - _whitened(hypothesis, observed, moved)) / (moved[i] - theta[i])
+        there = _whitened(hypothesis, observed, moved)
+        # Where an answer comes or goes there is no slope.
+        jacobian[..., i] = np.where((there == REFUSED) == (here == REFUSED), here - there, 0.0) / (
+            moved[i] - theta[i])
     return jacobian
 
 

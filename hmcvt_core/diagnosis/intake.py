@@ -24,7 +24,7 @@ LEAST_SAMPLES = 5
 _MOST_REFUSED = 0.25  # part of the samples at which the model may have no answer
 _NAMED = 3  # samples that a note names one by one
 _NEIGHBOURS = 6
-_FAR = 5.0
+_FAR, _FURTHER = 5.0, 10.0
 _MOST = 0.03  # part of the samples
 _CHANCE = 0.01
 _MAD_TO_DEVIATION = 1.4826
@@ -100,33 +100,29 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
         observed: the bench.
         whitened: residuals of the refitted base model, shape (channels, n).
     """
+    from scipy.spatial import cKDTree
+
     n = whitened.shape[1]
     if n < FEW:
         return np.array([], dtype=np.intp)
     place = scaled_to_extent(observed.place)
-    nearest = _nearest(place.T)
-    flagged = np.zeros(n, dtype=bool)
+    nearest = cKDTree(place.T).query(place.T, _NEIGHBOURS + 1)[1][:, 1:]
+    flagged, most = np.zeros(n, dtype=bool), max(1, int(_MOST * n))
     for row in whitened:
         apart = row - np.median(row[nearest], axis=1)
         usual = _MAD_TO_DEVIATION * np.median(np.abs(apart - np.median(apart)))
         far = np.abs(apart) > _FAR * max(float(usual), 1e-12)
-        if far.sum() <= max(1.0, _MOST * n) and not _together(place[:, far], place):
+        if far.sum() > most:  # one that is far off bends the fit at the others
+            far = np.abs(apart) > _FURTHER * np.sort(np.abs(apart))[-1 - most]
+        if not _together(place[:, far], place):
             flagged |= far
     return np.flatnonzero(flagged)
 
 
 def _together(some: Array, place: Array) -> bool:
     """Whether some of very many places lie in a part of the range: a gap narrower than a cell."""
+    if place.shape[1] <= LARGE or not some.size:
+        return False
     from scipy.stats import ks_2samp
 
-    return place.shape[1] > LARGE and some.size > 0 and any(
-        ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))
-
-
-def _nearest(place: Array) -> NDArray[np.intp]:
-    if len(place) > LARGE:  # all distances would not fit
-        from scipy.spatial import cKDTree
-
-        return np.asarray(cKDTree(place).query(place, _NEIGHBOURS + 1)[1][:, 1:])
-    distance = np.sum((place[:, None] - place[None, :]) ** 2, axis=2)
-    return np.argsort(distance, axis=1)[:, 1:_NEIGHBOURS + 1]
+    return any(ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .regions import smooth_functions
 from .system import Axis, Channel, Points
 
 Array = NDArray[np.float64]
@@ -22,6 +24,9 @@ LARGE = 1000
 
 REPEATED = 0.002
 """Samples so close in every axis repeat one point; a part of the range of the axis."""
+
+SMOOTH_DEGREE = 3
+"""Of what counts as smooth over the working space of a campaign."""
 
 TRUST_STATED, TRUST_ASSUMED = 8.0, 1.0
 """How many samples a statement of the noise is worth, and how many an assumption."""
@@ -123,6 +128,11 @@ class Observations:
     def place(self) -> Array:
         """Values along the axes that a test can set, shape (axes, n)."""
         return np.stack([self.points[axis.name] for axis in self.steered])
+
+    @cached_property
+    def smooth(self) -> tuple[Array, NDArray[np.intp]]:
+        """`smooth_functions` of the place, up to the third degree."""
+        return smooth_functions(self.place, SMOOTH_DEGREE)
 
     @property
     def steered(self) -> tuple[Axis, ...]:

@@ -28,7 +28,6 @@ from .result import (
     CauseSet,
     Delivered,
     Gap,
-    NextTest,
     Region,
     ShrinkageSummary,
 )
@@ -36,7 +35,6 @@ from .rivals import Rival
 from .shrinkage import cross_validated_errors, deals, shrinkage
 from .significance import Significance, significance
 from .system import Effect, Points, System
-from .words import named
 
 Array = NDArray[np.float64]
 
@@ -161,21 +159,18 @@ def diagnose_system(
         before, after = observed.at_samples(before), observed.at_samples(after)
     gap = Gap(len(residuals), _rms(residuals), study.scatter, observed.whole.usual_noise,
               observed.noise_source, found.p_value, study.significant)
-    extent = {axis.name: (float(row.min()), float(row.max()))
-              for axis, row in zip(observed.steered, observed.whole.place, strict=True)}
     advice = advise(base, ranking, system.candidates(observed.points, base.base))
     field = GapField.of(base, ranking.entries())
-    expected = field.at(observed.points)[0]
+    expected = field.at()[0]
     return Diagnosis(
         gap, _where(study, expected), verdict, _causes(study, verdict),
-        _sets(study) if study.significant else (), shrunk, delivered, _next_tests(advice),
+        _sets(study) if study.significant else (), shrunk, delivered, advice.next_tests,
         advice, ranking.unlisted if study.significant else 0.0,
         ranking.misfit if study.significant else 0.0,
         _lost_power(study, verdict, expected), tuple(warnings),
         (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *_at_zero(base), *why),
-        _model_of(base), field, observed.samples, residuals, judged.samples, before, after,
-        observed.steered, extent, observed.readings[0].channel)
+        _model_of(base), field, observed.samples, residuals, judged.samples, before, after)
 
 
 def next_test(
@@ -239,15 +234,6 @@ def _sets(study: _Study) -> tuple[CauseSet, ...]:
         for names, (_, p) in study.ranking.sets.items())
 
 
-def _next_tests(advice: Advice) -> tuple[NextTest, ...]:
-    tests = [NextTest(item.point, (named(item.separates[0]), named(item.separates[1])),
-                      item.information) for item in advice.tests]
-    if advice.measure is not None and len(advice.alive) > 1:
-        tests.append(NextTest(None, (named(advice.alive[0][0]), named(advice.alive[1][0])), 0.0,
-                              advice.measure))
-    return tuple(tests)
-
-
 def _errors_on(
     study: _Study, held: Observations
 ) -> tuple[Array, Array, Array, Observations, list[str]]:
@@ -291,11 +277,11 @@ def _cause(study: _Study, name: str) -> Cause:
     effect, errors = effects[index], np.sqrt(np.diagonal(rival.plain.covariance))
     shrunk = study.shrunk(rival)
     partners = [other for other in rival.names if other != name]
-    first = rival.fit.hypothesis.shared + sum(len(other.sizes()) for other in effects[:index])
     return Cause(
         name, effect.form, effect.component, study.ranking.effects[name],
         _twins(study.ranking, name), " and ".join(partners) or None,
-        _parameters(effect, errors[first:]), shrunk.after, shrunk.fraction,
+        _parameters(effect, errors[rival.fit.hypothesis.shared + index]),
+        shrunk.after, shrunk.fraction,
         _drift(study.base, rival.fit, errors), effect.summary, effect.source, effect.remedy,
         _model_of(rival.fit))
 
@@ -311,16 +297,15 @@ def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
     return tuple(other for other in chosen if other != name) if name in chosen else ()
 
 
-def _parameters(effect: Effect, errors: Array) -> dict[str, dict[str, Any]]:
-    """`Cause.parameters`; standard errors of the sizes in typical ones, in order."""
+def _parameters(effect: Effect, error: float) -> dict[str, dict[str, Any]]:
+    """`Cause.parameters`; standard error of the size in typical ones."""
     values: dict[str, dict[str, Any]] = {}
-    spreads = iter((1.96 * errors).tolist())
     for parameter in effect.parameters():
         value = effect.values()[parameter.name]
         entry = values[parameter.name] = {"value": value, "unit": parameter.unit,
                                           "meaning": parameter.meaning}
         if parameter.is_size:
-            spread = next(spreads) * parameter.typical
+            spread = 1.96 * float(error) * parameter.typical
             entry["interval"] = [max(value - spread, parameter.low),
                                  min(value + spread, parameter.high)]
             entry["plausible"] = bool(parameter.low < value < parameter.high

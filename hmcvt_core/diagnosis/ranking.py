@@ -8,7 +8,7 @@ exact refit decides, and whoever leads is asked what may stand beside it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 
 from .hypothesis import Fit, Signature
 from .regions import Regions
-from .rivals import Proposal, Rival, explanation, fields, local, misfitting, nothing, screen
+from .rivals import (
+    Proposal,
+    Rival,
+    exact,
+    explanation,
+    fields,
+    local,
+    misfitting,
+    nothing,
+    screen,
+)
 
 Array = NDArray[np.float64]
 
@@ -39,6 +49,7 @@ _SAMPLES_EACH = 16  # for each cause of a set: three causes need about 48
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 # A form stays in the race whose gain is so near the best, in part and in nats.
 _NEAR, _BEHIND = 0.7, 4.0
+_HOPELESS = 10.0  # nats behind the best
 _OPPOSITE = 3  # effects tried with the wrong sign
 Names = tuple[str, ...]
 
@@ -75,8 +86,7 @@ class Ranking:
 
     def is_misfit(self, rival: Rival) -> bool:
         """Whether a rival is a base model that is a little off and nothing else."""
-        return not rival.names and len(getattr(rival.beside, "channels", ())) == len(
-            rival.fit.observed.readings)
+        return not rival.names and rival.beside is not None and rival.beside.of_base
 
     @cached_property
     def misfit(self) -> float:
@@ -118,8 +128,8 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
     placed = local(bare, boxes)
     wrong = _distinct(screen(base, library, opposite=True))
     families = [fields(bare), [] if placed is None else [placed],
-                [replace(rival := explanation(base, forms, opposite=True), log=rival.log + price)
-                 for gain, forms, price in wrong[:_OPPOSITE] if gain > 0.0]]
+                [replace(rival := exact(explanation(each.refit(True))), log=rival.log + each.price)
+                 for each in wrong[:_OPPOSITE] if each.gain > 0.0]]
     counts = len(families[0]), 1, len(wrong)
     for members, count in zip(families, counts, strict=True):
         found += _shared(members, math.log(PRIOR_UNLISTED / len(families)), count)
@@ -144,42 +154,55 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
         are to choose from.
     """
     found: dict[Names, tuple[Rival, float]] = {}
-    price_of: dict[Names, float] = {}
+    refined = set[Names]()
 
-    def refitted(proposals: Sequence[Proposal]) -> None:
-        for _, forms, price in proposals:
-            smaller = found.get(tuple(sorted(effect.name for effect in forms[:-1])))
-            rival = explanation(smaller[0].fit if smaller else base, forms)
-            if rival.names not in found or rival.log + price > found[rival.names][1]:
-                found[rival.names], price_of[rival.names] = (rival, rival.log + price), price
+    def weight(names: Names) -> float:
+        return found[names][0].log + found[names][1]
 
-    def leaders(size: int, count: int) -> list[Rival]:
-        sized = [item for names, item in found.items() if len(names) == size]
-        return [rival for rival, _ in sorted(sized, key=lambda item: -item[1])[:count]]
+    def refitted(proposals: Iterable[Proposal]) -> None:
+        for each in proposals:
+            rival = explanation(each.refit())
+            if rival.names not in found or rival.log + each.price > weight(rival.names):
+                found[rival.names] = rival, each.price
+                refined.discard(rival.names)
+
+    def refine(names: Names) -> Rival:
+        if names not in refined:
+            found[names] = exact(found[names][0]), found[names][1]
+            refined.add(names)
+        return found[names][0]
+
+    def leaders(size: int, count: int) -> list[Names]:
+        sized = [names for names in found if len(names) == size]
+        return sorted(sized, key=weight, reverse=True)[:count]
 
     alone = screen(base, library)
     refitted(_promising(_distinct(alone, by_form=True))[:_KINDS])
-    for rival in leaders(1, _LEADERS):
-        refitted(_promising([item for item in alone if item[1][0].name in rival.names
-                             and item[1] != rival.fit.hypothesis.effects])[:_SETS])
+    for names in leaders(1, _LEADERS):
+        refitted(_promising([item for item in alone if item.effects[0].name in names
+                             and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS])
     largest = int(base.observed.count.sum()) // _SAMPLES_EACH
     if largest > 1:  # two that hold the leader are found from it, below
-        first, = leaders(1, 1)
+        (first,), = leaders(1, 1)
         refitted([item for item in _promising(_distinct(screen(base, library, 2)))
-                  if first.names[0] not in {effect.name for effect in item[1]}][:_SETS])
+                  if first not in {effect.name for effect in item.effects}][:_SETS])
     for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
         refitted(_distinct(sorted((
-            (rival.log + gain, (*rival.fit.effects, *forms), price + price_of[rival.names])
-            for rival in leaders(size, _LEADERS)
-            for gain, forms, price in _distinct(screen(rival.fit, library))[:_SETS] if gain > 0.0),
-            key=lambda item: -item[0]))[:2 * _SETS])
-    return list(found.values()), len({forms[0].name for _, forms, _ in alone})
+            each._replace(gain=rival.log + each.gain, price=each.price + found[rival.names][1])
+            for rival in map(refine, leaders(size, _LEADERS))
+            for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
+            key=lambda each: -each.gain))[:2 * _SETS])
+    best = max(map(weight, found))
+    for names in [each for each in found if weight(each) > best - _HOPELESS]:
+        refine(names)
+    return [(rival, weight(names)) for names, (rival, _) in found.items()], len(
+        {each.effects[0].name for each in alone})
 
 
 def _promising(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Leave out what the screen, which is linear, puts far behind the best."""
-    least = _NEAR * proposals[0][0] - _BEHIND if proposals else 0.0
-    return [proposal for proposal in proposals if proposal[0] > least]
+    least = _NEAR * proposals[0].gain - _BEHIND if proposals else 0.0
+    return [proposal for proposal in proposals if proposal.gain > least]
 
 
 def _distinct(proposals: Sequence[Proposal], by_form: bool = False) -> list[Proposal]:
@@ -187,5 +210,5 @@ def _distinct(proposals: Sequence[Proposal], by_form: bool = False) -> list[Prop
     first: dict[Names, Proposal] = {}
     for proposal in proposals:
         first.setdefault(tuple(sorted(
-            effect.name + by_form * effect.form for effect in proposal[1])), proposal)
+            effect.name + by_form * effect.form for effect in proposal.effects)), proposal)
     return list(first.values())

@@ -5,17 +5,16 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
 from ..files import drawing, preformatted
 from . import words
-from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, NextTest, Outcome
+from .advice import NextTest
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Outcome
 
 _TOLD_SET, _SETS = 0.01, 5
 _DETAILED = 3  # causes told at length; the page has all
-_POINTS, _TESTS = 4, 5  # most points, most tests told; the page has all
 _WIDTH, _MARGIN = 100, 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
@@ -23,7 +22,7 @@ _SETTLED = 2.0  # standard errors from which a drift of a base parameter is wort
 def _fields(value: Any) -> dict[str, Any]:
     """What JSON has under the name of a field; a place is told axis by axis, a model not at all."""
     return {item.name: getattr(value, item.name) for item in fields(value)
-            if item.name not in ("limits", "point", "model")}
+            if item.name not in ("limits", "point", "setting", "model")}
 
 
 def _wrapped(line: str) -> str:
@@ -80,31 +79,18 @@ def _causes(found: Outcome) -> list[str]:
 
 
 def _tests(found: Outcome) -> list[str]:
-    """The first few of the next tests: points, then measurements beside the plan."""
-    merged: dict[tuple[object, ...], list[NextTest]] = {}
-    for test in found.next_tests:
-        place = None if test.point is None else tuple(test.point.values())
-        merged.setdefault((place, test.measure), []).append(test)
-    groups = sorted(merged.values(), key=lambda tests: -max(test.gain for test in tests))
-    if not groups:
+    if not found.next_tests:
         return []
     gain = (" (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
-            "halves the choice)") if groups[0][0].point else ""
-    points = [tests for tests in groups if tests[0].point][:_POINTS]
-    beside = [tests for tests in groups if not tests[0].point][:_TESTS - len(points)]
-    return [f"next tests{gain}", *(f"  {_test(found, tests)}" for tests in points + beside)]
+            "halves the choice)") if found.next_tests[0].point else ""
+    return [f"next tests{gain}", *(f"  {_test(found, test)}" for test in found.next_tests)]
 
 
-def _test(found: Outcome, tests: Sequence[NextTest]) -> str:
-    test = tests[0]
-    told = " and ".join(dict.fromkeys(
-        f"{each.separates[0]} from {each.separates[1]}" for each in tests))
+def _test(found: Outcome, test: NextTest) -> str:
+    told = "tells " + " from ".join(test.separates)
     if not test.point:
-        return f"{test.measure}: tells {told}"
-    place = ", ".join(axis.told.format(test.point[axis.name], axis.second * test.point[axis.name])
-                      for axis in found.axes)
-    extra = f", with {test.measure} read" if test.measure else ""
-    return f"{place}{extra}: tells {told}, gain {max(each.gain for each in tests):.1f}"
+        return f"{test.measure}: {told}"
+    return f"{words.point_of(test, found.axes)}: {told}, gain {test.gain:.1f}"
 
 
 class Diagnosis(Outcome):

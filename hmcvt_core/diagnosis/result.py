@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .advice import Advice
+from .advice import Advice, NextTest
 from .gap_field import GapField
 from .system import Axis, Channel
 
@@ -154,23 +154,6 @@ class ShrinkageSummary:
     on: str
 
 
-@dataclass(frozen=True)
-class NextTest:
-    """A test worth making.
-
-    Attributes:
-        point: where, by the name of the axis; None when no point helps.
-        separates: the two explanations it tells apart best, each its effects in words.
-        gain: information expected on which explanation is right [nats].
-        measure: a calibration or measurement beside the plan, or None.
-    """
-
-    point: Mapping[str, float] | None
-    separates: tuple[str, str]
-    gain: float
-    measure: str | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """Outcome of a diagnosis; `report.Diagnosis` adds how it is told.
@@ -191,8 +174,6 @@ class Outcome:
         residuals: measured - predicted of the refitted base model at each of them, left out, (n,).
         judged: the samples by which the shrinkage is measured, of the holdout or the same;
             `residuals_before`, `residuals_after` are theirs.
-        axes: of the operating points; `extent` how far the samples reach along each.
-        channel: the one in which the gap is measured.
     """
 
     gap: Gap
@@ -216,9 +197,22 @@ class Outcome:
     judged: Any
     residuals_before: Array
     residuals_after: Array
-    axes: tuple[Axis, ...]
-    extent: Mapping[str, tuple[float, float]]
-    channel: Channel
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Of the operating points."""
+        return self.field.base.observed.steered
+
+    @property
+    def extent(self) -> dict[str, tuple[float, float]]:
+        """How far the samples reach along each of `axes`."""
+        return {axis.name: (float(row.min()), float(row.max())) for axis, row in zip(
+            self.axes, self.field.base.observed.whole.place, strict=True)}
+
+    @property
+    def channel(self) -> Channel:
+        """The one in which the gap is measured."""
+        return self.field.base.observed.readings[0].channel
 
     def gap_at(self, *place: Array | float, **named: Array | float) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at any operating point.

@@ -11,14 +11,14 @@ import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .evidence import evidence, gram, log_mean, log_means, respread
 from .hypothesis import REFUSED, Fit, Hypothesis, Signature, linearise, refit
-from .observations import Observations
+from .observations import SMOOTH_DEGREE, Observations
 from .regions import Regions, smooth_functions
 from .system import Effect
 
@@ -32,7 +32,6 @@ FORM_ALLOWANCES = (0.07, 0.25)
 
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
-_FIELD_DEGREE = 3
 _NOTHING_LEFT = 1e-9
 _SCREENED_SPREAD = 1.5  # in typical sizes
 
@@ -73,13 +72,6 @@ def weigh(
             for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)]
 
 
-class Unlisted(Protocol):
-    """A loss that nobody listed."""
-
-    def columns(self, points: Observations) -> Array:
-        """Change of the readings / deviation by each coefficient, shape (channels, n, m)."""
-
-
 @dataclass(frozen=True, eq=False)
 class Rival:
     """One explanation.
@@ -96,7 +88,7 @@ class Rival:
     weighed: Linear
     plain: Linear
     log: float
-    beside: Unlisted | None = None
+    beside: Loss | None = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -109,13 +101,14 @@ class Rival:
         return self.beside is None and not self.fit.hypothesis.opposite and bool(self.names)
 
     def at(self, points: Observations) -> tuple[Array, Array]:
-        """What it foretells of points as the campaign was measured, in deviations of the readings.
+        """What it foretells of points, those of the campaign or others, in deviations.
 
         Returns:
             Readings above those of the points, shape (channels, n), NaN where it has no answer, and
             columns of `plain`, shape (channels, n, p).
         """
-        there = linearise(self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
+        there = self.fit if points is self.fit.observed else linearise(
+            self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
         columns, change = there.jacobian, np.zeros(len(self.plain.mean))
         if self.beside is not None:
             columns = np.concatenate([columns, self.beside.columns(points)], axis=-1)
@@ -137,8 +130,34 @@ def nothing(base: Fit) -> Rival:
 # --- known effects --------------------------------------------------------------------------------
 
 
-Proposal = tuple[float, tuple[Effect, ...], float]
-"""Gain in log evidence in linear approximation, forms, and the price of their choice."""
+class Proposal(NamedTuple):
+    """Forms that may explain the readings, as the linear approximation has it.
+
+    Attributes:
+        gain: in log evidence.
+        start: the refit that they are added to.
+        added: the forms, and what they change.
+        price: log of the mean over all forms of these names against the best.
+        mean: of the parameters, the sizes of the forms last.
+    """
+
+    gain: float
+    start: Fit
+    added: tuple[Signature, ...]
+    price: float
+    mean: Array
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All forms, those of the start first."""
+        return *self.start.hypothesis.effects, *(form for form, _ in self.added)
+
+    def refit(self, opposite: bool = False) -> Fit:
+        """Refit from where the linear approximation ends, with the slopes that it has."""
+        hypothesis = Hypothesis(self.start.hypothesis.system, self.effects, opposite)
+        slopes = np.stack([change for _, change in self.added], axis=-1)
+        return refit(hypothesis, self.start.observed, self.mean,
+                     np.concatenate([self.start.jacobian, slopes], axis=-1))
 
 
 def screen(
@@ -151,13 +170,8 @@ def screen(
         library: the forms; that their signatures are those at the base is near enough to propose.
         count: how many at a time.
         opposite: with the wrong sign; effects that have either sign are left out.
-
-    Returns:
-        The gain, the forms, and the price: log of the mean over all forms of these names against
-        the best.
     """
-    present = fit.hypothesis.effects
-    names = {effect.name for effect in present}
+    names = {effect.name for effect in fit.hypothesis.effects}
     kept = [(form, change) for form, change in library
             if form.name not in names and (not opposite or _sign(form))]
     forms = [form for form, _ in kept]
@@ -174,39 +188,33 @@ def screen(
     grams = np.moveaxis(whole[:, with_target[:, :, None], with_target[:, None, :]], 0, 1)
     signs = np.append(fit.hypothesis.signs, [
         -_sign(form) if opposite else _sign(form) for form in forms])[which]
-    spread = np.append(fit.hypothesis.system.base.spread, np.full(len(present), _SCREENED_SPREAD))
+    spread = np.append(fit.hypothesis.system.base.spread, np.full(len(fit.sizes), _SCREENED_SPREAD))
     without, = weigh(observed, fit.jacobian, fit.target, spread[None], fit.hypothesis.signs)
-    logs = [evidence(grams, len(observed), np.tile(np.append(spread, np.full(count, scale)),
-                                                   (len(which), 1)), observed.trusts, signs).log
-            for scale in SIZE_SPREADS]
-    log = log_means(logs) - without.log
+    found = [evidence(grams, len(observed), np.tile(np.append(spread, np.full(count, scale)),
+                                                    (len(which), 1)), observed.trusts, signs)
+             for scale in SIZE_SPREADS]
+    log = log_means([each.log for each in found]) - without.log
+    theta = found[-1].mean + np.append(fit.hypothesis.prior_mean, np.zeros(count))
     # Members of one set come in the order of the library.
     kinds = [tuple(forms[i].name for i in chosen) for chosen in combined]
     of_kind: dict[tuple[str, ...], list[float]] = {}
     for kind, value in zip(kinds, log.tolist(), strict=True):
         of_kind.setdefault(kind, []).append(value)
     price = {kind: log_mean(values) - max(values) for kind, values in of_kind.items()}
-    return [(float(log[i]), tuple(forms[j] for j in combined[i]), price[kinds[i]])
-            for i in np.argsort(-log)]
+    return [Proposal(float(log[i]), fit, tuple(kept[j] for j in combined[i]), price[kinds[i]],
+                     theta[i]) for i in np.argsort(-log)]
 
 
 def _sign(effect: Effect) -> float:
     return 1.0 if effect.sizes()[0].low >= 0.0 else 0.0
 
 
-def explanation(start: Fit, effects: tuple[Effect, ...], opposite: bool = False) -> Rival:
-    """Refit a hypothesis exactly and weigh it, with its allowances.
-
-    Args:
-        start: the refit without any effect, or with some of them, to start from.
-        effects: with the shapes to use, and sizes to start from.
-        opposite: whether they have the wrong sign.
-    """
-    observed = start.observed
-    hypothesis = Hypothesis(start.hypothesis.system, effects, opposite)
-    fit = refit(hypothesis, observed, start.base)
+def explanation(fit: Fit) -> Rival:
+    """Weigh a refit with its allowances."""
+    observed, hypothesis = fit.observed, fit.hypothesis
     shared, k = hypothesis.shared, len(fit.sizes)
-    bends = smooth_functions(observed.place, _ALLOWED_DEGREE)[0][:, 1:]
+    functions, degree = observed.smooth
+    bends = functions[:, (degree > 0) & (degree <= _ALLOWED_DEGREE)]
     misfit, off = base_misfit(observed)
     columns = np.concatenate([
         fit.jacobian, *(fit.jacobian[..., [shared + i]] * size * bends
@@ -228,59 +236,57 @@ def explanation(start: Fit, effects: tuple[Effect, ...], opposite: bool = False)
     return Rival(fit, tried[best], plain, log_mean(logs.ravel()))
 
 
+def exact(rival: Rival) -> Rival:
+    """Weigh a rival at its refit with slopes taken there, not mended on the way."""
+    return explanation(refit(rival.fit.hypothesis, rival.fit.observed, rival.fit.theta))
+
+
 # --- what nobody listed ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothLoss:
-    """A loss that varies smoothly over the working space of a campaign, in some channels.
+class Loss:
+    """A loss that nobody listed, in some channels: smooth over a working space, or inside a box.
 
     Attributes:
+        campaign: whose working space it is.
         channels: their indices.
-        place: of the campaign, shape (axes, n).
+        box: limits of the place, shape (2, axes); None for a smooth one.
+        of_base: whether it is what a base model that is a little off leaves.
     """
 
+    campaign: Observations
     channels: tuple[int, ...]
-    place: Array
+    box: Array | None = None
+    of_base: bool = False
 
     def columns(self, points: Observations) -> Array:
-        """As `Unlisted`: the functions for one channel after another."""
-        functions = smooth_functions(points.place, _FIELD_DEGREE, self.place)[0]
+        """Change of the readings / deviation by each coefficient, shape (channels, n, m).
+
+        Those of one channel after another.
+        """
+        functions = self._functions(points)
         m = functions.shape[1]
         own = np.zeros((len(points.readings), len(functions), m * len(self.channels)))
         for k, i in enumerate(self.channels):
             own[i, :, k * m:(k + 1) * m] = functions * points.readings[i].unit_loss[:, None]
         return own
 
-    def spread(self, scale: float) -> Array:
-        """Prior standard deviations in one channel: the rougher, the smaller."""
-        degree = smooth_functions(self.place[:, :1], _FIELD_DEGREE)[1]
-        return np.asarray(scale * 2.0 ** -(degree - 1.0).clip(0.0) / 2.0)
+    def _functions(self, points: Observations) -> Array:
+        if self.box is not None:
+            low, high = self.box[..., None]
+            inside = (points.place >= low) & (points.place <= high)
+            return inside.all(axis=0)[:, None].astype(float)
+        return self.campaign.smooth[0] if points is self.campaign else smooth_functions(
+            points.place, SMOOTH_DEGREE, self.campaign.place)[0]
+
+    def spread(self, *scales: float) -> Array:
+        """Prior standard deviations of a smooth one, by channel: the rougher, the smaller."""
+        rough = 2.0 ** -(self.campaign.smooth[1] - 1.0).clip(0.0) / 2.0
+        return np.asarray(np.outer(scales, rough).ravel())
 
 
-@dataclass(frozen=True, eq=False)
-class LocalLoss:
-    """A loss inside a box, in one channel.
-
-    Attributes:
-        channel: its index.
-        low, high: limits, shape (axes,).
-    """
-
-    channel: int
-    low: Array
-    high: Array
-
-    def columns(self, points: Observations) -> Array:
-        """As `Unlisted`: one column."""
-        place = points.place.T
-        own = np.zeros((len(points.readings), len(place), 1))
-        own[self.channel, :, 0] = points.readings[self.channel].unit_loss * np.all(
-            (place >= self.low) & (place <= self.high), axis=1)
-        return own
-
-
-def _with_loss(rival: Rival, loss: Unlisted, spreads: Iterable[Array]) -> Rival:
+def _with_loss(rival: Rival, loss: Loss, spreads: Iterable[Array]) -> Rival:
     """Weigh a rival with a loss beside it, under several priors."""
     observed, found = rival.fit.observed, []
     for model in (rival.weighed, rival.plain):
@@ -294,11 +300,10 @@ def _with_loss(rival: Rival, loss: Unlisted, spreads: Iterable[Array]) -> Rival:
                  log_mean([item.log for item in found[0]]), loss)
 
 
-def base_misfit(observed: Observations) -> tuple[SmoothLoss, Array]:
+def base_misfit(observed: Observations) -> tuple[Loss, Array]:
     """A base model that is a little off in every channel, and its prior deviations."""
-    loss = SmoothLoss(tuple(range(len(observed.readings))), observed.place)
-    return loss, np.concatenate([loss.spread(reading.channel.misfit_spread)
-                                 for reading in observed.readings])
+    loss = Loss(observed, tuple(range(len(observed.readings))), of_base=True)
+    return loss, loss.spread(*(reading.channel.misfit_spread for reading in observed.readings))
 
 
 def misfitting(bare: Rival) -> Rival:
@@ -310,7 +315,7 @@ def misfitting(bare: Rival) -> Rival:
 def fields(rival: Rival) -> list[Rival]:
     """Weigh a smooth loss that nobody listed beside a rival, channel by channel."""
     observed = rival.fit.observed
-    losses = [SmoothLoss((i,), observed.place) for i in range(len(observed.readings))]
+    losses = [Loss(observed, (i,)) for i in range(len(observed.readings))]
     return [_with_loss(rival, loss, [loss.spread(scale) for scale in reading.channel.field_spreads])
             for loss, reading in zip(losses, observed.readings, strict=True)]
 
@@ -340,6 +345,6 @@ def local(rival: Rival, boxes: Regions) -> Rival | None:
     ends = observed.place.min(axis=1), observed.place.max(axis=1)
     low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
     high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
-    found = _with_loss(rival, LocalLoss(channel, low, high), [
+    found = _with_loss(rival, Loss(observed, (channel,), np.stack([low, high])), [
         np.array([scale]) for scale in observed.readings[channel].channel.step_spreads])
     return replace(found, log=found.log + log_mean(np.ravel(gains)) - float(np.max(gains)))

@@ -10,7 +10,6 @@ raise alarms.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,14 +29,12 @@ class Significance(NamedTuple):
 
     Attributes:
         p_value: of the largest statistic over regions and effects together.
-        region_z: studentised mean residual of each region in the channel where it is largest,
+        region_channel: the one in which the mean residual of each region, studentised, is largest,
             shape (boxes,).
-        region_channel: that channel, shape (boxes,).
         region_p: family-wise p value of each region, shape (boxes,).
     """
 
     p_value: float
-    region_z: Array
     region_channel: NDArray[np.intp]
     region_p: Array
 
@@ -53,67 +50,65 @@ def significance(
         seed: of the simulated campaigns.
         replicates: simulated campaigns.
     """
-    observed, search = fit.observed, _Search(fit, boxes)
-    p, white = len(fit.theta), fit.target / np.sqrt(fit.noise)[:, None]
-    *own, effects = search.statistics(white[None], np.zeros((1, p)))
-    z = np.concatenate(own)
-    rng = np.random.default_rng(seed)
-    tops = []
+    look, p = _Search(fit, boxes), len(fit.theta)
+    white = fit.target / np.sqrt(fit.noise)[:, None]
+    found, effects = look(white[None], np.zeros((1, p)))
+    rng, tops = np.random.default_rng(seed), []
     for start in range(0, replicates, _CHUNK):
         count = min(_CHUNK, replicates - start)
         data = rng.standard_normal((count, *white.shape))
-        tops.append(_tops(search.statistics(data, rng.standard_normal((count, p)))))
+        tops.append(_tops(*look(data, rng.standard_normal((count, p)))))
     null = np.concatenate(tops, axis=1)
     # Two families of looks: the smaller p value, itself judged against the same campaigns.
     ranks = np.min([_p_values(top, top) for top in null], axis=0)
-    p_own = np.min([_p_values(top, one) for top, one in zip(
-        null, _tops([*own, effects]), strict=True)])
-    p_value = (1.0 + np.sum(ranks <= p_own)) / (1.0 + replicates)
-    if len(observed) < FEW:
+    own = np.min([_p_values(*each) for each in zip(null, _tops(found, effects), strict=True)],
+                 axis=0)
+    p_value = (1.0 + np.sum(ranks <= own)) / (1.0 + replicates)
+    if len(fit.observed) < FEW:
         # Two looks: shape and size.
-        p_value = min(1.0, 2.0 * min(p_value, _lack_of_fit(search, white)))
-    channel = np.abs(z).argmax(axis=0)
-    z = np.take_along_axis(z, channel[None], 0)[0]
-    return Significance(float(p_value), z, channel, _p_values(null[0], np.abs(z)))
+        p_value = min(1.0, 2.0 * min(p_value, look.lack_of_fit(white)))
+    return Significance(float(p_value), found[0].argmax(axis=0),
+                        _p_values(null[0], found[0].max(axis=0)))
 
 
 class _Search:
     """What is looked at: boxes in each channel, and effects in all of them."""
 
     def __init__(self, fit: Fit, boxes: Regions) -> None:
-        observed, root, n = fit.observed, np.sqrt(fit.noise), len(fit.observed)
-        self.fit, self.root, self.trust = fit, root, observed.trusts
+        observed, self.fit, self.root = fit.observed, fit, np.sqrt(fit.noise)
+        n, self.trust = len(observed), observed.trusts
         # Which readings, one channel after another, and how they change.
         looks = [(slice(i * n, (i + 1) * n),
-                  (boxes.members * reading.unit_loss / root[i]).astype(np.float32))
-                 for i, reading in enumerate(observed.readings)]
-        effects = np.stack([change for _, change in fit.signatures]) / root[:, None]
+                  (boxes.members * reading.unit_loss / root).astype(np.float32))
+                 for i, (reading, root) in enumerate(zip(observed.readings, self.root,
+                                                         strict=True))]
+        effects = np.stack([change for _, change in fit.signatures]) / self.root[:, None]
         looks.append((slice(effects[0].size), effects.reshape(len(effects), -1)))
         self.looks = [(own, look, _norms(np.sum(look**2, axis=1), look @ fit.absorbed[own]))
                       for own, look in looks]
         # Degrees of freedom by channel.
-        used = np.sum(fit.absorbed[:root.size * n].reshape(root.size, -1) ** 2, axis=1)
+        used = np.sum(fit.absorbed[:self.root.size * n].reshape(self.root.size, -1) ** 2, axis=1)
         self.free = np.maximum(n - used, 1.0)
 
-    def statistics(self, data: Array, prior: Array) -> list[Array]:
-        """z of boxes, channel by channel, and of effects, for k campaigns.
+    def __call__(self, data: Array, prior: Array) -> tuple[Array, Array]:
+        """Return |z| of boxes, (k, channels, boxes), and of effects, (k, effects).
 
-        `data` has shape (k, channels, n), `prior` (k, p); each answer (k, looks).
+        Of k campaigns, `data` of shape (k, channels, n) and `prior` (k, p).
         """
         left = self.fit.left(data, prior)[:, :data[0].size].reshape(data.shape)
         scale = np.sqrt((self.trust + np.sum(left**2, axis=2)) / (self.trust + self.free))
         flat = (left / scale[..., None]).reshape(len(data), -1)
-        return [np.asarray(flat[:, own].astype(look.dtype) @ look.T / norms, dtype=float)
-                for own, look, norms in self.looks]
+        *boxes, effects = (np.abs(flat[:, own].astype(look.dtype) @ look.T / norms)
+                           for own, look, norms in self.looks)
+        return np.stack(boxes, axis=1), effects
 
+    def lack_of_fit(self, white: Array) -> float:
+        """Chance of so much scatter at the noise stated (F test, its worth counted)."""
+        from scipy.special import fdtrc
 
-def _lack_of_fit(search: _Search, white: Array) -> float:
-    """Chance of so much scatter at the noise stated (F test, worth of the statement counted)."""
-    from scipy.stats import f
-
-    left = search.fit.left(white[None])[0, :white.shape[1]] * search.root[0]
-    free = float(search.free[0])
-    return float(f.sf(np.sum(left**2) / free, free, search.trust[0]))
+        left = self.fit.left(white[None])[0, :white.shape[1]] * self.root[0]
+        free = float(self.free[0])
+        return float(fdtrc(free, self.trust[0], np.sum(left**2) / free))
 
 
 def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
@@ -123,10 +118,9 @@ def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
     return np.asarray(np.sqrt(np.where(left > 1e-6 * total, left, np.inf)), dtype=np.float64)
 
 
-def _tops(families: Sequence[Array]) -> Array:
+def _tops(boxes: Array, effects: Array) -> Array:
     """Largest |z| of all boxes and of all effects, shape (2, k)."""
-    *boxes, effects = (np.abs(z).max(axis=1, initial=0.0) for z in families)
-    return np.stack([np.max(boxes, axis=0), effects])
+    return np.stack([boxes.max(axis=(1, 2), initial=0.0), effects.max(axis=1, initial=0.0)])
 
 
 def _p_values(null: Array, values: Array) -> Array:

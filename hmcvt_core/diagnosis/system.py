@@ -32,6 +32,7 @@ class Axis:
         graded: whether a sentence calls it low or high; else it gives the limits.
         steered: whether a test can ask for a value; else it is only recorded, and neither regions
             nor tests are looked for along it.
+        labels: names of the values 0, 1, ... of an axis that is only recorded; a test names its.
         told: form of a value in the description of a test; `{0}` is the value, `{1}` the same in
             another unit, `second` times as large.
     """
@@ -44,6 +45,7 @@ class Axis:
     held: float
     graded: bool = True
     steered: bool = True
+    labels: tuple[str, ...] = ()
     told: str = "{0:g}"
     second: float = 1.0
 
@@ -107,13 +109,12 @@ class Effect(Protocol):
     """Something the base model leaves out; `hmcvt_core.physics.effects` says what each member is.
 
     `parameters` and `sizes` give objects with `name`, `unit`, `meaning`, `typical`, `low`, `high`,
-    `grid` (the values tried of a shape, empty for a size) and `is_size`.
+    `grid` (the values tried of a shape, empty for a size) and `is_size`; there is one size.
     """
 
     name: ClassVar[str]
     form: ClassVar[str]
     component: ClassVar[str]
-    prior: ClassVar[float]
     summary: ClassVar[str]
     source: ClassVar[str]
     remedy: ClassVar[str]

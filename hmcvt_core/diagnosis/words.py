@@ -7,8 +7,10 @@ import math
 import textwrap
 from collections.abc import Sequence
 
-from .advice import Advice
+from .advice import Advice, NextTest
+from .advice import named as named
 from .result import REGION_SIGNIFICANCE, Outcome, Region
+from .system import Axis
 
 MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
 
@@ -81,9 +83,11 @@ def listed(names: Sequence[str], last: str = "or") -> str:
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
-def named(effects: Sequence[str]) -> str:
-    """Return a set of effects in words."""
-    return " + ".join(map(plain, effects)) or "something unlisted"
+def point_of(test: NextTest, axes: Sequence[Axis]) -> str:
+    """Return the point of a test."""
+    point = test.point or {}
+    told = [axis.told.format(point[axis.name], axis.second * point[axis.name]) for axis in axes]
+    return ", ".join([*told, *map(" ".join, test.setting.items())])
 
 
 def advice(found: Advice) -> str:
@@ -91,10 +95,8 @@ def advice(found: Advice) -> str:
     told = [f"{named(effects)} ({probability(p)})" for effects, p in found.alive]
     lines = [f"stop: {found.reason}"]
     if not found.stop:
-        place = ", ".join(axis.told.format(found.tests[0].point[axis.name],
-                                           axis.second * found.tests[0].point[axis.name])
-                          for axis in found.axes)
-        lines = [f"next test: {place}; read {listed(found.channels, 'and')}",
+        lines = [f"next test: {point_of(found.tests[0], found.axes)}; "
+                 f"read {listed(found.channels, 'and')}",
                  f"about {found.tests_expected} more until it is settled"]
     if found.measure is not None:
         lines.append(f"measure: {found.measure}")

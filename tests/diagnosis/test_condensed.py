@@ -19,11 +19,12 @@ BIG = campaign((ChargePump(8.0),), seed=3, n=4000)
 
 def test_cells_are_small_and_hold_repeated_points_together():
     cell = neighbourhoods(observe(BIG), LARGE)
-    assert len(np.bincount(cell)) == LARGE
+    cells = len(np.bincount(cell))
+    assert 0.9 * LARGE < cells <= LARGE
     for name in ("displacement_ratio", "engine_speed", "load_torque"):
         row = getattr(BIG, name)
-        width = max(np.ptp(row[cell == i]) for i in range(LARGE))
-        assert width < 0.2 * np.ptp(row)
+        width = max(np.ptp(row[cell == i]) for i in range(cells))
+        assert width < 0.1 * np.ptp(row)
     dwelt = BIG.select(np.repeat(np.arange(30), 50))
     assert len(np.bincount(neighbourhoods(observe(dwelt), LARGE))) == 30
 
@@ -31,7 +32,7 @@ def test_cells_are_small_and_hold_repeated_points_together():
 def test_means_keep_what_the_samples_say():
     fit = fitted(BIG)
     means = condensed(fit)
-    assert len(means) == LARGE
+    assert len(means) == len(np.bincount(neighbourhoods(fit.observed, LARGE)))
     assert means.count.sum() == len(BIG)
     assert (means.whole is fit.observed, len(means.samples)) == (True, len(BIG))
     single = means.scale[0] * np.sqrt(means.count)
@@ -51,8 +52,8 @@ def test_scatter_of_neighbours_corrects_a_wrong_statement_of_the_noise(factor):
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_alone_is_no_gap(seed):
     base, notes = admitted(Transmission(BASE), observe(campaign(seed=200 + seed, n=3000), NOISE))
-    assert notes == [f"3000 samples are weighed as the means of {LARGE} cells of neighbouring "
-                     "operating points"]
+    assert notes == [f"3000 samples are weighed as the means of {len(base.observed)} cells of "
+                     "neighbouring operating points"]
     assert significance(base, regions(base.observed.place), 0, 199).p_value > 0.02
 
 

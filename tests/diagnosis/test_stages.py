@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis import words
 from hmcvt_core.physics.effects.mechanical import GearEfficiency
 
 TRACTOR = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
@@ -44,3 +45,12 @@ def test_a_sample_without_its_stage_is_named():
     wrong = ("HM9", *samples.extra["stage"][1:])
     with pytest.raises(hmcvt.InputError, match="stage 'HM9' is not known to the model"):
         hmcvt.diagnose(TRACTOR, replace(samples, extra={"stage": wrong}), noise=NOISE)
+
+
+def test_the_next_test_names_its_stage():
+    found = hmcvt.next_test(TRACTOR, bench(("HM1", "HM4"), 12), noise=NOISE)
+    told = found.to_dict()["test"]
+    assert told["stage"] in ("HM1", "HM4")
+    assert f"stage {told['stage']}" in words.advice(found)
+    point = [told[name] for name in ("displacement_ratio", "engine_speed", "load_torque")]
+    assert np.isfinite(TRACTOR.efficiency(*point, stage=told["stage"]))
