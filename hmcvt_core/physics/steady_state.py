@@ -253,7 +253,7 @@ class ArrayQuadrant(Quadrant):
         (a, c), motor = self.pump_ratios, (output - self.mechanical_ratio) / self.hydraulic_ratio
         pump = a + c * output  # (4)
 
-        def found_in(regime: Regime) -> Array:
+        def found_in(regime: Regime) -> tuple[Array, ...]:
             gear, drag, brace, brace_drag, rubbed, square, *_ = regime
             pressure = (load / output + drag * motor) / gear
             ratio = (motor + pressure / self.stiffness) / pump  # (13)
@@ -264,14 +264,14 @@ class ArrayQuadrant(Quadrant):
                     linear * linear + 4.0 * brace * rest / (self.stiffness * pump)))
                 ratio = (motor + pressure / self.stiffness) / pump
                 square = self.quadratic(regime, ratio, load)[2]
-            return np.stack(np.broadcast_arrays(pressure, ratio, square))
+            return pressure, ratio, square
 
         found = found_in(self.regimes[0])
         past = driven = ~(self.drives(found[0], output) if self.braced else motor > _ROUNDED)
         for number, regime in enumerate(self.regimes[1:], 1):
             if not past.any():
                 break
-            found = np.where(past, found_in(regime), found)
+            found = tuple(map(np.where, (past, past, past), found_in(regime), found))
             past = past & ~((found[0] if number == DRIVEN else self.pump_torque(
                 found[1], output, found[0])) >= 0.0)
         _, ratio, square = found
