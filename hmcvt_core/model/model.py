@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..files import drawing, preformatted
-from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
@@ -36,6 +34,7 @@ from .domain import Domain, EfficiencyMap, Prediction, Uncertainty
 from .drive_line import DriveOptimum, drive_optimum
 from .engine import Engine
 from .optimum import Optimum, optimum
+from .shown import Shown
 
 Array = NDArray[np.float64]
 SCHEMA = "hmcvt-model/1"
@@ -50,7 +49,7 @@ INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. 
 
 
 @dataclass(frozen=True, eq=False)
-class EfficiencyModel:
+class EfficiencyModel(Shown):
     """Efficiency of one stage at any operating point, or of all stages of a transmission.
 
     A model of several stages answers for `stage`, the first of its file; `stages` holds each as a
@@ -288,16 +287,6 @@ class EfficiencyModel:
         """
         return EfficiencyMap.of(self.without_meters().efficiency, (
             displacement_ratios, engine_speeds, load_torques), self.domain)
-
-    def plot_map(self, power: float = 40e3, samples: BenchSamples | None = None) -> Any:
-        """Return a matplotlib figure of the efficiency at an output power [W], tests marked."""
-        return drawing().drawn(lambda figure: drawing().draw_surface(
-            figure, self, power, samples=samples))
-
-    def _repr_html_(self) -> str:
-        values = self.parameters.to_mapping(self.standard_errors).items()
-        return preformatted("\n".join([f"{self.formulation}, stage {', '.join(self.stages)}", *(
-            f"  {name:<14} {entry['value']:.4g} {entry['unit']}" for name, entry in values)]))
 
     # --- the same for points already checked ----------------------------------------------------
 
