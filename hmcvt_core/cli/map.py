@@ -24,7 +24,7 @@ _PICTURE_POWER = 40_000.0
 Examples:
   hmcvt map --out map.csv
   hmcvt map --steps 21 11 5 --load-torque-limits 100 400 --json
-  hmcvt map --picture map.png --power 23kW --bench data/table2.csv""")
+  hmcvt map --picture map.png --power 40kW --bench data/table2.csv""")
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
 @click.option("--engine-speed-limits", type=common.speed, nargs=2, default=ENGINE_SPEED_LIMITS,

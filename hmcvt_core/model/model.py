@@ -340,33 +340,32 @@ class EfficiencyModel(Shown):
         return found.reshape(*values.shape[:-1], n)
 
     @cached_property
-    def uncertainty(self) -> Uncertainty | None:
-        """How well the parameters are known; None for a model that does not state it."""
+    def _uncertainty(self) -> Uncertainty | None:
         if not self.standard_errors or self.correlation is None:
             return None
         return Uncertainty(self.parameters, self.standard_errors, self.correlation)
 
     @cached_property
     def _point_neighbours(self) -> list[PointSolver]:
-        values = [] if self.uncertainty is None else self.uncertainty.neighbours.tolist()
+        values = [] if self._uncertainty is None else self._uncertainty.neighbours.tolist()
         return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values]
 
     def _predict_point(self, solver: PointSolver, *point: float) -> Prediction:
         """`predict` at one point in range, without the cost of arrays."""
         here, error = solver.solve(*point)[0], math.nan
-        if self.uncertainty is not None:
-            error = float(self.uncertainty.of(here, np.array(
+        if self._uncertainty is not None:
+            error = float(self._uncertainty.of(here, np.array(
                 [neighbour.solve(*point)[0] for neighbour in self._point_neighbours])))
         inside = self.domain is not None and not self.domain.departures(*point)
         return Prediction(here, error, inside)
 
     def _standard_error(self, points: OperatingPoints) -> Array:
         shape = points.engine_speed.shape
-        if self.uncertainty is None:
+        if self._uncertainty is None:
             return np.full(shape, np.nan)
         here, *there = self.efficiency_of_candidates(np.vstack(
-            [self.parameters.to_array(), self.uncertainty.neighbours]), points.map(np.ravel))
-        return self.uncertainty.of(here, np.array(there)).reshape(shape)
+            [self.parameters.to_array(), self._uncertainty.neighbours]), points.map(np.ravel))
+        return self._uncertainty.of(here, np.array(there)).reshape(shape)
 
     # --- the model as data ----------------------------------------------------------------------
 
