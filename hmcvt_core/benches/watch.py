@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..diagnosis.change import ChangeTest, step_size
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
 from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS
 from .transmission import EFFICIENCY_CHANNEL
 
@@ -93,9 +93,15 @@ class Watch:
         """
         self._noise = None if noise is None else float(EFFICIENCY_STD.check(noise, "noise"))
         self.model, self._false_alarms = model, false_alarms
-        spread = (PAPER_EFFICIENCY_UNCERTAINTY if model.uncertainty is None
-                  else EFFICIENCY_CHANNEL.misfit_spread)
-        known = np.empty((0, 0)) if model.uncertainty is None else model.uncertainty.correlation
+        errors, known = model.standard_errors, model.correlation
+        spread = EFFICIENCY_CHANNEL.misfit_spread
+        if not errors or known is None:
+            spread, errors, known = PAPER_EFFICIENCY_UNCERTAINTY, {}, np.empty((0, 0))
+        base = model.parameters.to_array()
+        self._errors = np.array([errors[name] for name in PARAMETER_NAMES if errors])
+        # A step of a thousandth of the error stays in the linear range.
+        self._steps = np.maximum(1e-3 * self._errors, 1e-6 * base[:len(known)] + 1e-18)
+        self._values = np.vstack([base, base + np.diag(self._steps)] if errors else [base])
         self._prior = np.eye(_PLANE + len(known)) * spread**2
         self._prior[_PLANE:, _PLANE:] = known
         self._test = ChangeTest(self._prior, EFFICIENCY_CHANNEL.field_spreads)
@@ -121,7 +127,7 @@ class Watch:
 
     def _compared(self, samples: BenchSamples) -> Array:
         model, points = self.model, samples.points
-        here = model.solution_at(points).efficiency
+        here, *there = model.efficiency_of_candidates(self._values, points)
         deviation = PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency
         if self._noise is not None:
             deviation, self._source = np.full(len(samples), self._noise), "as stated"
@@ -132,9 +138,8 @@ class Watch:
         slopes = [np.ones(len(samples)), points.displacement_ratio,
                   (points.engine_speed - middle) / half,
                   points.load_torque / _LOAD - 1.0]
-        if (known := model.uncertainty) is not None:
-            slopes += list(known.gradient(here, model.efficiency_of_candidates(
-                known.neighbours, points)).T)
+        slopes += [(near - here) / step * error for near, step, error in zip(
+            there, self._steps, self._errors, strict=True)]
         deviation = np.hypot(deviation, EFFICIENCY_CHANNEL.misfit_spread)
         return np.column_stack([samples.efficiency - here, deviation, stamp, *slopes])
 

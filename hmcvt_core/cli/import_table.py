@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""`hmcvt import`."""
+"""`hmcvt import`, and `hmcvt import-csv`, its older name."""
 
 from __future__ import annotations
 
@@ -117,6 +117,3 @@ def _tell(found: Imported, out: str, columns: dict[str, str], as_json: bool) -> 
     for line in (*(f"left out: {each}" for each in found.left_out), *found.notes):
         click.echo(line)
     click.echo(f"{len(samples)} bench samples written to {out}")
-
-
-command = named("import")

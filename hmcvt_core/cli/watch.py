@@ -23,7 +23,7 @@ OPEN = 4
 @click.command("watch", epilog="""\b
 Examples:
   hmcvt watch samples.csv
-  hmcvt watch samples.csv --params mine.yaml --noise 0.004 --json""")
+  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""")
 @click.argument("samples", metavar="SAMPLES")
 @common.params_option
 @common.noise_option

@@ -59,12 +59,12 @@ class Cells(NamedTuple):
                     f"{self.source}: row {self.rows[i]}: {name} {what}") from None
         return values
 
-    def require_range(self, values: Array, limits: Range, remark: str = "") -> None:
+    def require_range(self, values: Array, limits: Range) -> None:
         """Raise an `InputError` that names the row of the first value outside its range."""
         outside = np.flatnonzero(~limits.contains(values))
         if len(outside):
             raise InputError(f"{self.source}: row {self.rows[outside[0]]}: "
-                             f"{limits.complaint(values[outside[0]])}{remark}")
+                             f"{limits.complaint(values[outside[0]])}")
 
 
 def read_columns(
@@ -96,7 +96,7 @@ def read_columns(
 
 def read_cells(
     path: str | os.PathLike[str], required: Sequence[str],
-    names_of: Callable[[list[str]], list[str]], header_row: int | None = None,
+    names_of: Callable[[list[str]], list[str]],
 ) -> Cells:
     """Read a CSV file with a header, separated by commas, semicolons or tabs.
 
@@ -106,7 +106,6 @@ def read_cells(
         path: of the file.
         required: columns that must be there.
         names_of: gives the names of the columns from the cells of the header.
-        header_row: line of the header, from 1; found when left out.
 
     Raises:
         InputError: the file is missing, empty, too large or not CSV, a required column is
@@ -114,9 +113,6 @@ def read_cells(
     """
     source = str(Path(path))
     text, sha256 = file_text(Path(path))
-    if header_row is not None:
-        # Left empty, so that the rows below keep their numbers.
-        text = "\n" * (header_row - 1) + "".join(list(io.StringIO(text))[header_row - 1:])
     line = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
     separator = max(",;\t", key=line.count)  # what stands there most, first a comma
     try:

@@ -46,7 +46,7 @@ _WORDS: Mapping[str, str] = {
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
     "loss": "loss losses verlust fuel ambient room target set soll cmd demand limit coolant wasser",
-    "stage": "stage range gang fahrbereich stufe mode",
+    "stage": "stage gang fahrbereich stufe",
 }
 _FIND = {meaning: re.compile("|".join(
     word if len(word) > 3 else rf"\b{word}\b" for word in words.split()))
@@ -146,9 +146,15 @@ def guess_columns(
         if (alone := found.pop(f"any_{kind}", None)) and other not in known:
             found[other] = alone
     _without_doubles(found, taken)
-    return {quantity: guess if guess.unit else guess._replace(
-        unit=_by_range(quantity, numbers[guess.column]), why="range")
-        for quantity, guess in found.items()}
+    for quantity, guess in found.items():
+        if not guess.unit:
+            found[quantity] = guess._replace(
+                unit=_by_range(quantity, numbers[guess.column]), why="range")
+    # An output that turns slowly may look like rad/s; a bench has one unit for both shafts.
+    if (engine := found.get("engine_speed")) and "output_speed" in found and (
+            found["output_speed"].why == "range"):
+        found["output_speed"] = found["output_speed"]._replace(unit=engine.unit)
+    return found
 
 
 def _without_doubles(found: dict[str, Guess], taken: Mapping[str, str]) -> None:

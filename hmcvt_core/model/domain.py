@@ -139,7 +139,6 @@ class Uncertainty:
 
     Attributes:
         neighbours: parameters a small step away from the model's, one after the other, (3, 3).
-        correlation: of the parameters, (3, 3).
     """
 
     def __init__(
@@ -147,26 +146,18 @@ class Uncertainty:
         correlation: Array,
     ) -> None:
         self._errors = np.array([standard_errors[name] for name in PARAMETER_NAMES])
-        self.correlation, base = correlation, parameters.to_array()
+        self._correlation, base = correlation, parameters.to_array()
         # A step of a thousandth of the error stays in the linear range, also next to a bound.
         steps = np.maximum(1e-3 * self._errors, 1e-6 * base + 1e-18)
         highest = [limits.high for limits in PARAMETER_RANGES]
         self._steps = np.where(base + steps <= highest, steps, -steps)
         self.neighbours = base + np.diag(self._steps)
 
-    def gradient(self, here: Array | float, there: Array) -> Array:
-        """Change with one standard error of each parameter, (..., 3).
-
-        Args:
-            here: answers, shape (...).
-            there: those next to them, shape (3, ...).
-        """
-        return np.asarray((there - here).T / self._steps * self._errors)
-
     def of(self, here: Array | float, there: Array) -> Array:
-        """Standard error of answers; arguments as of `gradient`."""
-        gradient = self.gradient(here, there)
-        variance = ((gradient @ self.correlation) * gradient).sum(axis=-1)
+        """Standard error of answers `here`, shape (...), that are `there`, (3, ...), next to it."""
+        slope = (there - here).T / self._steps
+        gradient = slope * self._errors
+        variance = ((gradient @ self._correlation) * gradient).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
-        blind = (gradient == 0.0).all(axis=-1)
+        blind = (slope == 0.0).all(axis=-1)
         return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0)))

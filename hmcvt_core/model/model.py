@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..files import drawing, preformatted
-from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
@@ -40,6 +38,7 @@ from .domain import AXES, Domain, EfficiencyMap, Prediction, Uncertainty
 from .drive_line import DriveOptimum, drive_optimum
 from .engine import Engine
 from .optimum import Optimum, optimum
+from .shown import Shown
 
 Array = NDArray[np.float64]
 SCHEMA = "hmcvt-model/1"
@@ -54,7 +53,7 @@ INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. 
 
 
 @dataclass(frozen=True, eq=False)
-class EfficiencyModel:
+class EfficiencyModel(Shown):
     """Efficiency of one stage at any operating point, or of all stages of a transmission.
 
     A model of several stages answers for `stage`, the first of its file; `stages` holds each as a
@@ -298,16 +297,6 @@ class EfficiencyModel:
         values = self.without_meters().efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
         return EfficiencyMap(axes[0], axes[1], axes[2], values, self.domain)
 
-    def plot_map(self, power: float = 40e3, samples: BenchSamples | None = None) -> Any:
-        """Return a matplotlib figure of the efficiency at an output power [W], tests marked."""
-        return drawing().drawn(lambda figure: drawing().draw_surface(
-            figure, self, power, samples=samples))
-
-    def _repr_html_(self) -> str:
-        values = self.parameters.to_mapping(self.standard_errors).items()
-        return preformatted("\n".join([f"{self.formulation}, stage {', '.join(self.stages)}", *(
-            f"  {name:<14} {entry['value']:.4g} {entry['unit']}" for name, entry in values)]))
-
     # --- the same for points already checked ----------------------------------------------------
 
     def solution_at(self, points: OperatingPoints) -> Solution:
@@ -356,33 +345,32 @@ class EfficiencyModel:
         return found.reshape(*values.shape[:-1], n)
 
     @cached_property
-    def uncertainty(self) -> Uncertainty | None:
-        """How well the parameters are known; None for a model that does not state it."""
+    def _uncertainty(self) -> Uncertainty | None:
         if not self.standard_errors or self.correlation is None:
             return None
         return Uncertainty(self.parameters, self.standard_errors, self.correlation)
 
     @cached_property
     def _point_neighbours(self) -> list[PointSolver]:
-        values = [] if self.uncertainty is None else self.uncertainty.neighbours.tolist()
+        values = [] if self._uncertainty is None else self._uncertainty.neighbours.tolist()
         return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values]
 
     def _predict_point(self, solver: PointSolver, *point: float) -> Prediction:
         """`predict` at one point in range, without the cost of arrays."""
         here, error = solver.solve(*point)[0], math.nan
-        if self.uncertainty is not None:
-            error = float(self.uncertainty.of(here, np.array(
+        if self._uncertainty is not None:
+            error = float(self._uncertainty.of(here, np.array(
                 [neighbour.solve(*point)[0] for neighbour in self._point_neighbours])))
         inside = self.domain is not None and not self.domain.departures(*point)
         return Prediction(here, error, inside)
 
     def _standard_error(self, points: OperatingPoints) -> Array:
         shape = points.engine_speed.shape
-        if self.uncertainty is None:
+        if self._uncertainty is None:
             return np.full(shape, np.nan)
         here, *there = self.efficiency_of_candidates(np.vstack(
-            [self.parameters.to_array(), self.uncertainty.neighbours]), points.map(np.ravel))
-        return self.uncertainty.of(here, np.array(there)).reshape(shape)
+            [self.parameters.to_array(), self._uncertainty.neighbours]), points.map(np.ravel))
+        return self._uncertainty.of(here, np.array(there)).reshape(shape)
 
     # --- the model as data ----------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 """Ten tables as benches write them, unlike each other: each read in at most one correction."""
 
 import re
+import shlex
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
@@ -176,8 +177,6 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
         assert np.all((found.oil_temperature > 60.0) & (found.oil_temperature < 85.0))
     # What it says is the same as the guess, said explicitly.
     said = re.search(r"the same said: hmcvt (.*)", shown.out)[1]
-    import shlex
-
     out.unlink()
     assert hmcvt(*shlex.split(said), *skip).code == 0
     assert core.read_bench(out).efficiency.tolist() == found.efficiency.tolist()
@@ -199,6 +198,16 @@ def test_a_recording_never_passes_as_tests_without_a_word(hmcvt, tmp_path):
     assert f"a recording of {120 * TESTS} rows was cut into {TESTS} steady windows" in done.out
     assert hmcvt("import", path, "--out", out, "--yes", "--averaged").code == 0
     assert len(core.read_bench(out)) == 120 * TESTS
+
+
+def test_a_slow_output_is_in_the_unit_of_the_engine_and_a_mode_is_no_stage(hmcvt, tmp_path):
+    path, out = tmp_path / "t.csv", tmp_path / "bench.csv"
+    path.write_text("eps,engine speed,engine torque,output speed,output torque,mode\n"
+                    "0.5,1400,200,120,1900,auto\n-0.5,1500,180,150,1500,auto\n")
+    assert hmcvt("import", path, "--out", out, "--yes").code == 0
+    found = core.read_bench(out)
+    assert found.output_speed == pytest.approx(np.array([120.0, 150.0]) * RPM)
+    assert found.extra == {"mode": ("auto", "auto")} and found.points.stage is None
 
 
 def test_what_is_no_table_is_told(hmcvt, tmp_path):
