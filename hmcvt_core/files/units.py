@@ -219,6 +219,8 @@ def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
     cells, values = decimal_points(cells, names), {}
     for name in names:
         values[name] = factors[name] * cells.numbers(name)
+        if name == _EFFICIENCIES[1]:  # whatever stands there without pressure
+            values[name] = np.where(values["pressure"] < TELLING, 1.0, values[name])
         cells.require_range(values[name], _RANGES[name])
     if np.ptp(values["displacement"]) > 1e-6 * values["displacement"][0]:
         raise InputError(f"{cells.source}: displacement differs between rows: one unit at a time")
