@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 KINDS = ("pump", "motor")
 AXES = ("displacement_ratio", "speed", "pressure")
 
-METER_DEVIATION = 0.0035
+METER_DEVIATION = 0.0034
 """Standard deviation of a flow or torque against the ideal one, as a part, if nobody states it.
 
-ISO 4409, class A: errors up to 0.5 % of flow, torque, speed and pressure each; half of that is one
-deviation, and two of them make an efficiency.
+ISO 4409, class A: errors up to 0.5 % of each reading, three deviations. Four readings are in it:
+flow and speed, or torque and pressure, and those two by which the displacement was found.
 """
 _GAUGE_DEVIATION = 5e4  # Pa; the same class near zero, as of a transmission's pressure
 
