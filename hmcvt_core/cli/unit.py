@@ -38,7 +38,7 @@ Examples:
                    "displacement_ratio, and predict it: pressure=0.7.")
 @click.option("--noise", type=click.FloatRange(1e-6, 0.2), metavar="STD",
               help="Standard deviation of flow and torque, as a part of the ideal ones.  [default: "
-                   "0.0035, half of what ISO 4409 allows in class A]")
+                   "0.0034, by class A of ISO 4409]")
 @click.option("--report", type=common.OutputFile(), metavar="R.html", help="Write the report page.")
 @click.option("--into", type=common.OutputFile(), metavar="TRACTOR.yaml",
               help="Put parameters and effects of this unit into a transmission's file.")

@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 KINDS = ("pump", "motor")
 AXES = ("displacement_ratio", "speed", "pressure")
 
-METER_DEVIATION = 0.0035
+METER_DEVIATION = 0.0034
 """Standard deviation of a flow or torque against the ideal one, as a part, if nobody states it.
 
-ISO 4409, class A: errors up to 0.5 % of flow, torque, speed and pressure each; half of that is one
-deviation, and two of them make an efficiency.
+ISO 4409, class A: errors up to 0.5 % of each reading, three deviations. Four readings are in it:
+flow and speed, or torque and pressure, and those two by which the displacement was found.
 """
 _GAUGE_DEVIATION = 5e4  # Pa; the same class near zero, as of a transmission's pressure
 
@@ -219,6 +219,8 @@ def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
     cells, values = decimal_points(cells, names), {}
     for name in names:
         values[name] = factors[name] * cells.numbers(name)
+        if name == _EFFICIENCIES[1]:  # whatever stands there without pressure
+            values[name] = np.where(values["pressure"] < TELLING, 1.0, values[name])
         cells.require_range(values[name], _RANGES[name])
     if np.ptp(values["displacement"]) > 1e-6 * values["displacement"][0]:
         raise InputError(f"{cells.source}: displacement differs between rows: one unit at a time")

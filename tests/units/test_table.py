@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hmcvt_core import InputError
+from hmcvt_core.benches.unit import diagnose_unit
 from hmcvt_core.files.units import read_unit
 
 from .bench import CM3, DAMPING, LEAKAGE, TURN, efficiencies, grid, table
@@ -53,6 +54,14 @@ def test_noise_of_the_meters_reaches_the_losses(tmp_path, kind):
         else:
             drawn.append((exact.ideal[0] * (1.0 / eta[0] - 1.0), exact.ideal[1] * (1.0 - eta[1])))
     np.testing.assert_allclose(exact.deviation, np.std(drawn, axis=0), rtol=0.25)
+
+
+def test_rows_without_pressure_tell_no_torque(tmp_path):
+    at = np.append(0.0, PRESSURE[1:])
+    pair = list(efficiencies(SPEED, at))
+    found = read_unit(table(tmp_path / "t.csv", SPEED, at, pair), kind="pump")
+    assert pair[1][0] == 0.0 and found.torque_loss[0] == 0.0
+    assert diagnose_unit(found, deals=0).found.notes[0].startswith("1 samples below 100000 Pa")
 
 
 def test_one_unit_of_several(tmp_path):
