@@ -181,7 +181,7 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     for names in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item.effects[0].name in names
                              and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS])
-    largest = int(base.observed.count.sum()) // _SAMPLES_EACH
+    largest = len(base.observed) // _SAMPLES_EACH
     if largest > 1:  # two that hold the leader are found from it, below
         (first,), = leaders(1, 1)
         refitted([item for item in _promising(_distinct(screen(base, library, 2)))
