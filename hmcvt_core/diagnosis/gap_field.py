@@ -71,36 +71,34 @@ class GapField:
 
 
 def as_measured(base: Fit, points: Points) -> Observations:
-    """Points as if read with the noise of the campaign, by one sample, where the base model is.
+    """Points as if read with the noise of the campaign, where the base model is.
 
     In every channel of the campaign.
     """
     observed, system = base.observed, base.hypothesis.system
     predicted = observed.read(system.predict(base.base, (), points))
-    readings, each = [], np.sqrt(observed.count)
+    readings = []
     for i, reading in enumerate(observed.readings):
         values, channel = predicted[i], reading.channel
         deviation = channel.deviation(values) if i else np.full(
-            len(values), np.median(observed.scale[i] * each))
+            len(values), np.median(observed.scale[i]))
         readings.append(Reading(channel, values, deviation * np.sqrt(base.noise[i]), 1.0))
     return replace(observed, points=points, readings=tuple(readings),
-                   number=np.arange(predicted.shape[1]), gathered=None)
+                   number=np.arange(predicted.shape[1]))
 
 
-def covering(members: NDArray[np.bool_], target: NDArray[np.bool_], weight: Array,
-             most: int) -> list[int]:
+def covering(members: NDArray[np.bool_], target: NDArray[np.bool_], most: int) -> list[int]:
     """The fewest regions that hold some points and no others, by F1, one after another.
 
     Args:
         members: which points each region holds, shape (regions, n).
         target: the points, shape (n,).
-        weight: samples behind each point, shape (n,).
         most: regions.
     """
     covered, chosen, best = np.zeros(len(target), dtype=bool), list[int](), 0.0
     for _ in range(most):
         union = members | covered
-        f1 = 2.0 * (union & target) @ weight / (union @ weight + target @ weight)
+        f1 = 2.0 * (union & target).sum(axis=1) / (union.sum(axis=1) + target.sum())
         one = int(f1.argmax())
         if f1[one] < best + _PAYS:
             break

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .cells import condensed
 from .hypothesis import REFUSED, Fit, Hypothesis, refit
 from .observations import FEW, LARGE, Observations, replicate_groups
 from .regions import scaled_to_extent
@@ -22,6 +21,7 @@ Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 5
 _MOST_REFUSED = 0.25  # part of the samples at which the model may have no answer
+_FINER, _FINEST = 1.05, 250.0  # lattices: than the one before; parts of an axis
 _NAMED = 3  # samples that a note names one by one
 _NEIGHBOURS = 6
 _FAR, _FURTHER = 5.0, 10.0
@@ -33,7 +33,7 @@ _MAD_TO_DEVIATION = 1.4826
 def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     """Refit the base model to what can be used, and return a note on every sample left out.
 
-    A large campaign is condensed.
+    Of a large campaign as many as can be weighed are kept.
 
     Raises:
         InputError: what remains cannot carry a diagnosis.
@@ -63,16 +63,35 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         base = _without(base, slips)
     _check(system, base.observed)
     if len(base.observed) > LARGE:
-        means = condensed(base)
-        notes.append(f"{len(base.observed)} samples are weighed as the means of {len(means)} cells "
-                     "of neighbouring operating points")
-        base = refit(base.hypothesis, means, base.base)
+        notes.append(f"{LARGE} of {len(base.observed)} samples are weighed, evenly spread over the "
+                     "operating points")
+        base = refit(base.hypothesis, base.observed.select(spread_out(base.observed, LARGE)),
+                     base.base)
     return base, notes
 
 
 def _without(base: Fit, dropped: NDArray[np.intp]) -> Fit:
     kept = np.setdiff1d(np.arange(len(base.observed)), dropped)
     return refit(base.hypothesis, base.observed.select(kept))
+
+
+def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:
+    """Return the indices of so many samples, as evenly spread as can be: shape (most,), in order.
+
+    Cells of a lattice, the finest of which no more are occupied, give one sample each in turn.
+    """
+    place = (scaled_to_extent(observed.place).T + 1.0) / 2.0
+    cell, parts = np.zeros(len(place), dtype=np.intp), 2.0
+    while parts < _FINEST:
+        code = (place * parts).astype(int) @ (int(parts) + 1) ** np.arange(place.shape[1])
+        finer = np.unique(code, return_inverse=True)[1]
+        if finer.max() >= most:
+            break
+        cell, parts = finer, _FINER * parts
+    mixed = np.random.default_rng(0).permutation(len(cell))
+    order = mixed[np.argsort(cell[mixed], kind="stable")]
+    turn = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
+    return np.sort(order[np.argsort(turn, kind="stable")[:most]])
 
 
 def _check(system: System, observed: Observations) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ FEW = 16
 """Below this many samples scatter has no shape to be judged by; only its size is left."""
 
 LARGE = 1000
-"""Most samples that are weighed one by one; more are gathered in as many cells at most."""
+"""Most samples that are weighed."""
 
 REPEATED = 0.002
 """Samples so close in every axis repeat one point; a part of the range of the axis."""
@@ -61,20 +61,6 @@ class Reading:
         return (self.measured if self.channel.relative else 1.0) / self.deviation
 
 
-class Gathered(NamedTuple):
-    """The samples behind points that are their means.
-
-    Attributes:
-        whole: the samples, N of them.
-        cell: the point that each went into, shape (N,).
-        apart: how much further from the model than its point each lies in the first channel, (N,).
-    """
-
-    whole: Observations
-    cell: NDArray[np.intp]
-    apart: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Observations:
     """Channels at n operating points.
@@ -88,8 +74,6 @@ class Observations:
         number: of each sample in what was handed in, shape (n,).
         noise_source: where the noise of the first channel comes from, in words.
         assumed: whether nobody stated it.
-        gathered: the samples behind points that are means, to which `samples` then belongs; None
-            where each point is one sample.
         channels: all that the system predicts, in its order; empty where all of them are read.
     """
 
@@ -100,29 +84,10 @@ class Observations:
     number: NDArray[np.intp]
     noise_source: str
     assumed: bool = False
-    gathered: Gathered | None = None
     channels: tuple[Channel, ...] = ()
 
     def __len__(self) -> int:
         return len(self.number)
-
-    @property
-    def whole(self) -> Observations:
-        """The samples themselves."""
-        return self if self.gathered is None else self.gathered.whole
-
-    @property
-    def count(self) -> Array:
-        """How many samples are behind each point, shape (n,)."""
-        if self.gathered is None:
-            return np.ones(len(self))
-        return np.bincount(self.gathered.cell).astype(float)
-
-    def at_samples(self, errors: Array) -> Array:
-        """Errors of the first channel at every sample, for those at the points, shape (n,)."""
-        if self.gathered is None:
-            return errors
-        return np.asarray(errors[self.gathered.cell] + self.gathered.apart)
 
     @property
     def place(self) -> Array:
@@ -166,7 +131,7 @@ class Observations:
             else predicted[:len(self.readings)]
 
     def select(self, index: NDArray[np.intp]) -> Observations:
-        """Return a subset of samples that are not gathered, with the same noise."""
+        """Return a subset of samples, with the same noise."""
         readings = tuple(replace(reading, measured=reading.measured[index],
                                  deviation=reading.deviation[index]) for reading in self.readings)
         return replace(self, points={name: row[index] for name, row in self.points.items()},
@@ -229,12 +194,8 @@ def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] 
         return None
     mean = np.bincount(group, measured) / count
     deviation = float(np.sqrt(np.sum((measured - mean[group]) ** 2) / free))
-    return None if filled_in(deviation, measured) else (deviation, free)
-
-
-def filled_in(deviation: float, measured: Array) -> bool:
-    """Whether readings agree better than any bench: they are filled in, as in a plan, or copied."""
-    return bool(deviation <= _LEAST_PART * np.abs(measured).max())
+    # Readings that agree better than any bench are filled in, as in a plan, or copied.
+    return None if deviation <= _LEAST_PART * np.abs(measured).max() else (deviation, free)
 
 
 def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:

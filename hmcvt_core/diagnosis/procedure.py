@@ -89,8 +89,7 @@ class _Study:
     def shrunk(self) -> Callable[[Rival], ShrinkageSummary]:
         """How far the gap shrinks with a set held in every fold; worked out once for each."""
         return cache(lambda rival: shrinkage(
-            self.before, self.errors([rival]), self.noise, "cross-validation", self.seed,
-            weight=self.base.observed.count))
+            self.before, self.errors([rival]), self.noise, "cross-validation", self.seed))
 
     @cached_property
     def noise(self) -> Array:
@@ -100,9 +99,8 @@ class _Study:
 
     @property
     def scatter(self) -> float:
-        """Root of the mean square of the noise of single samples."""
-        count = self.base.observed.count
-        return float(np.sqrt(np.average(self.noise**2 * count, weights=count)))
+        """Root of the mean square of the noise."""
+        return _rms(self.noise)
 
 
 def diagnose_system(
@@ -140,24 +138,21 @@ def diagnose_system(
     tell("step 2 of 3, refits with sets of effects")
     study = _Study(base, boxes, found, rank(base, boxes), seed, deals(observed, seed))
     tell("step 3 of 3, how far the gap shrinks")
-    ranking, noise, count = study.ranking, study.noise, observed.count
+    ranking, noise = study.ranking, study.noise
     before = after = study.before
     held_out: list[str] = []
-    judged = observed.whole
+    judged, residuals = observed, study.before
     if study.significant:
         after = study.errors([ranking.bare, *(
             rival for rival, _ in list(ranking.sets.values())[:_RIVALS])])
     verdict, why = _verdict(study)
     left = study.errors([study.leading[0]]) if verdict in NAMING else before
-    delivered = Delivered(_rms(observed.at_samples(before)), _rms(observed.at_samples(left)))
-    residuals = observed.at_samples(before)
+    delivered = Delivered(_rms(before), _rms(left))
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
-                       seed, study.significant, count if held is None else 1.0)
-    if held is None:
-        before, after = observed.at_samples(before), observed.at_samples(after)
-    gap = Gap(len(residuals), _rms(residuals), study.scatter, observed.whole.usual_noise,
+                       seed, study.significant)
+    gap = Gap(len(residuals), _rms(residuals), study.scatter, observed.usual_noise,
               observed.noise_source, found.p_value, study.significant)
     advice = advise(base, ranking, system.candidates(observed.points, base.base))
     field = GapField.of(base, ranking.entries())
@@ -218,12 +213,11 @@ def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
     fit = study.leading[0].fit if verdict in NAMING else study.base
     system, points = fit.hypothesis.system, study.base.observed.points
     expected, = system.predict(fit.base, (), points)[:1]
-    weight = study.base.observed.count
-    if fit is study.base:
-        real, weight = expected + gap, weight * (np.abs(gap) >= _rms(gap))
-    else:
+    if fit is not study.base:
         real = fit.hypothesis.predict(fit.theta, points)[0]
-    return float(np.average(system.lost_power(points, expected, real), weights=weight))
+        return float(np.mean(system.lost_power(points, expected, real)))
+    lost = system.lost_power(points, expected, expected + gap)
+    return float(np.mean(lost[np.abs(gap) >= _rms(gap)]))
 
 
 def _sets(study: _Study) -> tuple[CauseSet, ...]:
@@ -327,21 +321,15 @@ def _where(study: _Study, expected: Array) -> tuple[Region, ...]:
     boxes, found = study.boxes, study.found
     if not study.significant or not len(boxes):
         return ()
-    count = study.base.observed.count
-    chosen = covering(boxes.members, np.abs(expected) > _rms(expected), count, _MOST_REGIONS)
-    chosen.sort(key=lambda i: -abs(np.sum((expected * count)[boxes.members[i]])))
+    chosen = covering(boxes.members, np.abs(expected) > _rms(expected), _MOST_REGIONS)
+    chosen.sort(key=lambda i: -abs(np.sum(expected[boxes.members[i]])))
     observed = study.base.observed
     residual = study.base.whitened[0] * observed.scale[0]
-    # Cells end before the samples in them do.
-    place, whole = observed.place, observed.whole.place
-    low = np.where(boxes.low == place.min(axis=1), whole.min(axis=1), boxes.low)
-    high = np.where(boxes.high == place.max(axis=1), whole.max(axis=1), boxes.high)
-    limits = np.stack([low, high], axis=-1).tolist()
+    limits = np.stack([boxes.low, boxes.high], axis=-1).tolist()
     return tuple(Region(
         {axis.name: (low, high) for axis, (low, high) in zip(observed.steered, limits[i],
                                                              strict=True)},
-        float(np.average(residual[boxes.members[i]], weights=count[boxes.members[i]])),
-        int(count[boxes.members[i]].sum()),
+        float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
         float(found.region_p[i]), observed.readings[found.region_channel[i]].channel.name)
         for i in chosen)
 
@@ -356,9 +344,9 @@ def _at_zero(fit: Fit) -> list[str]:
 def _on_noise(study: _Study) -> list[str]:
     """Say that the noise found is not the one stated, or what a statement would change."""
     observed = study.base.observed
-    channel, stated, found = observed.readings[0].channel, observed.whole.usual_noise, study.scatter
+    channel, stated, found = observed.readings[0].channel, observed.usual_noise, study.scatter
     ratio = found / stated
-    if observed.assumed and len(observed.whole) < FEW:
+    if observed.assumed and len(observed) < FEW:
         noise = float(f"{stated:.2g}")
         believed = refit(study.base.hypothesis, observed.stating(noise))
         p_value = significance(believed, study.boxes, study.seed).p_value

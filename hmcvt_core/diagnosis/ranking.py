@@ -43,7 +43,7 @@ PRIOR_MISFIT = 0.10
 PRIOR_UNLISTED = 0.10
 """Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
 
-_KINDS = 12  # single effects refitted
+_KINDS = 12  # single effects refitted, and sets refitted exactly at the end
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
 _SAMPLES_EACH = 16  # for each cause of a set: three causes need about 48
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
@@ -181,7 +181,7 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     for names in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item.effects[0].name in names
                              and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS])
-    largest = int(base.observed.count.sum()) // _SAMPLES_EACH
+    largest = len(base.observed) // _SAMPLES_EACH
     if largest > 1:  # two that hold the leader are found from it, below
         (first,), = leaders(1, 1)
         refitted([item for item in _promising(_distinct(screen(base, library, 2)))
@@ -193,8 +193,9 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
             for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
             key=lambda each: -each.gain))[:2 * _SETS])
     best = max(map(weight, found))
-    for names in [each for each in found if weight(each) > best - _HOPELESS]:
-        refine(names)
+    for names in sorted(found, key=weight, reverse=True)[:_KINDS]:
+        if weight(names) > best - _HOPELESS:
+            refine(names)
     return [(rival, weight(names)) for names, (rival, _) in found.items()], len(
         {each.effects[0].name for each in alone})
 

@@ -207,7 +207,7 @@ class Outcome:
     def extent(self) -> dict[str, tuple[float, float]]:
         """How far the samples reach along each of `axes`."""
         return {axis.name: (float(row.min()), float(row.max())) for axis, row in zip(
-            self.axes, self.field.base.observed.whole.place, strict=True)}
+            self.axes, self.field.base.observed.place, strict=True)}
 
     @property
     def channel(self) -> Channel:

@@ -69,22 +69,19 @@ def cross_validated_errors(
 
 
 def shrinkage(
-    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True,
-    weight: Array | float = 1.0,
+    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True
 ) -> ShrinkageSummary:
     """Compare two sets of prediction errors at the same points.
 
     Args:
         before, after: errors of the first channel, shape (n,).
         noise: standard deviation of the first channel at each, shape (n,) or scalar.
-        weight: samples behind each, shape (n,) or scalar.
         on: where the errors come from.
         seed: of the bootstrap over points.
         real: whether there is a gap at all; without one `fraction` is None.
     """
     squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
         np.square(noise), before.shape)[:, None]
-    squares *= np.broadcast_to(weight / np.mean(weight), before.shape)[:, None]
     mean = squares.mean(axis=0)
     fraction, interval = None, None
     if real and mean[0] > 0.0:
