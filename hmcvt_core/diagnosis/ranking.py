@@ -33,13 +33,16 @@ Array = NDArray[np.float64]
 
 PRIOR_NO_GAP = 0.5
 """Probability of an exact base and nothing else, before any bench; the rest is given a gap."""
-PRIOR_OF_SIZE = {1: 0.55, 2: 0.20, 3: 0.05}
+PRIOR_OF_SIZE = {1: 0.40, 2: 0.15, 3: 0.05}
 """Probability that a gap has so many listed causes; all sets of one size are alike.
 
 Each further cause is rarer by a factor of three to four: what a larger set has to pay.
 """
-PRIOR_MISFIT = 0.10
-"""Probability that a gap is a base model that is a little off, and nothing else."""
+PRIOR_MISFIT = 0.30
+"""Probability that a gap is a base model that is a little off, and nothing else.
+
+No model is exact: that is nearly as likely as a single cause.
+"""
 PRIOR_UNLISTED = 0.10
 """Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
 

@@ -27,6 +27,7 @@ PARSED_ONLY = {
     "diagnose": "seconds each; run by test_tutorial.py, test_json.py and the Python of README.md",
     "fleet": "needs the logs of a fleet, or a Dask cluster; run by tests/fleet",
     "import-bag": "needs bags; run by tests/bag",
+    "unit": "makers' tables are not copied here; run on simulated ones by tests/units",
     "node": "needs ROS and does not end; run by tests/ros/test_node_process.py",
 }
 SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
