@@ -24,7 +24,7 @@ _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0, 2, "displacement 
          "speed": ("speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
          "pressure": ("pressure [bar]", 1e-5, 0, "{} bar")}
 _MAP = (6.9, 6.0)  # in
-_MOST_MARKS, _MOST_ROWS = 400, 250
+_MOST_MARKS, _MOST_ROWS = 360, 250
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
     "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
