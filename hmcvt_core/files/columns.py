@@ -166,14 +166,20 @@ def below(
     return body, broken
 
 
-def file_text(path: Path) -> tuple[str, str]:
-    """Return the text of a file and its SHA-256; `InputError` where that cannot be."""
+def file_bytes(path: Path) -> tuple[bytes, str]:
+    """Return what a file holds and its SHA-256; `InputError` where that cannot be."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
         raw = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
+    return raw, hashlib.sha256(raw).hexdigest()
+
+
+def file_text(path: Path) -> tuple[str, str]:
+    """Return the text of a file and its SHA-256; `InputError` where that cannot be."""
+    raw, sha256 = file_bytes(path)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -183,7 +189,7 @@ def file_text(path: Path) -> tuple[str, str]:
         text = raw.decode("cp1252", "replace")
     if "\n" not in text:
         text = text.replace("\r", "\n")  # line ends of old programs
-    return text, hashlib.sha256(raw).hexdigest()
+    return text, sha256
 
 
 def decimal_points(cells: Cells, names: Collection[str]) -> Cells:

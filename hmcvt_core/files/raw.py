@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +17,7 @@ from .bench import BenchSamples
 from .columns import column_name
 from .guess import UNITS as UNITS
 from .guess import Guess, guess_columns, unit_of
-from .recording import Readings, Shafts, complaint, split_at_gaps, steady_tests
-from .steady import Steadiness
+from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
 from .table import Table, read_table, statistic_in
 
 Array = NDArray[np.float64]
@@ -126,21 +126,18 @@ def guess_table(
     path: str | os.PathLike[str], columns: Mapping[str, str], header_row: int | None = None,
     sheet: str | None = None,
 ) -> dict[str, Guess]:
-    """Guess what columns hold that are not named yet; arguments and errors as `import_table`."""
+    """Guess what columns hold where those that are named do not make bench samples.
+
+    Arguments and errors as `import_table`.
+    """
+    with suppress(InputError):
+        _require_enough(columns)
+        return {}
     table, chosen = _chosen(path, columns, header_row, sheet)
     return guess_columns(
         {name: table.units.get(name, "") for name in table.columns},
         {name: table.stamps(name) for name in table.columns},
         {quantity: name for quantity, (name, _) in chosen.items()})
-
-
-def is_enough(columns: Mapping[str, str]) -> bool:
-    """Tell whether named columns make bench samples."""
-    try:
-        _require_enough(columns)
-    except InputError:
-        return False
-    return True
 
 
 def _require_enough(columns: Mapping[str, str]) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .columns import DECIMAL_COMMA, below, file_text, split
+from .columns import DECIMAL_COMMA, below, file_bytes, file_text, split
 from .guess import quantity_of, unit_of
 
 Array = NDArray[np.float64]
@@ -133,17 +133,12 @@ def _separated(text: str, source: str) -> list[list[str]]:
 
 
 def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
-    import hashlib
-
     try:
         import pandas
     except ImportError:
         raise InputError(f"{path}: an Excel file needs pandas and openpyxl: pip install "
                          "\"hmcvt_ros[table]\", or save it as CSV") from None
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+    raw, sha256 = file_bytes(path)
     try:
         frames = pandas.read_excel(io.BytesIO(raw), sheet_name=None, header=None, dtype=object)
     except Exception as error:  # of the library that reads this kind of file
@@ -152,7 +147,7 @@ def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
         if sheet not in frames:
             raise InputError(f"{path}: sheet {sheet!r} is missing; there is {', '.join(frames)}")
         frames = {sheet: frames[sheet]}
-    return hashlib.sha256(raw).hexdigest(), [
+    return sha256, [
         [["" if pandas.isna(cell) else str(cell).strip() for cell in row]
          for row in frame.itertuples(index=False)] for frame in frames.values()]
 
