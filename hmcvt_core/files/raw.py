@@ -176,16 +176,15 @@ def _chosen(
 def _column(quantity: str, text: str, table: Table) -> tuple[str, str]:
     """Name and unit of `COLUMN` or `COLUMN:UNIT`; a column may hold a colon itself."""
     units = list(UNITS.get(quantity, [""]))
-    whole, (name, colon, unit) = text.strip(), text.rpartition(":")
-    name, unit = name.strip(), unit.strip()
+    whole, (name, unit) = text.strip(), map(str.strip, text.rpartition(":")[::2])
     if whole in table.columns:
         return whole, units[0]
-    if colon and name in table.columns:
+    if name in table.columns:
         for known in units:
             if unit.casefold() == known.casefold():
                 return name, known
         raise InputError(f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}")
-    raise InputError(f"{table.source}: {quantity}: column {name if colon else whole!r} is missing; "
+    raise InputError(f"{table.source}: {quantity}: column {name if ':' in whole else whole!r} is missing; "
                      f"there is {', '.join(table.columns)}")
 
 
@@ -250,11 +249,11 @@ def _cut(values: Mapping[str, Array], stage: Sequence[str] | None, table: Table)
     readings = Readings(values["stamp"], Shafts(
         speed, into / speed, turned, np.where(turned != 0.0, out / turned, 0.0),
         values["displacement_ratio"]), values.get("oil_temperature"))
-    tests = [
-        (str(stages[same[0]]), sample)
-        for part in split_at_gaps(values["stamp"], max(_STEP, limits.block))
-        for same in np.split(part, np.flatnonzero(stages[part][1:] != stages[part][:-1]) + 1)
-        for _, sample in steady_tests([readings.select(same.tolist())], limits)]
+    gap = max(_STEP, limits.block)
+    shifts = np.cumsum(np.append(False, stages[1:] != stages[:-1]))  # of a stage: a gap too
+    tests = [(str(stages[part[0]]), sample)
+             for part in split_at_gaps(values["stamp"] + 3.0 * gap * shifts, gap)
+             for _, sample in steady_tests([readings.select(part)], limits)]
     found = [(name, sample) for name, sample in tests if complaint(sample) is None]
     note = (f"a recording of {len(known)} rows was cut into {len(found)} steady windows of "
             f"{limits.min_duration:g} s and more (--averaged takes each row as a test); "
