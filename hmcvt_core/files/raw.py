@@ -184,8 +184,8 @@ def _column(quantity: str, text: str, table: Table) -> tuple[str, str]:
             if unit.casefold() == known.casefold():
                 return name, known
         raise InputError(f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}")
-    raise InputError(f"{table.source}: {quantity}: column {name if ':' in whole else whole!r} is missing; "
-                     f"there is {', '.join(table.columns)}")
+    raise InputError(f"{table.source}: {quantity}: column {(name if ':' in whole else whole)!r} is "
+                     f"missing; there is {', '.join(table.columns)}")
 
 
 def _bad_rows(
