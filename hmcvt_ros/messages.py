@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, HmcvtError, InputError
-from hmcvt_core.files.recording import Shafts
+from hmcvt_core.files.steady import Shafts
 from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
 
 from .inputs import INPUT_RANGES, OperatingPoint, Tally, coasting, tolerated

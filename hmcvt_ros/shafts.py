@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from hmcvt_core import HmcvtError
-from hmcvt_core.files.recording import Shafts
+from hmcvt_core.files.steady import Shafts
 
 JOINTS = ("engine", "output", "displacement")
 

@@ -122,49 +122,37 @@ class Point(NamedTuple):
     oil_temperature: float | None = None
 
 
-_SPEED = {"rpm": RPM, "r/min": RPM, "rad/s": 1.0}
-_KMH = 1.0 / 3.6  # m/s
+def _reader(name: str, example: str, **units: float) -> Callable[[str | float], float]:
+    """Return what reads a number in the SI unit, or in one of the `units` written behind it.
 
-
-def quantity(text: str | float, units: Mapping[str, float], name: str, example: str) -> float:
-    """Read a number in the SI unit, or in one of the `units` (by size) written behind it.
-
-    A unit that ends like another stands before it; a complaint says `name` and `example`. A decimal
-    comma is taken where no point stands.
+    A unit that ends like another stands before it; a complaint says `name`, which stands in --help
+    too, and `example`. A decimal comma is taken where no point stands.
     """
-    given = str(text).strip().lower()
-    unit = next(filter(given.endswith, units), "")
-    number = given.removesuffix(unit).strip()
-    try:
-        return float(number if "." in number else number.replace(",", ".")) * units.get(unit, 1.0)
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not a {name}: write {example}") from None
+    def read(text: str | float) -> float:
+        given = str(text).strip().lower()
+        unit = next(filter(given.endswith, units), "")
+        number = given.removesuffix(unit).strip()
+        try:
+            return units.get(unit, 1.0) * float(
+                number if "." in number else number.replace(",", "."))
+        except ValueError:
+            raise click.BadParameter(f"{text!r} is not a {name}: write {example}") from None
+
+    read.__name__ = name
+    return read
 
 
-def speed(text: str | float) -> float:
-    """Read a speed in rad/s; a type of options, whose name stands in --help."""
-    return quantity(text, _SPEED, "speed", "146.6 (rad/s) or 1400rpm")
+speed = _reader("speed", "146.6 (rad/s) or 1400rpm", **{"rpm": RPM, "r/min": RPM, "rad/s": 1.0})
+torque = _reader("torque", "200 (N m) or 1.2kNm", **{
+    "knm": 1e3, "kn m": 1e3, "nm": 1.0, "n m": 1.0})
+power = _reader("power", "40000 (W) or 40kW", kw=1e3, w=1.0)
+fraction = _reader("fraction", "0.5 or 50%", **{"%": 0.01})
+_driven = _reader("speed", "8km/h", **{"km/h": 1.0 / 3.6})
 
 
 def ground_speed(text: str | float) -> float | str:
     """Read a speed as `speed` does; in km/h it stays text until tyre and final drive are known."""
     return str(text) if str(text).strip().lower().endswith("km/h") else speed(text)
-
-
-def torque(text: str | float) -> float:
-    """Read a torque in N m."""
-    return quantity(text, {"knm": 1e3, "kn m": 1e3, "nm": 1.0, "n m": 1.0}, "torque",
-                    "200 (N m) or 1.2kNm")
-
-
-def power(text: str | float) -> float:
-    """Read a power in W; its name stands in --help."""
-    return quantity(text, {"kw": 1e3, "w": 1.0}, "power", "40000 (W) or 40kW")
-
-
-def fraction(text: str | float) -> float:
-    """Read a plain fraction or percent."""
-    return quantity(text, {"%": 0.01}, "fraction", "0.5 or 50%")
 
 
 _MEASURED = (
@@ -211,7 +199,7 @@ def output_speed(given: Mapping[str, Any]) -> float | None:
         return None if value is None else float(value)
     if not all(size is not None and size > 0.0 for size in sizes):
         raise click.UsageError("--output-speed in km/h needs --tyre-radius and --final-drive")
-    return quantity(value, {"km/h": _KMH}, "speed", "8km/h") / sizes[0] * float(sizes[1])
+    return _driven(value) / sizes[0] * float(sizes[1])
 
 
 def point_from(given: Mapping[str, Any], model: EfficiencyModel) -> Point:

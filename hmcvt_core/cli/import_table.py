@@ -10,8 +10,7 @@ import click
 
 from ..errors import InputError
 from ..files.bench import write_bench
-from ..files.guess import Guess
-from ..files.raw import UNITS, Imported, guess_table, import_table, is_enough
+from ..files.raw import UNITS, Imported, guess_table, import_table
 from ..transmission.ranges import BENCH_COLUMNS
 from . import common
 
@@ -69,11 +68,9 @@ def _import(
     """
     common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
-    guesses: dict[str, Guess] = {}
-    if not is_enough(columns):
-        guesses = guess_table(raw, columns, header_row, sheet)
-        columns |= {quantity: f"{guess.column}:{guess.unit}" if guess.unit else guess.column
-                    for quantity, guess in guesses.items()}
+    guesses = guess_table(raw, columns, header_row, sheet)
+    columns |= {quantity: f"{guess.column}:{guess.unit}" if guess.unit else guess.column
+                for quantity, guess in guesses.items()}
     command = ["hmcvt", "import", raw, "--out", out]
     for quantity, text in columns.items():
         command += [f"--{quantity.replace('_', '-')}", text]
@@ -86,7 +83,9 @@ def _import(
     except InputError as error:
         if guesses:
             click.echo("\n".join(told), err=True)
-        raise InputError(f"{error}{_what_to_say if guesses else ''}") from None
+            raise InputError(f"{error}; this was guessed: name the column and unit that are "
+                             "wrong") from None
+        raise
     if guesses and not yes:
         told += [f"without {line}" for line in found.left_out]
         click.echo("\n".join([*told, *found.notes, f"{len(found.samples)} bench samples would be "
@@ -95,9 +94,6 @@ def _import(
         return
     write_bench(out, found.samples)
     _tell(found, out, columns, as_json)
-
-
-_what_to_say = "; this was guessed: name the column and unit that are wrong"
 
 
 def _tell(found: Imported, out: str, columns: dict[str, str], as_json: bool) -> None:

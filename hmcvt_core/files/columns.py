@@ -111,52 +111,75 @@ def read_cells(
         InputError: the file is missing, empty, too large or not CSV, a required column is
             missing or a column doubled.
     """
-    source = str(Path(path))
     text, sha256 = file_text(Path(path))
     line = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
     separator = max(",;\t", key=line.count)  # what stands there most, first a comma
-    try:
-        rows = list(csv.reader(io.StringIO(text), delimiter=separator, strict=True))
-    except csv.Error as error:
-        raise InputError(f"{source}: not CSV: {error}") from None
-    body = [(number, row) for number, row in enumerate(rows, 1)
-            if any(cell.strip() for cell in row)]
+    rows = split(text, separator, str(path))
     # Above the header only: below it a cell may well begin like that.
-    while body and body[0][1][0].startswith("#"):
-        body.pop(0)
-    if not body:
+    top = next((i for i, row in enumerate(rows, 1) if any(row) and row[0][:1] != "#"), None)
+    if top is None:
         needs = f"; needs columns {', '.join(required)}" if required else ""
-        raise InputError(f"{source}: is empty{needs}")
-    top, first = body.pop(0)
-    header = names_of(first)
+        raise InputError(f"{path}: is empty{needs}")
+    header = names_of(rows[top - 1])
     for name in header:
         if header.count(name) > 1:
-            raise InputError(f"{source}: row {top}: column {name!r} stands there twice")
+            raise InputError(f"{path}: row {top}: column {name!r} stands there twice")
     missing = [name for name in required if name not in header]
     if missing:
-        raise InputError(f"{source}: row {top}: column {', '.join(missing)} is missing; "
+        raise InputError(f"{path}: row {top}: column {', '.join(missing)} is missing; "
                          f"there is {', '.join(header)} (`hmcvt import` takes other names)")
-    if not body:
+    body, broken = below(rows, top, len(header), str(path))
+    for number, told in broken.items():
+        raise InputError(f"{path}: row {number}: {told}")
+    columns = {name: [row[i] for _, row in body] for i, name in enumerate(header)}
+    return Cells(columns, [number for number, _ in body], separator, str(Path(path)), sha256)
+
+
+def split(text: str, separator: str, source: str) -> list[list[str]]:
+    """Return the cells of every line of CSV, without blanks around them."""
+    try:
+        return [[cell.strip() for cell in row]
+                for row in csv.reader(io.StringIO(text), delimiter=separator, strict=True)]
+    except csv.Error as error:
+        raise InputError(f"{source}: not CSV: {error}") from None
+
+
+def below(
+    rows: Sequence[list[str]], top: int, width: int, source: str
+) -> tuple[list[tuple[int, list[str]]], dict[int, str]]:
+    """Rows below a header in row `top`, by number, and what is wrong with those of another width.
+
+    Raises:
+        InputError: there are none.
+    """
+    body, broken = [], {}
+    for number, row in enumerate(rows[top:], top + 1):
+        while len(row) > width and not row[-1]:
+            row = row[:-1]  # separators at the end of a line
+        if len(row) == width and any(row):
+            body.append((number, row))
+        elif any(row):
+            broken[number] = (f"{len(row)} fields, the header has {width} (decimal comma, other "
+                              "separator, a comment, or lines above the header?)")
+    if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
-    for number, row in body:
-        while len(row) > len(header) and not row[-1].strip():
-            row.pop()  # separators at the end of a line
-        if len(row) != len(header):
-            raise InputError(f"{source}: row {number}: {len(row)} fields, the header has "
-                             f"{len(header)} (decimal comma, other separator, a comment, or lines "
-                             "above the header?)")
-    columns = {name: [row[i].strip() for _, row in body] for i, name in enumerate(header)}
-    return Cells(columns, [number for number, _ in body], separator, source, sha256)
+    return body, broken
 
 
-def file_text(path: Path) -> tuple[str, str]:
-    """Return the text of a file and its SHA-256; `InputError` where that cannot be."""
+def file_bytes(path: Path) -> tuple[bytes, str]:
+    """Return what a file holds and its SHA-256; `InputError` where that cannot be."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
         raw = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
+    return raw, hashlib.sha256(raw).hexdigest()
+
+
+def file_text(path: Path) -> tuple[str, str]:
+    """Return the text of a file and its SHA-256; `InputError` where that cannot be."""
+    raw, sha256 = file_bytes(path)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -166,7 +189,7 @@ def file_text(path: Path) -> tuple[str, str]:
         text = raw.decode("cp1252", "replace")
     if "\n" not in text:
         text = text.replace("\r", "\n")  # line ends of old programs
-    return text, hashlib.sha256(raw).hexdigest()
+    return text, sha256
 
 
 def decimal_points(cells: Cells, names: Collection[str]) -> Cells:

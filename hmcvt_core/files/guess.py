@@ -6,29 +6,56 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..transmission.ranges import RPM
+
 Array = NDArray[np.float64]
 
-_GREEK = str.maketrans({"\u03b7": " eta ", "\u03b5": " eps ", "\u03c9": " omega ",
-                        "\u03b1": " alpha ", "\u0394": " d ", "\u2206": " d ",
-                        "\u00df": "ss", "\u00b0": "deg",
-                        "\u207b": "-", "\u2212": "-", "\u00b9": "1", "\u00b7": " ", "\u22c5": " "})
-# What is measured, by the unit; each unit as it is written, and by its name in `UNITS`.
-_UNITS: Mapping[str, Mapping[str, str]] = {
-    "speed": {"rad/s": r"rad ?/ ?s(ec)?|s-1|1/s", "rpm": r"rpm|(r|u|1|tr|rev|giri)? ?/ ?min\.?|"
-              r"(u )?min(\^?-1|\^\(-1\))|rev/minute|upm|t/min"},
-    "torque": {"kNm": "kn[ *.]?m", "N m": "n[ *.]?m", "lb ft": r"(lbf?|ft)[ -]?(ft|lbf?)\.?"},
-    "power": {"kW": "kw", "W": "w", "hp": "hp|bhp", "PS": "ps|cv"},
-    "pressure": {"bar": r"bar(\(?[agd]\)?)?", "MPa": "mpa", "kPa": "kpa", "Pa": "pa",
-                 "psi": "psi[ad]?"},
-    "temperature": {"deg C": "(deg ?)?c|celsius", "deg F": "(deg ?)?f|fahrenheit", "K": "k|kelvin"},
-    "time": {"ms": "ms|msec", "s": "s|sec|seconds?", "min": "min|minutes?", "h": "h|hours?"},
-    "part": {"%": "%|percent|pct|prozent", "-": r"-|1|\(-\)|p\.?u\.?"},
-}
+_SPEED = {"rad/s": 1.0, "rpm": RPM, "r/min": RPM, "1/min": RPM, "min-1": RPM, "U/min": RPM}
+_TORQUE = {"N m": 1.0, "Nm": 1.0, "kNm": 1e3, "lb ft": 1.3558179}
+_POWER = {"W": 1.0, "kW": 1e3, "hp": 745.69987, "PS": 735.49875}
+_PART = {"-": 1.0, "%": 0.01}
+UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
+    "displacement_ratio": _PART,
+    "engine_speed": _SPEED,
+    "output_speed": _SPEED,
+    "engine_torque": _TORQUE,
+    "output_torque": _TORQUE,
+    "load_torque": _TORQUE,
+    "engine_power": _POWER,
+    "output_power": _POWER,
+    "efficiency": _PART,
+    "efficiency_std": _PART,
+    "oil_temperature": {"deg C": 1.0, "degC": 1.0, "C": 1.0, "\N{DEGREE SIGN}C": 1.0,
+                        "deg F": 5.0 / 9.0, "K": 1.0},
+    "stamp": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757},
+})
+"""Size of the units of every quantity in the one that hmcvt keeps it in, which is the first."""
+
+# Other ways to write a unit, without blanks, brackets and marks.
+_ALSO = {"rad/s": "rad/sec s-1 1/s", "lb ft": "lbfft ftlb ftlbf", "hp": "bhp", "PS": "cv",
+         "rpm": "/min t/min tr/min rev/min rev/minute giri/min upm umin-1",
+         "bar": "bara barg bard", "psi": "psia psid", "deg C": "celsius", "K": "kelvin",
+         "deg F": "f fahrenheit", "ms": "msec", "s": "sec second seconds",
+         "min": "minute minutes", "h": "hour hours", "-": "1 pu", "%": "percent pct prozent"}
+_KINDS = {"ratio": "part", "efficiency": "part", "std": "part", "stamp": "time"}
+# Up to which size of the larger values a unit that nobody tells is likely.
+_LIKELY: Mapping[str, Mapping[str, float]] = {
+    "part": {"-": 1.5, "%": np.inf}, "speed": {"rad/s": 320.0, "rpm": np.inf},
+    "torque": {"kNm": 5.0, "N m": np.inf}, "power": {"kW": 1000.0, "W": np.inf},
+    "temperature": {"deg C": 150.0, "deg F": 260.0, "K": np.inf},
+    "pressure": {"MPa": 60.0, "bar": 1e4, "Pa": np.inf}, "time": {"s": np.inf}}
+_LETTERS = str.maketrans({"\u03b7": " eta ", "\u03b5": " eps ", "\u03c9": " omega ",
+                          "\u03b1": " alpha ", "\u0394": " d ", "\u2206": " d ", "\u00df": "ss",
+                          "\u00e4": "ae", "\u00f6": "oe", "\u00fc": "ue", "\u00c4": "Ae",
+                          "\u00d6": "Oe", "\u00dc": "Ue", "\u00b0": "deg", "\u207b": "-",
+                          "\u2212": "-", "\u00b9": "1", "\u00b7": " ", "\u22c5": " "})
 # Words of the field; of four letters and more they may stand within a word (Abtriebsdrehzahl).
 _WORDS: Mapping[str, str] = {
     "std": "std sigma uncertainty stdev scatter streuung",
@@ -62,129 +89,98 @@ class Guess(NamedTuple):
     why: str
 
 
-def _plain(name: str) -> str:
-    """Lower case, without accents."""
-    text = name.translate(_GREEK).lower()
-    for letter in "aou":
-        text = text.replace(unicodedata.normalize("NFC", f"{letter}\u0308"), f"{letter}e")
-    return unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+def _plain(text: str) -> str:
+    """A text without accents."""
+    plain = unicodedata.normalize("NFC", text).translate(_LETTERS)
+    return unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
 
 
-def _words(name: str) -> str:
-    """The words of a name, apart."""
-    apart = _plain(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)).replace("_", " ")
-    return re.sub(r"(?<=[a-z])(?=\d)", " ", apart)
+def _key(unit: str) -> str:
+    return re.sub(r"[ *.^()\[\]{}<>]|(?<=[a-z])-(?=[a-z])", "", _plain(unit).lower())
+
+
+def _kind(quantity: str) -> str:
+    last = quantity.rpartition("_")[2]
+    return _KINDS.get(last, last)
+
+
+_WRITTEN = {_key(text): (_kind(quantity), unit) for quantity, units in UNITS.items()
+            for unit in units for text in (unit, *_ALSO.get(unit, "").split())}
 
 
 def unit_of(text: str) -> tuple[str, str] | None:
     """What a text that names a unit measures, and the unit; None where it names none."""
-    known = " ".join(_plain(text).strip(" []()<>{}.").split())
-    for kind, units in _UNITS.items():
-        for unit, written in units.items():
-            if re.fullmatch(written, known):
-                return kind, unit
-    return None
+    return _WRITTEN.get(_key(text))
 
 
 def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
     """Quantity that a column is of, by its name and unit, and the unit; `""` if not told."""
     hit = _BRACKETS.search(name)
-    inside = next((part for part in hit.groups() if part), "") if hit else ""
-    told = (unit_of(unit) if unit.strip() else None) or (unit_of(inside) if inside else None)
-    words = _words(name[:hit.start()] if hit and told else name)
-    means = {meaning for meaning, find in _FIND.items() if find.search(words)}
-    kind = told[0] if told and told[0] != "part" else None
-    if "loss" in means or not words.strip(" .-"):
+    told = unit_of(unit) or (unit_of(next(filter(None, hit.groups()), "")) if hit else None)
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z\d])", " ", _plain(name[:hit.start()] if hit and told
+                                                         else name)).lower().replace("_", " ")
+    means = {meaning for meaning, find in _FIND.items() if find.search(apart)}
+    if "loss" in means or not apart.strip(" .-"):
         return None
-    unit = told[1] if told else ""
-    if kind is None or kind == "part":
-        kind = next((each for each in ("efficiency", "stroke", "temperature", "pressure", "power",
-                                       "torque", "speed", "time", "stage") if each in means), None)
-        if "ratio" in words and kind != "stroke":
+    kind, unit = told or ("", "")
+    if kind in ("", "part"):
+        kind = next((each for each in _TOLD if each in means), "")
+        if "ratio" in apart and kind != "stroke":
             return None
-    if kind is None:
-        return None
-    if kind == "efficiency" or kind == "part":
-        return "efficiency_std" if "std" in means else "efficiency", unit
-    if "std" in means:
+    if kind == "efficiency":
+        return "efficiency_std" if "std" in means else kind, unit
+    if not kind or "std" in means:
         return None
     if kind in _ALONE:
         return _ALONE[kind], unit
     if "load" in means and "output" not in means:
         return ("load_torque" if kind == "torque" else f"output_{kind}"), unit
-    side = "output" if "output" in means else "engine" if "engine" in means else "any"
-    return f"{side}_{kind}", unit
+    return f"{next((side for side in ('output', 'engine') if side in means), 'any')}_{kind}", unit
 
 
+_TOLD = ("efficiency", "stroke", "temperature", "pressure", "power", "torque", "speed", "time",
+         "stage")
 _ALONE = {"stroke": "displacement_ratio", "temperature": "oil_temperature", "pressure": "pressure",
           "time": "stamp", "stage": "stage"}
+# A shaft that is not named, and what says the same as something better.
+_UNNAMED = {"any_speed": "engine_speed", "any_torque": "load_torque", "any_power": "output_power"}
+_DOUBLES = (
+    ({"efficiency"}, "engine_power"), ({"efficiency"}, "engine_torque"),
+    ({"engine_torque"}, "engine_power"), ({"output_torque", "output_speed"}, "load_torque"),
+    ({"output_torque", "output_speed"}, "output_power"), ({"load_torque"}, "output_power"),
+    ({"load_torque"}, "output_torque"), ({"output_power"}, "output_torque"))
 
 
 def guess_columns(
-    names: Mapping[str, str], numbers: Mapping[str, Array], taken: Mapping[str, str]
+    units: Mapping[str, str], numbers: Mapping[str, Array], taken: Mapping[str, str]
 ) -> dict[str, Guess]:
     """Guess which columns hold which quantities.
 
     Args:
-        names: unit that a row below the header gives, by column; empty where it gives none.
+        units: what a row below the header gives, by column; empty where it gives none.
         numbers: of each column, NaN where a cell is none.
         taken: column of each quantity that is known already.
     """
     found: dict[str, Guess] = {}
-    for name, below in names.items():
-        hit = quantity_of(name, below)
-        if hit is None or name in taken.values() or (
-                hit[0] != "stage" and not np.isfinite(numbers[name]).any()):
-            continue
-        quantity, unit = hit
-        why = ("row of units" if below.strip() else "name") if unit else ""
-        if quantity not in found and quantity not in taken:
-            found[quantity] = Guess(name, unit, why)
-    known = {**found, **taken}
-    for kind, other in (("speed", "engine_speed"), ("torque", "load_torque"),
-                        ("power", "output_power")):
-        if (alone := found.pop(f"any_{kind}", None)) and other not in known:
+    for name, below in units.items():
+        quantity, unit = quantity_of(name, below) or ("", "")
+        if quantity and name not in taken.values() and quantity not in taken and (
+                quantity == "stage" or np.isfinite(numbers[name]).any()):
+            why = "row of units" if below.strip() else "name"
+            found.setdefault(quantity, Guess(name, unit, why if unit else ""))
+    for unnamed, other in _UNNAMED.items():
+        if (alone := found.pop(unnamed, None)) and other not in {*found, *taken}:
             found[other] = alone
-    _without_doubles(found, taken)
+    for better, worse in _DOUBLES:
+        if better <= {*found, *taken}:
+            found.pop(worse, None)
     for quantity, guess in found.items():
-        if not guess.unit:
-            found[quantity] = guess._replace(
-                unit=_by_range(quantity, numbers[guess.column]), why="range")
+        if quantity != "stage" and guess.unit not in UNITS[quantity]:
+            size = np.nanquantile(np.abs(numbers[guess.column]), 0.9)
+            unit = next(unit for unit, most in _LIKELY[_kind(quantity)].items() if size <= most)
+            found[quantity] = guess._replace(unit=unit, why="range")
     # An output that turns slowly may look like rad/s; a bench has one unit for both shafts.
     if (engine := found.get("engine_speed")) and "output_speed" in found and (
             found["output_speed"].why == "range"):
         found["output_speed"] = found["output_speed"]._replace(unit=engine.unit)
     return found
-
-
-def _without_doubles(found: dict[str, Guess], taken: Mapping[str, str]) -> None:
-    """Drop what says the same as something better."""
-    known = {*found, *taken}
-    for better, worse in (
-            ({"efficiency"}, "engine_power"), ({"efficiency"}, "engine_torque"),
-            ({"engine_torque"}, "engine_power"), ({"output_torque", "output_speed"}, "load_torque"),
-            ({"output_torque", "output_speed"}, "output_power"),
-            ({"load_torque"}, "output_power"), ({"load_torque"}, "output_torque"),
-            ({"output_power"}, "output_torque")):
-        if better <= known and worse in found:
-            del found[worse]
-            known.discard(worse)
-
-
-def _by_range(quantity: str, values: Array) -> str:
-    """Unit in which the values are plausible; the first of `UNITS` where all are."""
-    size = float(np.nanquantile(np.abs(values), 0.9)) if np.isfinite(values).any() else 0.0
-    kind = quantity.rpartition("_")[2]
-    if quantity in ("displacement_ratio", "efficiency", "efficiency_std"):
-        return "%" if size > 1.5 else "-"
-    if kind == "speed":
-        return "rpm" if size > 320.0 else "rad/s"
-    if kind == "torque":
-        return "kNm" if size < 5.0 else "N m"
-    if kind == "power":
-        return "W" if size > 1000.0 else "kW"
-    if kind == "temperature":
-        return "deg C" if size <= 150.0 else "deg F" if size < 260.0 else "K"
-    if kind == "pressure":
-        return "Pa" if size > 1e4 else "bar" if size > 60.0 else "MPa"
-    return "s" if quantity == "stamp" else ""

@@ -4,45 +4,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, RPM, Range
+from ..transmission.ranges import BENCH_COLUMNS, Range
 from .bench import BenchSamples
 from .columns import column_name
-from .guess import Guess, guess_columns
-from .recording import Readings, Shafts, complaint, split_at_gaps, steady_tests
-from .steady import Steadiness
+from .guess import UNITS as UNITS
+from .guess import Guess, guess_columns, unit_of
+from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
 from .table import Table, read_table, statistic_in
 
 Array = NDArray[np.float64]
-
-_SPEED = {"rad/s": 1.0, "rpm": RPM, "r/min": RPM, "1/min": RPM, "min-1": RPM, "U/min": RPM}
-_TORQUE = {"N m": 1.0, "Nm": 1.0, "kNm": 1e3, "lb ft": 1.3558179}
-_POWER = {"W": 1.0, "kW": 1e3, "hp": 745.69987, "PS": 735.49875}
-_PART = {"-": 1.0, "%": 0.01}
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
-    "displacement_ratio": _PART,
-    "engine_speed": _SPEED,
-    "output_speed": _SPEED,
-    "engine_torque": _TORQUE,
-    "output_torque": _TORQUE,
-    "load_torque": _TORQUE,
-    "engine_power": _POWER,
-    "output_power": _POWER,
-    "efficiency": _PART,
-    "efficiency_std": _PART,
-    "oil_temperature": {"deg C": 1.0, "degC": 1.0, "C": 1.0, "\N{DEGREE SIGN}C": 1.0,
-                        "deg F": 5.0 / 9.0, "K": 1.0},
-    "stamp": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
-    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757},
-})
-"""Size of the units of every quantity in the one that hmcvt keeps it in, which is the first."""
 
 _ZERO = {"deg F": 32.0, "K": 273.15}  # of a unit, in that unit
 _KEPT = {column.name: column for column in BENCH_COLUMNS}
@@ -52,8 +30,10 @@ _RANGES = {
        for name in ("engine_torque", "output_torque")},
     **{name: Range(name, 10.0, 2e6, "W", "positive in forward driving")
        for name in ("engine_power", "output_power")}}
-_INPUTS, _OUTPUTS = ("engine_torque", "engine_power"), (
-    "load_torque", "output_torque", "output_power")
+# What tells the power of a side, and the speed that it is taken times.
+_INPUTS = {"engine_torque": "engine_speed", "engine_power": ""}
+_OUTPUTS = {"load_torque": "engine_speed", "output_torque": "output_speed", "output_power": ""}
+_OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = "; computed from torques and speeds of the shafts: check their columns and units"
 _MOST_TOLD = 20  # rows
 # From so many rows and with so short a step [s] on, rows are no steady tests but readings.
@@ -77,6 +57,7 @@ def read_raw_bench(
                         skip_bad=skip_bad).samples
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
 def import_table(
     path: str | os.PathLike[str], columns: Mapping[str, str], *, header_row: int | None = None,
     sheet: str | None = None, skip_bad: bool = False, averaged: bool = False,
@@ -102,44 +83,42 @@ def import_table(
             quantities are missing or say the same twice, or rows hold no test: all are named.
     """
     _require_enough(columns)
-    table = read_table(path, [_bare(text) for text in columns.values()], header_row, sheet)
-    chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
+    table, chosen = _chosen(path, columns, header_row, sheet)
     names = [name for name, _ in chosen.values()]
     for quantity, (name, _) in chosen.items():
         if names.count(name) > 1:
             raise InputError(f"{quantity}: column {name!r} is named twice")
-    stage = chosen.pop("stage", None)
+    extra = {name if column_name(name) not in _KEPT else f"raw {name}": column
+             for name, column in table.columns.items() if name not in names}
+    if "stage" in chosen:
+        extra["stage"] = table.columns[chosen.pop("stage")[0]]
     values = {quantity: UNITS[quantity][unit] * (
         (table.stamps if quantity == "stamp" else table.numbers)(name) - _ZERO.get(unit, 0.0))
         for quantity, (name, unit) in chosen.items()}
-    extra = {"stage" if stage and name == stage[0] else
-             name if column_name(name) not in _KEPT else f"raw {name}": tuple(column)
-             for name, column in table.columns.items() if name not in names
-             or (stage and name == stage[0])}
     if not averaged and _is_recording(values.get("stamp")):
         return _cut(values, extra.get("stage"), table)
     notes = []
-    for quantity in [name for name in values if name in ("oil_temperature", "efficiency_std",
-                                                         "stamp", "pressure")]:
+    for quantity in [name for name in _OPTIONAL if name in values]:
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
             notes.append(f"column {chosen.pop(quantity)[0]!r} is mostly empty and was left out")
             del values[quantity]
     bad = _bad_rows(values, chosen, table)
-    for quantity in ("load_torque", "efficiency"):
+    into, out = _powers(values)
+    for quantity, found in (("load_torque", out / values["engine_speed"]),
+                            ("efficiency", out / into)):
         if quantity not in values:
-            values[quantity] = _derived(values)[quantity]
-            _require(values[quantity], _KEPT[quantity], _COMPUTED, bad, table)
-    kept = np.array([number not in bad for number in table.rows], dtype=bool)
+            values[quantity] = found
+            _require(found, _KEPT[quantity], _COMPUTED, bad, table)
+    kept = [i for i, number in enumerate(table.rows) if number not in bad]
     told = tuple(f"row {number}: {bad[number]}" for number in sorted(bad))
-    if told and (not skip_bad or not kept.any()):
+    if told and not (skip_bad and kept):
         more = f"; and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
         count = (f"{len(told)} rows cannot be used (--skip-bad leaves them out): "
                  if len(told) > 1 else "")
         raise InputError(f"{table.source}: {count}{'; '.join(told[:_MOST_TOLD])}{more}")
     samples: dict[str, Any] = {name: values[name][kept] for name in _KEPT if name in values}
-    index = np.flatnonzero(kept)
     return Imported(BenchSamples(
-        **samples, extra={name: tuple(column[i] for i in index) for name, column in extra.items()},
+        **samples, extra={name: tuple(column[i] for i in kept) for name, column in extra.items()},
         source=table.source, sha256=table.sha256), told, tuple(notes))
 
 
@@ -147,24 +126,18 @@ def guess_table(
     path: str | os.PathLike[str], columns: Mapping[str, str], header_row: int | None = None,
     sheet: str | None = None,
 ) -> dict[str, Guess]:
-    """Guess what columns hold that are not named yet; arguments and errors as `import_table`."""
-    table = read_table(path, [_bare(text) for text in columns.values()], header_row, sheet)
-    taken = {quantity: _column(quantity, text, table)[0] for quantity, text in columns.items()}
-    units = {name: table.units.get(name, "") for name in table.columns}
-    found = guess_columns(units, {
-        name: table.stamps(name) for name in table.columns}, taken)
-    return {quantity: guess if quantity == "stage" or guess.unit in UNITS[quantity]
-            else guess._replace(unit=next(iter(UNITS[quantity])))
-            for quantity, guess in found.items() if quantity in UNITS or quantity == "stage"}
+    """Guess what columns hold where those that are named do not make bench samples.
 
-
-def is_enough(columns: Mapping[str, str]) -> bool:
-    """Tell whether named columns make bench samples."""
-    try:
+    Arguments and errors as `import_table`.
+    """
+    with suppress(InputError):
         _require_enough(columns)
-    except InputError:
-        return False
-    return True
+        return {}
+    table, chosen = _chosen(path, columns, header_row, sheet)
+    return guess_columns(
+        {name: table.units.get(name, "") for name in table.columns},
+        {name: table.stamps(name) for name in table.columns},
+        {quantity: name for quantity, (name, _) in chosen.items()})
 
 
 def _require_enough(columns: Mapping[str, str]) -> None:
@@ -187,26 +160,32 @@ def _require_enough(columns: Mapping[str, str]) -> None:
         raise InputError(f"no column is named for {', '.join(missing)}")
 
 
-def _bare(text: str) -> str:
-    name, colon, unit = text.strip().rpartition(":")
-    known = {each.casefold() for units in UNITS.values() for each in units}
-    return name.strip() if colon and unit.strip().casefold() in known else text.strip()
+def _chosen(
+    path: str | os.PathLike[str], columns: Mapping[str, str], header_row: int | None,
+    sheet: str | None,
+) -> tuple[Table, dict[str, tuple[str, str]]]:
+    """The table, and column and unit of each quantity."""
+    bare = []
+    for text in columns.values():
+        name, colon, unit = text.rpartition(":")
+        bare.append((name if colon and unit_of(unit) else text).strip())
+    table = read_table(path, bare, header_row, sheet)
+    return table, {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
 
 
 def _column(quantity: str, text: str, table: Table) -> tuple[str, str]:
     """Name and unit of `COLUMN` or `COLUMN:UNIT`; a column may hold a colon itself."""
     units = list(UNITS.get(quantity, [""]))
-    whole, (name, colon, unit) = text.strip(), text.rpartition(":")
-    name, unit = name.strip(), unit.strip()
+    whole, (name, unit) = text.strip(), map(str.strip, text.rpartition(":")[::2])
     if whole in table.columns:
         return whole, units[0]
-    if colon and name in table.columns:
+    if name in table.columns:
         for known in units:
             if unit.casefold() == known.casefold():
                 return name, known
         raise InputError(f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}")
-    raise InputError(f"{table.source}: {quantity}: column {name if colon else whole!r} is missing; "
-                     f"there is {', '.join(table.columns)}")
+    raise InputError(f"{table.source}: {quantity}: column {(name if ':' in whole else whole)!r} is "
+                     f"missing; there is {', '.join(table.columns)}")
 
 
 def _bad_rows(
@@ -244,23 +223,12 @@ def _require(
         bad[table.rows[i]] = limits.complaint(values[i])
 
 
-def _derived(values: Mapping[str, Array]) -> dict[str, Array]:
-    """Load torque, efficiency, and powers of engine and output, where the shafts tell them."""
-    speed, known = values["engine_speed"], dict(values)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if "engine_torque" in known:
-            known["engine_power"] = known["engine_torque"] * speed
-        if "output_torque" in known:
-            known["output_power"] = known["output_torque"] * known["output_speed"]
-        elif "load_torque" in known:
-            known["output_power"] = known["load_torque"] * speed
-        elif "output_power" not in known:
-            known["output_power"] = known["efficiency"] * known["engine_power"]
-        if "engine_power" not in known:
-            known["engine_power"] = known["output_power"] / known["efficiency"]
-        return {"load_torque": known["output_power"] / speed,
-                "efficiency": known["output_power"] / known["engine_power"],
-                "engine_power": known["engine_power"], "output_power": known["output_power"]}
+def _powers(values: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Power of the engine and of the output [W], where the shafts tell them."""
+    into, out = ([values[name] * values.get(speed, 1.0) for name, speed in side.items()
+                  if name in values] for side in (_INPUTS, _OUTPUTS))
+    return (into or [out[0] / values["efficiency"]])[0], (
+        out or [values["efficiency"] * into[0]])[0]
 
 
 def _is_recording(stamp: Array | None) -> bool:
@@ -271,36 +239,31 @@ def _is_recording(stamp: Array | None) -> bool:
         np.median(steps) <= _STEP)
 
 
-def _cut(values: Mapping[str, Array], stage: tuple[str, ...] | None, table: Table) -> Imported:
+def _cut(values: Mapping[str, Array], stage: Sequence[str] | None, table: Table) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
-    powers, speed = _derived(values), values["engine_speed"]
+    known = np.isfinite([*values.values()]).all(axis=0) & (values["engine_speed"] > 0.0)
+    limits, values = Steadiness(), {name: column[known] for name, column in values.items()}
+    stages = np.array(stage if stage is not None else [""] * len(known))[known]
+    (into, out), speed = _powers(values), values["engine_speed"]
     turned = values.get("output_speed", speed)
-    known = np.isfinite(np.array([*values.values()])).all(axis=0) & (speed > 0.0)
-    limits, index = Steadiness(), np.flatnonzero(known)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shafts = Shafts(speed, powers["engine_power"] / speed, turned,
-                        np.where(turned != 0.0, powers["output_power"] / turned, 0.0),
-                        values["displacement_ratio"])
-    readings = Readings(values["stamp"], shafts, values.get("oil_temperature"))
-    stages = np.array(stage if stage is not None else [""] * len(speed))
-    found: list[tuple[str, dict[str, float]]] = []
-    wrong = 0
-    for part in split_at_gaps(values["stamp"][index], max(_STEP, limits.block)):
-        rows = index[part]
-        for same in np.split(rows, np.flatnonzero(stages[rows][1:] != stages[rows][:-1]) + 1):
-            for _, sample in steady_tests([readings.select(same.tolist())], limits):
-                if "output_speed" not in values:
-                    del sample["output_speed"]
-                if complaint(sample) is None:
-                    found.append((str(stages[same[0]]), sample))
-                wrong += complaint(sample) is not None
-    note = (f"a recording of {len(speed)} rows was cut into {len(found)} steady windows of "
-            f"{limits.min_duration:g} s and more (--averaged takes each row as a test); {wrong} "
-            f"windows out of range and {len(speed) - len(index)} rows without a number left out")
+    readings = Readings(values["stamp"], Shafts(
+        speed, into / speed, turned, np.where(turned != 0.0, out / turned, 0.0),
+        values["displacement_ratio"]), values.get("oil_temperature"))
+    gap = max(_STEP, limits.block)
+    shifts = np.cumsum(np.append(False, stages[1:] != stages[:-1]))  # of a stage: a gap too
+    tests = [(str(stages[part[0]]), sample)
+             for part in split_at_gaps(values["stamp"] + 3.0 * gap * shifts, gap)
+             for _, sample in steady_tests([readings.select(part)], limits)]
+    found = [(name, sample) for name, sample in tests if complaint(sample) is None]
+    note = (f"a recording of {len(known)} rows was cut into {len(found)} steady windows of "
+            f"{limits.min_duration:g} s and more (--averaged takes each row as a test); "
+            f"{len(tests) - len(found)} windows out of range and {np.sum(~known)} rows without a "
+            "number left out")
     if not found:
         raise InputError(f"{table.source}: {note}")
-    columns: dict[str, Any] = {name: np.array([sample[name] for _, sample in found])
-                               for name in found[0][1]}
+    columns: dict[str, Any] = {
+        name: np.array([sample[name] for _, sample in found]) for name in found[0][1]
+        if name != "output_speed" or name in values}
     extra = {} if stage is None else {"stage": tuple(name for name, _ in found)}
     return Imported(BenchSamples(**columns, extra=extra, source=table.source,
                                  sha256=table.sha256), (), (note,))

@@ -3,33 +3,37 @@
 
 from __future__ import annotations
 
-import csv
 import io
+import math
 import os
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from datetime import datetime, timezone
+from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .columns import DECIMAL_COMMA, file_text
+from .columns import DECIMAL_COMMA, below, file_bytes, file_text, split
 from .guess import quantity_of, unit_of
 
 Array = NDArray[np.float64]
 EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
 _TOP = 40  # rows among which the header is looked for
 _SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
-_NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
+_NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))"
+                     r"(?:\s*([^\d\s.,].*))?", re.IGNORECASE)
+_BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
                         r"moyenne|media)\.?:?", re.IGNORECASE)
-_DATES = ("%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M", "%d/%m/%Y %H:%M:%S", "%d/%m/%Y %H:%M",
-          "%H:%M:%S.%f", "%H:%M:%S", "%H:%M")
+_TIMES = [f"%Y-%m-%d{mark}{time}" for mark in " T" for time in (
+    "%H:%M:%S", "%H:%M:%S.%f", "%H:%M", "%H:%M:%S%z", "%H:%M:%S.%f%z")]
 
 
 class Table(NamedTuple):
@@ -54,19 +58,13 @@ class Table(NamedTuple):
 
     def numbers(self, name: str) -> Array:
         """Numbers of a column, NaN where a cell holds none; a known unit may follow them."""
-        column = self.columns[name]
-        try:
-            found = np.array([float(cell.replace("_", "?")) for cell in column])
-        except ValueError:
-            found = np.array([_number(cell, self.comma) for cell in column])
+        found = np.array([_number(cell, self.comma) for cell in self.columns[name]])
         return np.where(np.isin(found, _SENTINELS), np.nan, found)
 
     def stamps(self, name: str) -> Array:
         """Seconds of a column of times: numbers, times of day, or dates (as of UTC)."""
-        found = self.numbers(name)
-        times = [_seconds(cell) if ":" in cell else value
-                 for cell, value in zip(self.columns[name], found, strict=True)]
-        return np.array(times)
+        return np.array([_seconds(cell) if ":" in cell else value for cell, value in zip(
+            self.columns[name], self.numbers(name), strict=True)])
 
     def complaint(self, name: str, i: int) -> str:
         """Say what is wrong with a cell that holds no number."""
@@ -105,19 +103,10 @@ def read_table(
     if not any(header):
         raise InputError(f"{source}: is empty")
     titles = _distinct(header)
-    body, broken = [], {}
-    for number, row in enumerate(rows[top:], top + 1):
-        while len(row) > len(header) and not row[-1]:
-            row = row[:-1]
-        if len(row) == len(header):
-            if any(row):
-                body.append((number, row))
-        elif any(row):
-            broken[number] = (f"{len(row)} fields, the header has {len(header)} (decimal comma, "
-                              "other separator, a comment, or lines above the header?)")
+    body, broken = below(rows, top, len(header), source)
     units = {}
-    wanted = [titles.index(name) for name in names if name in titles]
-    if body and _holds_units([body[0][1][i] for i in wanted] if wanted else body[0][1]):
+    wanted = [titles.index(name) for name in names if name in titles] or range(len(titles))
+    if body and _holds_units([body[0][1][i] for i in wanted]):
         units = dict(zip(titles, body.pop(0)[1], strict=True))
     if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
@@ -140,25 +129,16 @@ def _separated(text: str, source: str) -> list[list[str]]:
     mark = max(counts, key=lambda each: max(counts[each].values(), default=0))
     if lines and not counts[mark]:
         return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
-    try:
-        return [[cell.strip() for cell in row]
-                for row in csv.reader(io.StringIO(text), delimiter=mark, strict=True)]
-    except csv.Error as error:
-        raise InputError(f"{source}: not CSV: {error}") from None
+    return split(text, mark, source)
 
 
 def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
-    import hashlib
-
     try:
         import pandas
     except ImportError:
         raise InputError(f"{path}: an Excel file needs pandas and openpyxl: pip install "
                          "\"hmcvt_ros[table]\", or save it as CSV") from None
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+    raw, sha256 = file_bytes(path)
     try:
         frames = pandas.read_excel(io.BytesIO(raw), sheet_name=None, header=None, dtype=object)
     except Exception as error:  # of the library that reads this kind of file
@@ -167,7 +147,7 @@ def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
         if sheet not in frames:
             raise InputError(f"{path}: sheet {sheet!r} is missing; there is {', '.join(frames)}")
         frames = {sheet: frames[sheet]}
-    return hashlib.sha256(raw).hexdigest(), [
+    return sha256, [
         [["" if pandas.isna(cell) else str(cell).strip() for cell in row]
          for row in frame.itertuples(index=False)] for frame in frames.values()]
 
@@ -215,17 +195,9 @@ def _distinct(header: Sequence[str]) -> list[str]:
 
 def _holds_units(cells: Sequence[str]) -> bool:
     """Whether a row holds words alone, units among them."""
-    numeric = any(_NUMBER.fullmatch(cell) or _is_float(cell) for cell in cells
-                  if unit_of(cell) is None)
-    return not numeric and any(unit_of(cell) is not None for cell in cells)
-
-
-def _is_float(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    known = [unit_of(cell) is not None for cell in cells]
+    return any(known) and not any(
+        _NUMBER.fullmatch(cell) for cell, unit in zip(cells, known, strict=True) if not unit)
 
 
 def _comma(cells: Sequence[str]) -> bool:
@@ -238,28 +210,25 @@ def _comma(cells: Sequence[str]) -> bool:
 
 
 def _number(cell: str, comma: bool) -> float:
-    hit = _NUMBER.fullmatch(re.sub(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)", "", cell))
-    if hit is None:
-        return float(cell) if _is_float(cell) and "_" not in cell else np.nan
-    if hit[2] and unit_of(hit[2]) is None:
-        return np.nan
-    text = hit[1].replace(".", "").replace(",", ".") if comma and "," in hit[1] else hit[1]
-    if not comma and re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d+", text):
+    with suppress(ValueError):
+        return float(cell.replace("_", "?"))  # Python reads 2_99 as 299
+    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
+    if hit is None or (hit[2] and unit_of(hit[2]) is None):
+        return math.nan
+    text = hit[1]
+    if comma and "," in text:
+        text = text.replace(".", "").replace(",", ".")
+    elif re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d+", text):
         text = text.replace(",", "")
-    return float(text) if _is_float(text) else np.nan
+    with suppress(ValueError):
+        return float(text)
+    return math.nan
 
 
 def _seconds(cell: str) -> float:
-    found: Any = None
-    for form in _DATES:
-        try:
-            found = datetime.strptime(cell, form)
-            break
-        except ValueError:
-            continue
-    try:
-        found = found or datetime.fromisoformat(cell)
-    except ValueError:
-        return float("nan")
-    return float(found.replace(tzinfo=found.tzinfo or timezone.utc).timestamp()) + (
-        2208988800.0 if found.year == 1900 else 0.0)
+    day = re.sub(r"(\d\d?)[./](\d\d?)[./](\d{4})\b", r"\3-\2-\1", cell)
+    for text, form in product((day, f"1970-01-01 {day}"), _TIMES):  # or a time of day alone
+        with suppress(ValueError):
+            found = datetime.strptime(text, form)
+            return found.replace(tzinfo=found.tzinfo or timezone.utc).timestamp()
+    return math.nan

@@ -24,7 +24,7 @@ _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0, 2, "displacement 
          "speed": ("speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
          "pressure": ("pressure [bar]", 1e-5, 0, "{} bar")}
 _MAP = (6.9, 6.0)  # in
-_MOST_MARKS, _MOST_ROWS = 360, 250
+_MOST = 300  # marks and rows, the same ones
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
     "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
@@ -93,7 +93,7 @@ def gap_map(found: Diagnosis) -> Figures:
 
 
 def _part(values: Array) -> list[str]:
-    return ["A part of the samples is drawn, evenly picked."] * (len(values) > _MOST_MARKS)
+    return ["A part of the samples is drawn, evenly picked."] * (len(values) > _MOST)
 
 
 def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
@@ -145,13 +145,12 @@ def _draw_marks(
 def _picked(values: Array) -> NDArray[np.intp]:
     """Which samples are drawn: those that have a residual, or an even part of them."""
     known = np.flatnonzero(np.isfinite(values))
-    return known[:: max(1, -(-len(known) // _MOST_MARKS))]
+    return known[:: max(1, -(-len(known) // _MOST))]
 
 
 def _outline(axes: Any, found: Diagnosis, view: tuple[str, str]) -> None:
     """Outline the places that do not span the whole view, each with its number."""
     low, high = np.column_stack([axes.get_xlim(), axes.get_ylim()])
-    flags = np.empty((0, 2))
     for number, region in enumerate(found.where, 1):
         ends = np.transpose([np.multiply(region.limits[axis], _AXES[axis][1]) for axis in view])
         box = (ends - low) / (high - low)
@@ -163,11 +162,8 @@ def _outline(axes: Any, found: Diagnosis, view: tuple[str, str]) -> None:
                   lw=2.0, ls="-" if region.p_value <= REGION_SIGNIFICANCE else (0, (3, 2)),
                   transform=axes.transAxes)
         inner = np.clip(box - _OUTWARDS * _FLAG, _FLAG, 1.0 - _FLAG)
-        # In the first corner without a flag.
-        corners = np.array(list(itertools.product(inner[:, 0], inner[::-1, 1])))
-        beside = np.abs(corners[:, None] - flags) > 2.2 * _FLAG
-        at = corners[beside.any(axis=2).sum(axis=1).argmax()]
-        flags = np.vstack([flags, at])
+        # Each in a corner of its own.
+        at = inner[[number // 2 % 2, number % 2], [0, 1]]
         axes.text(*at, str(number), transform=axes.transAxes, ha="center", va="center", color="w",
                   weight="bold", bbox={"boxstyle": "square,pad=0.25", "fc": INK})
 
@@ -200,7 +196,7 @@ def residuals(found: Diagnosis) -> Figures:
 def residual_table(found: Diagnosis) -> dict[str, Any]:
     """The residuals as a table: its head, its rows of text, and a note where not all are there."""
     samples, panels = found.judged, _panels(found)[0]
-    shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST_ROWS))]
+    shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST))]
     channel, axes, names = found.channel, _axes(found), _names(samples)
     columns = [*(_shown(samples, axis) for axis in axes), *(
         channel.factor * values for values in (getattr(samples, channel.name), *panels.values()))]

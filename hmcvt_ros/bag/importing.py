@@ -12,15 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.files.recording import (
+from hmcvt_core.files.steady import (
     Readings,
+    Steadiness,
     SteadyWindow,
+    block_statistics,
     channels,
     complaint,
     split_at_gaps,
     steady_tests,
 )
-from hmcvt_core.files.steady import Steadiness, block_statistics
 
 from .reader import Bag, ImportSettings, find_topics
 from .recording import Array, listed, record

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core import InputError
-from hmcvt_core.files.recording import Readings, Shafts
+from hmcvt_core.files.steady import Readings, Shafts
 from hmcvt_core.transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,

@@ -30,11 +30,6 @@ def _flat(seconds, value=100.0):
     return np.full(round(seconds * RATE), value)
 
 
-def test_a_plateau_is_one_window():
-    (window,) = _find(_flat(20.0))
-    assert window[0] == 0.0 and window[1] == pytest.approx(20.0, abs=1.0)
-
-
 @pytest.mark.parametrize("seconds, count", [(4.7, 0), (5.1, 1)])
 def test_a_window_lasts_min_duration_at_least(seconds, count):
     ramp = np.linspace(50.0, 100.0, 200)
@@ -60,34 +55,31 @@ def test_the_tail_of_a_transient_is_left_out():
     assert window[0] < 7.0
 
 
-def test_a_ramp_is_no_window():
-    assert _find(np.linspace(100.0, 200.0, 1000)) == []
-
-
 def test_the_longest_plateau_is_not_cut_by_a_run_from_the_transient():
     # From 2 s on everything is within 1 % of 101.5 as well: a greedy search would start there.
     tail = np.concatenate([_flat(2.0, 103.0), _flat(3.0, 101.8), _flat(12.0, 101.0)])
     assert _find(tail, drift=0.007)[0][0] == pytest.approx(5.0)
 
 
-def test_scatter_is_judged_within_blocks():
-    time = np.arange(0.0, 10.0, 1.0 / RATE)
-    hunting = 100.0 + 10.0 * np.sin(2.0 * np.pi * 2.0 * time)  # no drift of block means
-    assert _find(hunting, scatter=0.05) == []
-    assert len(_find(hunting, scatter=0.08)) == 1
+HUNTING = 100.0 + 10.0 * np.sin(4.0 * np.pi * np.arange(0.0, 10.0, 1.0 / RATE))
+NOISY = 100.0 + np.random.default_rng(0).normal(0.0, 2.0, 1000)  # over more than 10
+STEP = np.concatenate([_flat(6.0, 0.0), _flat(6.0, 0.02)])
+SLOW = {"values": np.full(40, 100.0), "rate": 2.0}
 
 
-def test_noise_is_averaged_before_drift_is_judged():
-    noise = np.random.default_rng(0).normal(0.0, 2.0, 1000)
-    assert np.ptp(noise) > 10.0
-    assert len(_find(100.0 + noise)) == 1
-
-
-@pytest.mark.parametrize("offset", [0.0, 1e6])
-def test_an_absolute_limit_knows_no_scale(offset):
-    values = offset + np.concatenate([_flat(6.0, 0.0), _flat(6.0, 0.02)])
-    assert len(_find(values, drift=0.01, relative=False)) == 2
-    assert len(_find(values, drift=0.03, relative=False)) == 1
+@pytest.mark.parametrize(("count", "given"), [
+    (1, {"values": _flat(20.0)}), (0, {"values": np.linspace(100.0, 200.0, 1000)}),
+    # Scatter is judged within blocks, drift between their means; an absolute one has no scale.
+    (0, {"values": HUNTING, "scatter": 0.05}), (1, {"values": HUNTING, "scatter": 0.08}),
+    (1, {"values": NOISY}),
+    *((2 if drift < 0.02 else 1, {"values": offset + STEP, "drift": drift, "relative": False})
+      for offset in (0.0, 1e6) for drift in (0.01, 0.03)),
+    # Too few readings, of all and in a block.
+    *((0, {"values": np.full(few, 100.0)}) for few in (0, 1, 2, 10)),
+    (0, SLOW), (1, SLOW | {"limits": Steadiness(10.0, 2.0)}),
+])
+def test_count_of_windows(count, given):
+    assert len(_find(**given)) == count
 
 
 def test_every_channel_has_to_be_settled():
@@ -96,16 +88,6 @@ def test_every_channel_has_to_be_settled():
     late = Channel("load_torque", np.where(time < 8.0, 100.0 + time, 150.0), 0.01, 0.05)
     (window,) = find_windows(time, [still, late], LIMITS)
     assert time[window.start] == pytest.approx(8.0)
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 10])
-def test_too_few_readings_are_no_window(count):
-    assert _find(np.full(count, 100.0)) == []
-
-
-def test_too_few_readings_in_a_block_have_no_scatter():
-    assert _find(np.full(40, 100.0), rate=2.0) == []
-    assert len(_find(np.full(40, 100.0), rate=2.0, limits=Steadiness(10.0, 2.0))) == 1
 
 
 # --- uncertainty ----------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ def test_units_and_shaft_torques_give_what_the_reader_would_work_out(tmp_path):
     assert found.load_torque == pytest.approx([140.0 * 1890.0 / 1400.0, 250.0 * 600.0 / 1000.0])
     assert found.efficiency == pytest.approx(
         [140.0 * 1890.0 / (250.0 * 1400.0), 250.0 * 600.0 / (200.0 * 1000.0)])
+    assert found.extra == {"no": ("1", "2"), "remark": ("warm", "")}
 
 
 def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
@@ -44,17 +45,13 @@ def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
     assert found.efficiency.tolist() == [0.8]
 
 
-def test_other_columns_are_kept(tmp_path):
-    found = read_raw_bench(raw(tmp_path), SHAFTS)
-    assert found.extra == {"no": ("1", "2"), "remark": ("warm", "")}
-
-
 @pytest.mark.parametrize("name", ["oil-temperature", "Output Speed", "Efficiency"])
 def test_a_column_with_the_name_of_a_quantity_that_is_not_asked_for_is_renamed(tmp_path, name):
     """It would be read as that quantity, in whatever unit, from the file written."""
-    path = raw(tmp_path, f"eps,n,M,eta,{name}\n0.5,146,200,0.8,353\n")
+    path = raw(tmp_path, f"eps,n,M,eta,{name},,,a,a\n0.5,146,200,0.8,353,1,2,x,y\n")
     found = read_raw_bench(path, PLAIN)
-    assert found.extra == {f"raw {name}": ("353",)}
+    assert found.extra == {f"raw {name}": ("353",), "unnamed": ("1",), "unnamed (2)": ("2",),
+                           "a": ("x",), "a (2)": ("y",)}
     hmcvt.write_bench(tmp_path / "bench.csv", found)
     again = hmcvt.read_bench(tmp_path / "bench.csv")
     assert again.oil_temperature is None and again.output_speed is None
@@ -74,12 +71,6 @@ def test_pressure_in_the_units_of_gauges(tmp_path, unit, value):
                        {**PLAIN, "pressure": "p:MPa"})
 
 
-def test_columns_that_are_not_asked_for_may_share_a_name(tmp_path):
-    path = raw(tmp_path, "eps,n,M,eta,,,note,note\n0.5,146,200,0.8,1,2,a,b\n")
-    assert read_raw_bench(path, PLAIN).extra == {
-        "unnamed": ("1",), "unnamed (2)": ("2",), "note": ("a",), "note (2)": ("b",)}
-
-
 def test_a_row_of_units_and_lines_above_the_header(tmp_path):
     path = raw(tmp_path, "bench 3, run of 2026-11-21\nsep=,\neps,n,M,eta\n[-],[rad/s],[Nm],[-]\n"
                          "0.5,146,200,0.8\n")
@@ -95,21 +86,6 @@ def test_a_row_of_units_and_lines_above_the_header(tmp_path):
 def test_a_row_without_values_is_no_row_of_units(tmp_path, row):
     with pytest.raises(hmcvt.InputError, match="row 2: "):
         read_raw_bench(raw(tmp_path, f"eps,n,M,eta\n{row}\n0.5,146,200,0.8\n"), PLAIN)
-
-
-def test_text_of_a_german_table_calculation(tmp_path):
-    path = tmp_path / "raw.csv"
-    text = ("Hub;n;M;eta;std;\u00d6ltemperatur [\u00b0C]\n%;1/min.;Nm;%;%;\n"
-            "50;1400,5;200,25;80,5;0,3;60,5\n")
-    path.write_bytes(text.encode("cp1252"))
-    found = read_raw_bench(path, {
-        "displacement_ratio": "Hub:%", "engine_speed": "n:U/min", "load_torque": "M:nm",
-        "efficiency": "eta:%", "efficiency_std": "std:%",
-        "oil_temperature": "\u00d6ltemperatur [\u00b0C]:\u00b0c"})
-    assert found.efficiency.tolist() == pytest.approx([0.805])
-    assert found.efficiency_std.tolist() == pytest.approx([0.003])
-    assert found.engine_speed.tolist() == pytest.approx([1400.5 * RPM])
-    assert (found.load_torque[0], found.oil_temperature[0]) == (200.25, 60.5)
 
 
 def test_the_first_unit_is_the_one_that_is_kept():
