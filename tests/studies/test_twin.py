@@ -192,20 +192,6 @@ def test_an_output_meter_moves_the_load_column_and_an_engine_meter_does_not():
     assert engine.output_speed == pytest.approx(plain.output_speed)
 
 
-def test_flow_effects_slow_the_output_and_torque_effects_hardly_do():
-    points = points_over_the_range()
-    plain = Plant(BASE).read(points)
-
-    def slowed(name):
-        speed = Plant(BASE, (size_effect(BASE, drawn(name), 0.01),)).read(points).output_speed
-        return np.nanmean(np.abs(speed / plain.output_speed - 1.0))
-
-    for flow_effect in ("pressure_leakage:clearance", "orifice_leakage", "compressibility"):
-        assert slowed(flow_effect) > 2e-3
-    for torque_effect in ("charge_pump", "churning", "bearing_drag"):
-        assert slowed(torque_effect) < 1e-5
-
-
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("samples", [8, 25])
 def test_plans_give_the_points_asked_for_within_the_range(plan, samples):
