@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from hmcvt_core import BenchSamples, EfficiencyModel, HydraulicParameters, data_
 from hmcvt_core.benches.watch import Opening, Watch
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
+from studies.page import table
 
 Array = NDArray[np.float64]
 NOISE = 0.004
@@ -81,26 +83,23 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given: Any = parser.parse_args()
     model, seeds = well_known(), range(given.seed, given.seed + given.streams)
-    print(f"| without a gap, noise true / stated | false alarms in {given.streams} streams |")
-    print("|---|---|")
-    for factor in (1.0, 1.25, 1.5):
-        alarms = sum(watched(model, stream(model, seed, noise=factor * NOISE)).open
-                     for seed in seeds)
-        print(f"| {factor:g} | {alarms} |")
-    print("\n| gap | size [points] | noticed | before it opened | delay, median (90 %) [samples] "
-          "| size told, median | interval holds it |")
-    print("|---|---|---|---|---|---|---|")
-    for gap in GAPS:
-        for size in SIZES:
-            found = [watched(model, stream(model, seed, gap, size)) for seed in seeds]
-            told = [each for each in found if (each.noticed or 0) > OPENS]
-            delay = [(each.noticed or 0) - OPENS for each in told] or [np.nan]
-            early = sum(each.open for each in found) - len(told)
-            held = [each.interval[0] <= -size <= each.interval[1] for each in told if each.interval]
-            median = np.median([each.size for each in told if each.size] or [np.nan])
-            print(f"| {gap} | {100 * size:g} | {100 * len(told) / len(found):.0f} % | {early} | "
-                  f"{np.median(delay):.0f} ({np.quantile(delay, 0.9):.0f}) | {100 * median:+.2f} | "
-                  f"{100 * np.mean(held or [np.nan]):.0f} % |")
+    alarms = [(f"{factor:g}", sum(watched(model, stream(model, seed, noise=factor * NOISE)).open
+                                  for seed in seeds)) for factor in (1.0, 1.25, 1.5)]
+    print(table(("without a gap, noise true / stated",
+                 f"false alarms in {given.streams} streams"), alarms), end="\n\n")
+    rows = []
+    for gap, size in product(GAPS, SIZES):
+        found = [watched(model, stream(model, seed, gap, size)) for seed in seeds]
+        told = [each for each in found if (each.noticed or 0) > OPENS]
+        delay = [(each.noticed or 0) - OPENS for each in told] or [np.nan]
+        held = [each.interval[0] <= -size <= each.interval[1] for each in told if each.interval]
+        median = np.median([each.size for each in told if each.size] or [np.nan])
+        rows.append((gap, f"{100 * size:g}", f"{100 * len(told) / len(found):.0f} %",
+                     sum(each.open for each in found) - len(told),
+                     f"{np.median(delay):.0f} ({np.quantile(delay, 0.9):.0f})",
+                     f"{100 * median:+.2f}", f"{100 * np.mean(held or [np.nan]):.0f} %"))
+    print(table(("gap", "size [points]", "noticed", "before it opened",
+                 "delay, median (90 %) [samples]", "size told, median", "interval holds it"), rows))
 
 
 if __name__ == "__main__":

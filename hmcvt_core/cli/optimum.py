@@ -16,14 +16,7 @@ from ..model.model import EfficiencyModel
 from ..model.optimum import HOLDS
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
-from .common import (
-    fraction,
-    measured_options,
-    output_speed,
-    point_from,
-    speed,
-    stage_option,
-)
+from .common import fraction, measured_options, output_speed, point_from, speed, stage_option
 
 _ASKED = "the output speed and power cannot be held within the engine speed limits"
 _OF_THE_DRIVE_LINE = ("engine", "torque_reserve", "hysteresis")

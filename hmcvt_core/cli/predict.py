@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ..files.bench import read_bench
-from ..model.agreement import RelativeError, predicted_at
+from ..model.agreement import mean_error, predicted_at
 from ..model.model import DRAGGED, EfficiencyModel
 from . import common
 from .common import point_from, point_options, stage_option
@@ -77,11 +77,11 @@ def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
         common.print_json(records)
         return
     click.echo(common.sample_table(records))
-    error = RelativeError.of(predicted_at(model, samples), samples.efficiency)
-    if error.without_answer < len(records):
-        click.echo(f"mean |error|  {100 * error.mean:.2f} %")
-    if error.without_answer:
-        click.echo(f"the model has no answer at {error.without_answer} of {len(records)} samples")
+    error = mean_error(predicted_at(model, samples), samples.efficiency)
+    if not math.isnan(error):
+        click.echo(f"mean |error|  {100 * error:.2f} %")
+    if none := sum(math.isnan(entry["predicted"]) for entry in records):
+        click.echo(f"the model has no answer at {none} of {len(records)} samples")
     if samples.sha256 == model.provenance.get("data_sha256"):
         used = model.provenance.get("samples", "some")
         click.echo(f"the model was identified from {used} of these samples: others say more of it")

@@ -169,7 +169,7 @@ def save(log: Log, study: Study, settings: Settings) -> Entry:
         log.parameters.unlink(missing_ok=True)
     save_model(study.model, log.parameters)  # keeps what a person may have put there
     result: dict[str, Any] = plain({
-        "schema": SCHEMA, "log": log.name, "log_sha256": study.log_sha256,
+        "schema": SCHEMA, "log": log.name, "log_sha256": study.model.provenance["data_sha256"],
         "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),
         "identification": study.identification, "diagnosis": study.diagnosis})
     write_atomically(log.result, json.dumps(result, indent=1, allow_nan=False) + "\n")

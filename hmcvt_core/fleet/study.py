@@ -71,13 +71,11 @@ class Study:
     """Outcome of a log.
 
     Attributes:
-        log_sha256: of the log that was studied.
         model: the identified model.
         identification: as `hmcvt identify --json` prints it.
         diagnosis: as `hmcvt diagnose --json` prints it for that model, or None.
     """
 
-    log_sha256: str
     model: EfficiencyModel
     identification: dict[str, Any]
     diagnosis: dict[str, Any] | None
@@ -96,7 +94,7 @@ def study(samples: BenchSamples, settings: Settings) -> Outcome:
         found = min(tried, key=lambda item: item.objective)
         diagnosis = None if not settings.diagnosed else diagnose(
             found.model, samples, noise=settings.noise, seed=settings.seed).to_dict()
-        return Study(samples.sha256, found.model, found.to_dict(), diagnosis)
+        return Study(found.model, found.to_dict(), diagnosis)
     except HmcvtError as error:
         return str(error)
     except Exception as error:  # one log must not stop thousands

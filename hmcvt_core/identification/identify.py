@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import IdentificationError, InputError
 from ..files import data_path, drawing, preformatted
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, by_stage, gear_train_remarks
+from ..model.agreement import by_stage, gear_train_remarks, mean_error
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
@@ -254,7 +254,7 @@ def identify(
             f"sample: {'; '.join([*told, 'check stage, units and load torque'])}")
     standard_errors, correlation = precision(problem, scaled)
     predicted = problem.predict(scaled)
-    fit_error = RelativeError.of(predicted, samples.efficiency).mean
+    fit_error = mean_error(predicted, samples.efficiency)
     alone = {} if len(parts) == 1 else {
         name: precision(Problem(model, part), scaled, problem)[0] for name, part in parts.items()}
     warnings = [*told, *findings(samples, scaled, standard_errors, correlation)]
@@ -266,13 +266,14 @@ def identify(
     }
     if validation is not None:
         held = Problem(model, validation)
-        error = RelativeError.of(held.predict(scaled), validation.efficiency)
-        if np.isfinite(error.mean):
-            provenance["prediction_error"] = float(f"{error.mean:.6g}")
+        predicted_there = held.predict(scaled)
+        if np.isfinite(predicted_there).any():
+            error = mean_error(predicted_there, validation.efficiency)
+            provenance["prediction_error"] = float(f"{error:.6g}")
         provenance["validation_samples"] = len(validation)
-        if error.without_answer:
-            provenance["validation_without_answer"] = error.without_answer
-        warnings += unchecked(held, error, samples)
+        if none := int(np.isnan(predicted_there).sum()):
+            provenance["validation_without_answer"] = none
+        warnings += unchecked(held, none, samples)
     identified = replace(
         model, parameters=HydraulicParameters(*from_scaled(scaled).tolist()),
         standard_errors=standard_errors, correlation=correlation, domain=Domain.of(samples),

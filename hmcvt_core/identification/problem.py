@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
-from ..model.agreement import RelativeError, determination_loss
+from ..model.agreement import determination_loss
 from ..model.domain import Domain
 from ..model.model import INCONSISTENT, STALLED, EfficiencyModel
 from ..transmission.parameters import (
@@ -171,9 +171,9 @@ def findings(
                    f"(correlation {tie:.2f}): only a combination is determined")
 
 
-def unchecked(held: Problem, error: RelativeError, fitted: BenchSamples) -> Iterator[str]:
-    """Say what the samples held back do not check: no answer there, or none fitted near."""
-    count, none = len(held.samples), error.without_answer
+def unchecked(held: Problem, none: int, fitted: BenchSamples) -> Iterator[str]:
+    """Say what the samples held back do not check: no answer at `none` of them, or far away."""
+    count = len(held.samples)
     if none:
         reason = STALLED if held.model.formulation == "power_balance" else INCONSISTENT
         yield (f"the model has no answer at {none} of {count} samples held back, which "

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,24 +64,11 @@ def determination_loss(predicted: Array, measured: Array) -> Array:
         return np.asarray(np.sum((predicted - measured) ** 2, axis=-1) / spread)
 
 
-class RelativeError(NamedTuple):
-    """|Predicted - measured| / measured over samples.
-
-    Attributes:
-        mean: over the samples with an answer [-]; NaN where there is none.
-        without_answer: number of samples at which the model has none.
-    """
-
-    mean: float
-    without_answer: int
-
-    @classmethod
-    def of(cls, predicted: Array, measured: Array) -> RelativeError:
-        """Compare efficiencies of shape (n,); NaN among those predicted is no answer."""
-        errors = relative_errors(predicted, measured)
-        answered = np.isfinite(errors)
-        mean = float(errors[answered].mean()) if answered.any() else np.nan
-        return cls(mean, int(np.sum(~answered)))
+def mean_error(predicted: Array, measured: Array) -> float:
+    """Mean of `relative_errors` (n,) where there is an answer [-]; NaN where there is none."""
+    errors = relative_errors(predicted, measured)
+    answered = errors[np.isfinite(errors)]
+    return float(answered.mean()) if len(answered) else np.nan
 
 
 def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None:

@@ -21,18 +21,8 @@ from ..physics.effects.base import Effect
 from ..physics.point import PointSolver
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import ArraySolver
-from ..transmission.parameters import (
-    Candidates,
-    HydraulicParameters,
-    Parameters,
-)
-from ..transmission.ranges import (
-    CHUNK,
-    ENGINE_SPEED_LIMITS,
-    OperatingPoints,
-    Solution,
-    is_plain,
-)
+from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
+from ..transmission.ranges import CHUNK, ENGINE_SPEED_LIMITS, OperatingPoints, Solution, is_plain
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction, Uncertainty
 from .drive_line import DriveOptimum, drive_optimum

@@ -150,12 +150,12 @@ def _lost(model: hmcvt.EfficiencyModel, given: Points, hold: str) -> Array:
     held = {"output_speed": given.output_speed} if hold == "output_speed" else {}
     ours = model.optimal_displacement_ratio(
         given.engine_speed, given.load_torque, hold=hold, engine_speed_limits=SPEEDS, **held)
-    best = _brute_force(model, given, hold)
+    best = brute_force(model, given, hold)
     return np.maximum(best - np.nan_to_num(ours.efficiency), 0.0)
 
 
-def _brute_force(model: hmcvt.EfficiencyModel, given: Points, hold: str) -> Array:
-    """Highest efficiency at each point, shape (n,)."""
+def brute_force(model: hmcvt.EfficiencyModel, given: Points, hold: str) -> Array:
+    """Highest efficiency at each point over all strokes, shape (n,)."""
     strokes = np.linspace(-1.0, 1.0, 401)[:, None] * np.ones(len(given.power))
     for _ in range(_ZOOMS + 1):
         speed = (np.broadcast_to(given.engine_speed, strokes.shape) if hold == "engine_speed"

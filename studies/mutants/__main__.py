@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+from studies.page import render
 from studies.workers import Record, recorded
 
 from .harness import KILLED, NO_EFFECT, ROOT, SURVIVED, Copies, in_copy, reaches, trial
@@ -81,16 +82,11 @@ def share(records: Sequence[Record]) -> float:
 
 def report(records: Sequence[Record], what: str) -> str:
     """Tell how many were noticed, and show those that were not."""
-    counts = Counter(record["outcome"] for record in records)
-    parts = [f"# Mutants\n\n{what}: {counts[KILLED]} killed, {counts[SURVIVED]} survived, "
-             f"{counts[NO_EFFECT]} without effect. Of those that change an answer "
-             f"{100.0 * share(records):.0f} % are killed; goal: {100.0 * GOAL:.0f} %."]
-    for outcome in (SURVIVED, NO_EFFECT):
-        parts += [f"## {outcome}", *(
-            f"Reached by {record['tests']} test files.\n\n```diff\n{record['diff']}\n```"
-            for record in sorted(records, key=lambda record: record["key"])
-            if record["outcome"] == outcome)]
-    return "\n\n".join(parts) + "\n"
+    kinds = {outcome: sorted((record for record in records if record["outcome"] == outcome),
+                             key=lambda record: str(record["key"]))
+             for outcome in (KILLED, SURVIVED, NO_EFFECT)}
+    return render("report.md.j2", Path(__file__).parent, what=what, share=share(records),
+                  goal=GOAL, kinds=kinds)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from hmcvt_core.files.atomic import write_atomically
-from studies.page import table
+from studies.page import render, table
 from studies.workers import workers
 
 from .campaign import Case, campaign
@@ -46,23 +46,10 @@ def command(campaigns: int, seed: int, jobs: int, out: Path | None) -> None:
     head = ("", "worst excess", "above 1", "median error in service", "clean", "spoiled",
             "clean adopted", "spoiled adopted", "bad samples set aside", "good ones set aside")
     if out is not None:
-        write_atomically(out, PAGE.format(campaigns, seed, table(head, rows)))
+        write_atomically(out, render("page.md.j2", Path(__file__).parent, campaigns=campaigns,
+                                     seed=seed, table=table(head, rows)))
 
 
-PAGE = """# Bad samples
-
-Written by `python -m studies.poisoning --campaigns {0} --seed {1}`; {0} campaigns in each row.
-
-20 to 60 samples, spread over 18 to 60 kW, of a unit whose leakage is up to 2 and whose dampings are
-up to 1.5 times those of the model in service. One to three of them read 5 to 30 points too low or
-too high. The refit is made with them (spoiled) and without (clean).
-
-Errors are the largest over the domain, in points of efficiency, of what serves afterwards. The
-excess is the error after the spoiled refit, less the larger of those after the clean one and of the
-model that served (goal: at most 1). Of the clean refits 95 % should be adopted.
-
-{2}
-"""
 
 if __name__ == "__main__":
     command()

@@ -50,15 +50,12 @@ def items() -> list[Item]:
     strokes = np.unique(table2().displacement_ratio)
     tests = {eps: ", ".join(str(i + 1) for i in np.flatnonzero(table2().displacement_ratio == eps))
              for eps in strokes.tolist()}
-    ratios = speed_ratio(stage(), strokes)
-    splits = published.hydraulic_split_ratio(stage(), strokes)
-    found = []
-    for eps, ratio in zip(strokes.tolist(), ratios.tolist(), strict=True):
-        found.append(printed(GROUP, f"speed ratio (5) at eps = {eps:g} (tests {tests[eps]})",
-                             _ratio(eps), ratio, ".5f", why="the gear train is not Table 1's"))
-    for eps, split in zip(strokes.tolist(), splits.tolist(), strict=True):
-        found.append(printed(GROUP, f"e_H (8) at eps = {eps:g} (tests {tests[eps]})",
-                             _split(eps), split, ".4f", why="the gear train is not Table 1's"))
+    formulas = (("speed ratio (5)", _ratio, speed_ratio, ".5f"),
+                ("e_H (8)", _split, published.hydraulic_split_ratio, ".4f"))
+    found = [printed(GROUP, f"{name} at eps = {eps:g} (tests {tests[eps]})", as_printed(eps), value,
+                     form, why="the gear train is not Table 1's")
+             for name, as_printed, ours, form in formulas
+             for eps, value in zip(strokes.tolist(), ours(stage(), strokes).tolist(), strict=True)]
     return [*found, *_at_rest()]
 
 

@@ -21,6 +21,7 @@ def test_paper_split(hmcvt, formulation, fit, prediction):
     value = hmcvt(*asked, "--json").json
     assert value["fit_error"] <= fit
     assert value["prediction_error"] <= prediction
+    assert value["annealing_objective"] > value["objective"]["value"] > 0.0
     assert value["formulation"] == formulation and value["gear_efficiency"] == [0.98]
     assert [entry["sample"] for entry in value["held_back"]] == [3, 7, 8]
     mean = sum(abs(entry["error"]) for entry in value["held_back"]) / 3

@@ -14,6 +14,15 @@ FIT = np.array([1, 2, 4, 5, 6]) - 1  # section 4.2
 HELD_BACK = np.array([3, 7, 8]) - 1
 
 
+def assert_refused(load, path, message):
+    """One short line that begins with the file."""
+    with pytest.raises(hmcvt.InputError, match=message) as caught:
+        load(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ") and text.count(str(path)) == 1
+    assert len(text.splitlines()) == 1 and len(text) <= 1000
+
+
 @pytest.fixture(scope="session")
 def table2():
     return hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
+from .conftest import assert_refused
+
 HEADER = "displacement_ratio,engine_speed,load_torque,efficiency"
 GOOD = "0.5,150,200,0.8"
 
@@ -100,7 +102,7 @@ def test_spellings_that_are_read(tmp_path, text):
 ])
 def test_bad_row_is_named(tmp_path, row, message):
     path = written(tmp_path, f"{HEADER}\n{GOOD}\n{row}\n{GOOD}\n")
-    assert_refused(path, message)
+    assert_refused(hmcvt.read_bench, path, message)
 
 
 @pytest.mark.parametrize(("text", "message"), [
@@ -123,26 +125,16 @@ def test_bad_row_is_named(tmp_path, row, message):
     (HEADER + ",efficiency_std\n" + GOOD + ",1.1", r"row 2: efficiency_std = 1.1 .*not percent"),
 ])
 def test_bad_file_is_named(tmp_path, text, message):
-    assert_refused(written(tmp_path, text), message)
+    assert_refused(hmcvt.read_bench, written(tmp_path, text), message)
 
 
 def test_files_that_are_not_read(tmp_path):
-    assert_refused(tmp_path / "absent.csv", "No such file or directory")
-    assert_refused(tmp_path, "Is a directory")
+    assert_refused(hmcvt.read_bench, tmp_path / "absent.csv", "No such file or directory")
+    assert_refused(hmcvt.read_bench, tmp_path, "Is a directory")
     path = tmp_path / "huge.csv"
     with path.open("wb") as file:
         file.truncate(300 * 1024 * 1024)  # sparse
-    assert_refused(path, r"larger than 256 MiB, not a bench log")
-
-
-def assert_refused(path, message):
-    with pytest.raises(hmcvt.InputError, match=message) as caught:
-        hmcvt.read_bench(path)
-    text = str(caught.value)
-    assert text.startswith(f"{path}: ")
-    assert text.count(str(path)) == 1
-    assert len(text.splitlines()) == 1
-    assert len(text) <= 1000
+    assert_refused(hmcvt.read_bench, path, r"larger than 256 MiB, not a bench log")
 
 
 GOOD_VALUES = {"displacement_ratio": [0.5], "engine_speed": [150.0], "load_torque": [200.0],

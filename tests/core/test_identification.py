@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Identification: the paper's split, known truth from synthetic samples, what stays open."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from hmcvt_core.identification.two_part import hydraulic_roots
 from hmcvt_core.model.agreement import determination_loss, predicted_at, relative_errors
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 
-from .conftest import FIT, HELD_BACK
+from .conftest import FIT
 
 QUICK = Schedule(chains=4, moves=5)
 TRUTH = hmcvt.HydraulicParameters(2e-11, 0.15, 0.1)
@@ -129,22 +128,6 @@ def test_result_is_whole(fitted, table2):
     assert fitted.model.domain.engine_speed == (78.54, 146.61)
     again = hmcvt.identify(table2.select(FIT), seed=0)
     assert again.parameters == fitted.parameters
-
-
-def test_gear_efficiency_enumerated_as_in_table_3(table2):
-    """Mean error of all eight tests by gear efficiency, in percent.
-
-    From differential evolution over a plain transcription of the paper (that of test_published).
-    Table 3 and docs/theory.md call 0.98 best; with these readings 0.99 is, by the samples alone.
-    """
-    expected = {0.99: 0.73, 0.97: 2.08}
-    for gear_efficiency, percent in expected.items():
-        fit = hmcvt.identify(
-            table2.select(FIT), validation=table2.select(HELD_BACK), formulation="published",
-            gear_efficiency=gear_efficiency, schedule=QUICK)
-        assert {pair.efficiency for pair in fit.model.stage.gear_pairs} == {gear_efficiency}
-        overall = (5.0 * fit.fit_error + 3.0 * fit.prediction_error) / 8.0
-        assert 100.0 * overall == pytest.approx(percent, abs=0.006)
 
 
 # --- part 1 of the paper's method: two roots ------------------------------------------------------
@@ -331,15 +314,6 @@ def test_report_reads(fitted):
                    "note: leakage is not"):
         assert needle in text
     assert len(text.splitlines()) > 12
-
-
-def test_plain_data_is_json(fitted, fitted_published):
-    for found in (fitted, fitted_published):
-        again = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-        assert again["fit_error"] == found.fit_error
-        assert again["parameters"]["leakage"]["unit"] == "m3/(s Pa)"
-        assert again["objective"] == {"name": found.objective_name, "value": found.objective}
-        assert again["annealing_objective"] == found.annealing_objective > found.objective
 
 
 def flat(value):

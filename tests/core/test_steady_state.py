@@ -8,11 +8,11 @@ from hypothesis import given
 from hmcvt_core import EfficiencyModel
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.transmission.ranges import OperatingPoints
+from studies.benchmarks.point import SPEEDS, Points, brute_force
 
 from .strategies import engine_speeds, load_torques, moderate, parameters, stages, strokes
 
 STROKES = np.linspace(-1.0, 1.0, 201)
-LIMITS = (78.54, 230.38)
 
 
 @given(stages(), parameters, engine_speeds, load_torques)
@@ -69,30 +69,20 @@ def test_no_pair_is_better_than_the_best(stage, found, engine_speed, load_torque
     target = model.output_speed(stroke, engine_speed, load_torque)
     power = engine_speed * load_torque
     # The line leads to torques at which no lookup would answer.
-    if not (0.1 < target < 1000.0 and LIMITS[1] < power < 5000.0 * LIMITS[0]):
+    if not (0.1 < target < 1000.0 and SPEEDS[1] < power < 5000.0 * SPEEDS[0]):
         return
     best = model.optimal_displacement_ratio(
         engine_speed, load_torque, hold="output_speed", output_speed=target,
-        engine_speed_limits=LIMITS)
-    brute = best_on_the_line(model, target, power)
-    assert np.nan_to_num(best.efficiency) >= brute - 1e-6
+        engine_speed_limits=SPEEDS)
+    assert np.nan_to_num(best.efficiency) >= best_on_the_line(model, target, power) - 1e-6
     if np.isfinite(best.efficiency):
-        assert LIMITS[0] <= best.engine_speed <= LIMITS[1]
+        assert SPEEDS[0] <= best.engine_speed <= SPEEDS[1]
         reached = model.output_speed(best.displacement_ratio, best.engine_speed, best.load_torque)
         assert reached == pytest.approx(target, rel=1e-6)
 
 
 def best_on_the_line(model, target, power):
-    """Best efficiency over engine speeds; the stroke of each from a fine grid and bisection."""
-    speed = np.linspace(*LIMITS, 401)
-    torque = np.clip(power / speed, 1.0, 5000.0)
-    sense = np.sign(model.stage.motor_speed_ratio)
-    low, high = np.full(speed.shape, -1.0), np.full(speed.shape, 1.0)  # times the sense
-    for _ in range(50):
-        middle = (low + high) / 2.0
-        fast = model.output_speed(sense * middle, speed, torque) >= target
-        low, high = np.where(fast, low, middle), np.where(fast, middle, high)
-    reached = model.output_speed(sense * high, speed, torque)
-    efficiency = model.efficiency(sense * high, speed, torque)
-    held = (np.abs(reached / target - 1.0) < 1e-7) & (torque == power / speed)
-    return np.nan_to_num(np.where(held, efficiency, 0.0)).max()
+    """Best efficiency over strokes, each at the engine speed that holds output speed and power."""
+    found = brute_force(model, Points(*np.array([[np.nan]] * 3 + [[target], [power]])),
+                        "output_speed")
+    return found[0]

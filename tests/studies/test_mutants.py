@@ -4,7 +4,6 @@
 import ast
 
 from studies.mutants import probe
-from studies.mutants.__main__ import share
 from studies.mutants.mutations import mutations
 
 SOURCE = b'''"""A docstring with 3 words."""
@@ -52,8 +51,3 @@ def test_answers_are_the_same_within_rounding_only():
                   {"a": [1.0, float("nan"), "words"], "b": {"c": 2}},
                   {"a": [1.0, float("nan")], "b": {"c": 2}}, {"a": one["a"]}):
         assert not probe.same(one, other)
-
-
-def test_share_leaves_out_what_has_no_effect():
-    records = [{"outcome": word} for word in ("killed", "killed", "survived", "without effect")]
-    assert share(records) == 2 / 3
