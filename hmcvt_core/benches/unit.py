@@ -26,8 +26,8 @@ from ..errors import InputError
 from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
-from ..physics.effects.base import ShaftState, Value
-from ..physics.effects.unit import OF_ANY_SIZE, Sized
+from ..physics.effects.base import Effect, ShaftState, Value
+from ..physics.effects.unit import OF_ANY_SIZE, sized
 from ..transmission.parameters import (
     PARAMETER_NAMES,
     PRIOR_MEAN,
@@ -93,7 +93,7 @@ class HydrostaticUnit:
         # on the shaft is one of the constant torques.
         varied = np.ptp(samples.displacement_ratio) > STROKE.held
         self.library: tuple[Any, ...] = tuple(
-            Sized(effect(), size, self.kind) for effect in library(units=True)
+            sized(effect, size, self.kind) for effect in library(units=True)
             if effect.name != "charge_pump" and effect.form != "gain"
             and (varied or effect.name != "displacement_error"))
 
@@ -155,7 +155,7 @@ class UnitModel:
 
     system: HydrostaticUnit
     base: Array
-    effects: tuple[Sized, ...]
+    effects: tuple[Effect, ...]
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -376,7 +376,7 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
     errors = {**dict(zip(PARAMETER_NAMES, PRIOR_SPREAD.tolist(), strict=True)),
               **model.standard_errors, "leakage": float(np.hypot(*spread)), own: error * larger}
     part = size[kind] / max(size.values())  # effects reckon by the larger of the two
-    inside = [replace(effect.effect, part=kind, **{
+    inside = [replace(effect, part=kind, **{
         item.name: effect.values()[item.name] * (part if item.unit in OF_ANY_SIZE else larger)
         for item in effect.sizes()}) for effect in unit.model.effects
         if effect.component != "sensor"]
