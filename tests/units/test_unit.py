@@ -127,7 +127,8 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     stage = model.stages["H0"]
     points = OperatingPoints(np.array([0.6, 1.0]), np.array([120.0, 180.0]),
                              np.array([60.0, 150.0]))
-    flow = BalanceSolver(stage.stage, model.parameters, model.effects).flow(points)
+    solver = BalanceSolver(stage.stage, model.parameters, model.effects)
+    _, flow = solver.flow((1, 1), points)
     state, pair = flow.state, stage.stage.pump_motor
     lost = {}
     for kind, speed in (("pump", state.pump_speed), ("motor", state.motor_speed)):
