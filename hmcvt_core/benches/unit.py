@@ -26,23 +26,15 @@ from ..errors import InputError
 from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
-from ..physics.effects.base import ShaftState, Value
-from ..physics.effects.unit import OF_ANY_SIZE, Sized
-from ..transmission.parameters import (
-    PARAMETER_NAMES,
-    PRIOR_MEAN,
-    PRIOR_SPREAD,
-    HydraulicParameters,
-)
-from ..transmission.ranges import RPM
-from .transmission import OIL_TEMPERATURE
+from ..physics.effects.base import Effect, ShaftState, Value
+from ..physics.effects.unit import OF_ANY_SIZE, sized
+from ..transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
+from .transmission import AXES, OIL_TEMPERATURE
 
 Array = NDArray[np.float64]
 
-STROKE = Axis("displacement_ratio", "-", "displacement ratio", "stroke", 2, 0.001, graded=False,
-              told="stroke {0:.2f}")
-SPEED = Axis("speed", "rad/s", "speed", "speed [rad/s]", 1, RPM,
-             told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / RPM)
+STROKE, _ENGINE_SPEED, _ = AXES
+SPEED = replace(_ENGINE_SPEED, name="speed", word="speed")
 PRESSURE = Axis("pressure", "Pa", "pressure", "pressure [Pa]", 0, 1e5, told="{1:.0f} bar",
                 second=1e-5)
 _AXES = (STROKE, SPEED, PRESSURE, OIL_TEMPERATURE)
@@ -93,7 +85,7 @@ class HydrostaticUnit:
         # on the shaft is one of the constant torques.
         varied = np.ptp(samples.displacement_ratio) > STROKE.held
         self.library: tuple[Any, ...] = tuple(
-            Sized(effect(), size, self.kind) for effect in library(units=True)
+            sized(effect, size, self.kind) for effect in library(units=True)
             if effect.name != "charge_pump" and effect.form != "gain"
             and (varied or effect.name != "displacement_error"))
 
@@ -101,8 +93,7 @@ class HydrostaticUnit:
         """Return loss of flow [m3/s] and of torque [N m] as reckoned from readings, (2, n)."""
         leakage, damping, *gains = self.base.values(base)
         stroke, speed, pressure = (points[axis.name] for axis in (STROKE, SPEED, PRESSURE))
-        viscosity: Value = 1.0
-        true, still = stroke, np.zeros_like(speed)
+        true, still, viscosity = stroke, np.zeros_like(speed), np.ones_like(speed)
         for effect in effects:
             true = effect.true_displacement_ratio(true)
             if OIL_TEMPERATURE.name in points:
@@ -114,8 +105,8 @@ class HydrostaticUnit:
         def total(hook: str) -> Value:
             return sum((getattr(effect, hook)(state) for effect in effects), 0.0)
 
-        state = state._replace(displacement_ratio=true - total("stroke_lag"))
-        true = state.displacement_ratio
+        true = true - total("stroke_lag")
+        state = state._replace(displacement_ratio=true)
         # What the displacement stated and the stroke commanded have, and the unit has not.
         sign, ideal = sign_of(self.kind), self.displacement * np.stack([speed, pressure])
         friction = FRICTION * true * ideal[1]
@@ -128,12 +119,9 @@ class HydrostaticUnit:
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return a grid over the range of the tests."""
-        rows = [np.unique(np.linspace(points[axis.name].min(), points[axis.name].max(), 6))
-                for axis in _AXES[:3]]
-        grid = dict(zip((axis.name for axis in _AXES), map(np.ravel, np.meshgrid(*rows)),
-                        strict=False))
-        return {name: grid.get(name, np.full(grid["speed"].size, np.median(points[name])))
-                for name in points}
+        rows = [np.median(row) if name == OIL_TEMPERATURE.name else
+                np.unique(np.linspace(row.min(), row.max(), 6)) for name, row in points.items()]
+        return dict(zip(points, map(np.ravel, np.meshgrid(*rows)), strict=True))
 
     def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
         """Return the power of the flow that is lost beyond what is expected [W], (n,)."""
@@ -155,7 +143,7 @@ class UnitModel:
 
     system: HydrostaticUnit
     base: Array
-    effects: tuple[Sized, ...]
+    effects: tuple[Effect, ...]
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -165,6 +153,10 @@ class UnitModel:
     def losses(self, samples: UnitSamples) -> Array:
         """Loss of flow [m3/s] and torque [N m] at the points of samples, shape (2, n)."""
         return self.system.predict(self.base, self.effects, _points(samples))
+
+    def rmse(self, samples: UnitSamples) -> list[float]:
+        """Root of the mean squared error of both losses."""
+        return np.sqrt(np.mean((samples.losses - self.losses(samples)) ** 2, axis=1)).tolist()
 
 
 def _points(samples: UnitSamples) -> Points:
@@ -206,12 +198,10 @@ class UnitDiagnosis:
     @property
     def rmse(self) -> dict[str, dict[str, float | None]]:
         """Errors of both models by channel, m3/s and N m; None without a holdout."""
-        rows: dict[str, Any] = {}
-        for where, samples in (("", self.found.samples), ("holdout_", self.holdout)):
-            for name, model in (("base", self.paper), ("with_effects", self.model)):
-                rows[where + name] = (None, None) if samples is None else np.sqrt(np.mean(
-                    (samples.losses - model.losses(samples)) ** 2, axis=1)).tolist()
-        return {channel: {name: row[i] for name, row in rows.items()}
+        models = {"base": self.paper, "with_effects": self.model}
+        parts = {"": self.found.samples, "holdout_": self.holdout}
+        return {channel: {where + name: None if samples is None else model.rmse(samples)[i]
+                          for where, samples in parts.items() for name, model in models.items()}
                 for i, channel in enumerate(("flow", "torque"))}
 
     @property
@@ -237,15 +227,12 @@ class UnitDiagnosis:
         lines = [self.found.report()]
         if self.same is not None:
             lines.append(f"deals      the same set leads in {self.same} of {self.deals}")
-        for (channel, row), (factor, unit) in zip(
-                self.rmse.items(), ((6e4, "L/min"), (1.0, "N m")), strict=True):
-            told = [f"{label} {factor * before:.3g} -> {factor * after:.3g} {unit}"
-                    for label, before, after in (
-                        ("fitted", row["base"], row["with_effects"]),
-                        ("held out", row["holdout_base"], row["holdout_with_effects"]))
-                    if before is not None and after is not None]
-            lines.append(f"{channel:10} rms left by the paper's terms -> with effects: "
-                         f"{', '.join(told)}")
+        for (name, row), channel in zip(
+                self.rmse.items(), self.model.system.channels, strict=True):
+            told = [f"{channel.factor * value:.3g}" for value in row.values() if value is not None]
+            held = f", held out {' -> '.join(told[2:])}" if told[2:] else ""
+            lines.append(f"{name:10} rms left by the paper's terms -> with effects, "
+                         f"{channel.unit}: fitted {' -> '.join(told[:2])}{held}")
         return "\n".join((*lines, *(f"{name:10} {value:.4g} {PARAMETERS[name]}"
                                     for name, value in self.model.parameters.items())))
 
@@ -297,8 +284,7 @@ def diagnose_unit(
         if doubt and verdict in NAMING and effects != (_REFERENCE,):
             verdict = "unexplained"
         if not doubt and _REFERENCE in effects:
-            excess, = (effect.values()["excess"] for effect in model.effects
-                       if effect.name == _REFERENCE)
+            excess = {each.name: each for each in model.effects}[_REFERENCE].values()["excess"]
             doubt = f"the displacement stated is {100.0 * excess:+.1f} % off by the losses"
     # What --noise would state is not the flow's alone.
     kept = (note for note in found.notes if "--noise" not in note)
@@ -327,9 +313,8 @@ def _same(
         if progress is not None:
             progress(f"deal {i} of {deals}")
         kept = observed.select(np.setdiff1d(order, part))
-        few = {name: row[:1] for name, row in kept.points.items()}
-        alive = next_test(system, kept, few).alive
-        same += next((names for names, _ in alive if names), ()) == effects
+        advice = next_test(system, kept, {name: row[:1] for name, row in kept.points.items()})
+        same += next((names for names, _ in advice.alive if names), ()) == effects
     return same
 
 
@@ -367,21 +352,21 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
         "leakage_per_displacement": leakage / system.displacement, "decades": decades,
         "data": samples.source.rsplit("/", 1)[-1], "data_sha256": samples.sha256}}
     like = {**tested[kind], "decades": float(PRIOR_SPREAD[0])}
-    each = [tested.get(name, like) for name in size]
-    leaks = np.array([one["leakage_per_displacement"] for one in each]) * list(size.values())
-    spread = np.log(10.0) * leaks * [one["decades"] for one in each]
+    leaks, decade = np.array([
+        (size[name] * one["leakage_per_displacement"], np.log(10.0) * one["decades"])
+        for name in size for one in [tested.get(name, like)]]).T
     own = f"{kind}_damping"
-    values = {**{name: getattr(model.parameters, name) for name in PARAMETER_NAMES},
-              "leakage": float(leaks.sum()), own: damping * larger}
     errors = {**dict(zip(PARAMETER_NAMES, PRIOR_SPREAD.tolist(), strict=True)),
-              **model.standard_errors, "leakage": float(np.hypot(*spread)), own: error * larger}
+              **model.standard_errors, own: error * larger,
+              "leakage": float(np.linalg.norm(leaks * decade))}
+    new: dict[str, Any] = {"leakage": float(leaks.sum()), own: damping * larger}
     part = size[kind] / max(size.values())  # effects reckon by the larger of the two
-    inside = [replace(effect.effect, part=kind, **{
+    inside = [replace(effect, part=kind, **{
         item.name: effect.values()[item.name] * (part if item.unit in OF_ANY_SIZE else larger)
         for item in effect.sizes()}) for effect in unit.model.effects
         if effect.component != "sensor"]
     return replace(
-        model, parameters=HydraulicParameters(**values), standard_errors=errors,
+        model, parameters=replace(model.parameters, **new), standard_errors=errors,
         effects=(*(effect for effect in model.effects if effect.part != kind), *inside),
         correlation=np.eye(len(PARAMETER_NAMES)),
         provenance={**model.provenance, "source": "hmcvt unit", "units": tested})

@@ -138,20 +138,19 @@ def _refined(
     found = refit(samples, prior, prior, seed=seed)
     if out is not None:
         save_model(found.model, out)
-    told = [*found.kept, *found.warnings, *filter(None, [found.refused])]
     parameters = found.model.parameters.to_mapping(found.model.standard_errors)
+    notes = [*found.kept, *found.warnings, *filter(None, [found.refused])]
     if as_json:
         common.print_json({"parameters": parameters, "error_before": found.error_before,
                            "error_after": found.error_after, "refused": found.refused or None,
-                           "notes": told})
+                           "notes": notes})
         return
-    click.echo(common.table(("parameter", "value", "standard error", "unit"), [
-        (name, f"{entry['value']:.4g}", f"{entry['standard_error']:.2g}", entry["unit"])
-        for name, entry in parameters.items()]))
+    for name, entry in parameters.items():
+        click.echo("{} = {value:.4g} +- {standard_error:.2g} {unit}".format(name, **entry))
     click.echo(f"mean error {100 * found.error_before:.2f} % before, "
                f"{100 * found.error_after:.2f} % refined")
-    for line in told:
-        click.echo(f"note: {line}")
+    for note in notes:
+        click.echo(f"note: {note}")
 
 
 def _comparison(found: list[Identification]) -> str:

@@ -13,11 +13,7 @@ from ..model.parameter_file import save_model
 from . import common
 
 
-def _above(
-    ctx: click.Context, param: click.Parameter, text: str | None
-) -> tuple[str, float] | None:
-    if text is None:
-        return None
+def _band(text: str) -> tuple[str, float]:
     axis, _, part = text.partition("=")
     if axis not in AXES:
         raise click.BadParameter(f"{axis!r} is none of {', '.join(AXES)}: write pressure=0.7")
@@ -33,7 +29,7 @@ Examples:
 @click.option("--kind", type=click.Choice(KINDS), help="Of the unit, where no column says so.")
 @click.option("--unit", metavar="NAME", help="Which one, where column `unit` names several.")
 @click.option("--holdout", metavar="H.csv", help="Samples to measure the shrinkage on.")
-@click.option("--above", callback=_above, metavar="AXIS=PART",
+@click.option("--above", type=_band, metavar="AXIS=PART",
               help="Hold out what lies above such a part of the highest pressure, speed or "
                    "displacement_ratio, and predict it: pressure=0.7.")
 @click.option("--noise", type=click.FloatRange(1e-6, 0.2), metavar="STD",

@@ -51,10 +51,7 @@ _EFFICIENCIES = ("volumetric_efficiency", "mechanical_efficiency")
 _RANGES = {limits.name: limits for limits in (
     Range("displacement_ratio", 0.01, 1.0, "-", "a fraction of full stroke, not percent"),
     Range("displacement", 1e-7, 1e-3, "m3/rad", "is it in cm3 per revolution?"),
-    Range("speed", 0.1, 1200.0, "rad/s", "is it in r/min?"),
     Range("pressure", 0.0, 1e8, "Pa", "difference between the ports, not negative"),
-    Range("flow_loss", -0.01, 0.1, "m3/s", "is it in L/min?"),
-    Range("torque_loss", -500.0, 5000.0, "N m"),
     # Another displacement than the one stated takes them a little above one.
     *(Range(name, 1e-4, 1.1, "-", "a fraction, not percent") for name in _EFFICIENCIES),
     OIL_TEMPERATURE)}
@@ -169,21 +166,19 @@ def read_unit(
         raise InputError(f"{cells.source}: kind is {told}; needs one of {', '.join(KINDS)}, "
                          "in a column or by --kind")
     read = _numbers(cells, factors)
-    displacement = float(read.pop("displacement")[0])
-    points = {"displacement_ratio": np.ones(len(cells.rows)), **read}
     nothing = np.zeros(len(cells.rows))
-    samples = UnitSamples(
-        str(*given), displacement, points["displacement_ratio"], points["speed"],
-        points["pressure"], read.get("flow_loss", nothing), read.get("torque_loss", nothing),
-        read.get("oil_temperature"), noise, cells.source, cells.sha256)
-    _require_si(samples, cells)
-    if _LOSSES[0] in read:
+    columns = {"displacement_ratio": nothing + 1.0, **dict.fromkeys(_LOSSES, nothing), **read}
+    displacement = float(columns.pop("displacement")[0])
+    parts = [columns.pop(name) for name in _EFFICIENCIES if name in columns]
+    samples = UnitSamples(str(*given), displacement, **columns, noise=noise, source=cells.source,
+                          sha256=cells.sha256)
+    if not parts:
         return samples
-    _require_in_place(read, cells.source)
+    _require_in_place(samples, *parts)
     # Against the ideal one: what a pump gives, or a motor takes, and the torque the other way.
-    part = np.stack([read[name] for name in _EFFICIENCIES]) ** sign_of(samples.kind)
-    flow, torque = sign_of(samples.kind) * samples.ideal * np.stack([1.0 - part[0],
-                                                                     1.0 / part[1] - 1.0])
+    sign = sign_of(samples.kind)
+    flow, torque = sign * samples.ideal * np.stack([
+        1.0 - parts[0]**sign, parts[1]**-sign - 1.0])
     return replace(samples, flow_loss=flow, torque_loss=torque)
 
 
@@ -221,43 +216,37 @@ def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
         values[name] = factors[name] * cells.numbers(name)
         if name == _EFFICIENCIES[1]:  # whatever stands there without pressure
             values[name] = np.where(values["pressure"] < TELLING, 1.0, values[name])
-        cells.require_range(values[name], _RANGES[name])
+        cells.require_range(values[name], _RANGES.get(name) or _sized(name, values))
     if np.ptp(values["displacement"]) > 1e-6 * values["displacement"][0]:
         raise InputError(f"{cells.source}: displacement differs between rows: one unit at a time")
+    if (highest := values["pressure"].max()) < _LEAST_PRESSURE:
+        raise InputError(f"{cells.source}: the highest pressure is {highest:g} Pa, below "
+                         f"{_LEAST_PRESSURE:g}: is it in bar or MPa? (pressure_bar)")
     return values
 
 
-def _require_si(samples: UnitSamples, cells: Cells) -> None:
-    """Refuse what is in range and yet in another unit."""
-    pressure, speed = float(samples.pressure.max()), float(samples.speed.max())
-    limit = _SIZED_SPEED / float(np.cbrt(samples.displacement))
-    told = ""
-    if pressure < _LEAST_PRESSURE:
-        told = (f"the highest pressure is {pressure:g} Pa, below {_LEAST_PRESSURE:g}: is it in bar "
-                "or MPa? (pressure_bar)")
-    elif speed > limit:
-        told = (f"the highest speed is {speed:g} rad/s, a unit of {samples.displacement:.3g} "
-                f"m3/rad runs up to {limit:.0f}: is it in r/min? (speed_rpm)")
-    else:
-        whole = samples.ideal.max(axis=1)
-        for name, loss, most in zip(_LOSSES, samples.losses, whole, strict=True):
-            if (worst := float(np.abs(loss).max())) > most:
-                told = (f"{name} = {worst:g} {_RANGES[name].unit} is more than all that the unit "
-                        f"moves, {most:.3g}: check its unit, and that of displacement")
-    if told:
-        raise InputError(f"{cells.source}: {told}")
+def _sized(name: str, read: Mapping[str, Array]) -> Range:
+    """Range of a quantity for a unit of the size read: in another unit it may suit a larger one."""
+    displacement = float(read["displacement"][0])
+    if name == "speed":
+        return Range(name, 0.1, _SIZED_SPEED / float(np.cbrt(displacement)), "rad/s",
+                     "a unit of this displacement runs slower: is it in r/min? (speed_rpm)")
+    driver, unit, other = {"flow_loss": ("speed", "m3/s", "L/min"),
+                           "torque_loss": ("pressure", "N m", "lb ft")}[name]
+    most = displacement * float(read[driver].max())
+    return Range(name, -most, most, unit, "more than all that the unit moves: is it in "
+                 f"{other}, or displacement in another unit?")
 
 
-def _require_in_place(read: Mapping[str, Array], source: str) -> None:
+def _require_in_place(samples: UnitSamples, volumetric: Array, mechanical: Array) -> None:
     """Refuse swapped efficiencies.
 
     The mechanical one gains on the volumetric one with pressure, and loses with speed.
     """
-    told = read["pressure"] > TELLING
-    speed, pressure, volumetric, mechanical = (
-        read[name][told] for name in ("speed", "pressure", *_EFFICIENCIES))
-    columns = [np.ones_like(speed), pressure / pressure.max(), speed / speed.max()]
-    slopes = np.linalg.lstsq(np.stack(columns, axis=1), mechanical - volumetric)[0]
-    if slopes[1] < slopes[2]:
-        raise InputError(f"{source}: volumetric_efficiency gains on mechanical_efficiency with "
-                         "pressure, and loses with speed: are the two columns swapped?")
+    told = samples.pressure > TELLING
+    drivers = [driver[told] / driver.max() for driver in (samples.pressure, samples.speed)]
+    columns = np.stack([np.ones(int(told.sum())), *drivers], axis=1)
+    _, gained, lost = np.linalg.lstsq(columns, (mechanical - volumetric)[told])[0]
+    if gained < lost:
+        raise InputError(f"{samples.source}: volumetric_efficiency gains on mechanical_efficiency "
+                         "with pressure, and loses with speed: are the two columns swapped?")

@@ -35,7 +35,8 @@ def main() -> int:
     parser.add_argument("--tests", nargs="+", default=("tests/core", "tests/diagnosis"))
     parser.add_argument("--folder", type=Path, default=Path("build/mutants"),
                         help="copies and results; an interrupted run goes on from here")
-    parser.add_argument("--out", type=Path, default=None, help="write the report there, too")
+    parser.add_argument("--out", type=Path, default=Path(os.devnull),
+                        help="write the report there, too")
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     folder = given.folder.resolve()
@@ -61,8 +62,7 @@ def main() -> int:
             _say(f"{len(records)} of {len(drawn)}: {record['outcome']}: {record['key']}")
     text = report(records, f"{given.count} drawn with seed {given.seed}")
     print(text)
-    if given.out is not None:
-        given.out.write_text(text, encoding="utf-8")
+    given.out.write_text(text, encoding="utf-8")
     return 0 if share(records) >= GOAL else 1
 
 

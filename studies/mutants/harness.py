@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
 import json
 import os
 import shutil
@@ -25,34 +24,28 @@ KILLED, SURVIVED, NO_EFFECT = "killed", "survived", "without effect"
 # What judges the source text or the speed of the machine, not answers.
 _LEFT_OUT = ("test_house_rules.py", "test_speed.py", "test_layers.py")
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+_PYTEST = ("-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no")
 Reach = dict[str, Any]
 """Of one test file: `seconds` that it takes, and `lines` of each source that it runs."""
-_PYTEST = ("-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no")
 
 
 class Copies:
-    """As many copies of the project as trials run side by side.
+    """As many copies of the project, uncommitted edits among it, as trials run side by side.
 
     Attributes:
-        state: twelve digits of all Python files: results of another state do not count.
+        state: twelve digits of what is in them: results of another state do not count.
     """
 
     def __init__(self, folder: Path, count: int) -> None:
-        listed = subprocess.run(
-            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True)
-        files = [name for name in listed.stdout.decode().split("\0")
-                 if name and (ROOT / name).is_file()]
-        told = hashlib.sha256()
-        for name in sorted(name for name in files if name.endswith((".py", ".toml"))):
-            told.update(name.encode() + (ROOT / name).read_bytes())
-        self.state = told.hexdigest()[:12]
+        commit = _git("stash", "create") or "HEAD"
+        self.state = _git("rev-parse", "--short=12", f"{commit}^{{tree}}")
         self._free: SimpleQueue[Path] = SimpleQueue()
+        whole = folder / "project.tar"
+        _git("archive", f"--output={whole}", commit)
         for number in range(count):
             copy = folder / f"copy-{number}"
             shutil.rmtree(copy, ignore_errors=True)
-            for name in files:
-                (copy / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(ROOT / name, copy / name)
+            shutil.unpack_archive(whole, copy)
             self._free.put(copy)
 
     @contextmanager
@@ -64,17 +57,22 @@ class Copies:
             self._free.put(copy)
 
 
+def _git(*arguments: str) -> str:
+    return subprocess.run(["git", *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True,
+                          check=True).stdout.strip()
+
+
 def in_copy(
     copy: Path, arguments: Sequence[str], limit: float | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run Python there on the copy's own modules.
-
-    Raises:
-        subprocess.TimeoutExpired: after `limit` seconds.
-    """
+    """Run Python there on the copy's own modules; after `limit` seconds it has failed."""
     environment = {**os.environ, **_ONE_THREAD, "PYTHONPATH": str(copy)}
-    return subprocess.run([sys.executable, *arguments], cwd=copy, env=environment, timeout=limit,
-                          capture_output=True, text=True, check=False)
+    command = [sys.executable, *arguments]
+    try:
+        return subprocess.run(command, cwd=copy, env=environment, timeout=limit,
+                              capture_output=True, text=True, check=False)
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command, -1, "", f"no end after {limit} s")
 
 
 def reaches(
@@ -109,58 +107,33 @@ def _measure(copy: Path, name: str) -> Reach:
     seconds = time.monotonic() - start
     if done.returncode != 0:
         raise RuntimeError(f"{name} fails without any mutant:\n{done.stdout[-2000:]}{done.stderr}")
-    report = copy / "coverage.json"
-    in_copy(copy, ["-m", "coverage", "json", "-q", "-o", str(report)])
-    files = json.loads(report.read_text())["files"] if report.exists() else {}
+    told = in_copy(copy, ["-m", "coverage", "json", "-q", "-o", "-"]).stdout
+    files = json.loads(told)["files"] if told.startswith("{") else {}
     return {"seconds": seconds,
             "lines": {path: found["executed_lines"] for path, found in files.items()}}
-
-
-def changes(copy: Path, reference: Path, limit: float) -> bool:
-    """Tell whether the copy gives another answer than the reference, or none."""
-    try:
-        done = in_copy(copy, ["-m", "studies.mutants.probe", str(reference)], limit)
-    except subprocess.TimeoutExpired:
-        return True
-    return done.returncode != 0 or bool(done.stdout.strip())
 
 
 def trial(
     copy: Path, mutation: Mutation, reach: dict[str, Reach], reference: Path, probe_seconds: float
 ) -> dict[str, Any]:
     """Try one mutant: the probe first; what changes an answer, on the quickest test files first."""
-    path = copy / mutation.path
+    path, own = copy / mutation.path, set(range(mutation.lines[0], mutation.lines[1] + 1))
     source = path.read_bytes()
-    path.write_bytes(mutation.apply(source))
+    wrong = mutation.apply(source)
+    path.write_bytes(wrong)
     try:
-        start, tests, killer, outcome = time.monotonic(), [], None, NO_EFFECT
-        if changes(copy, reference, 60.0 + 10.0 * probe_seconds):
-            own = set(range(mutation.lines[0], mutation.lines[1] + 1))
+        probe = in_copy(copy, ["-m", "studies.mutants.probe", str(reference)],
+                        60.0 + 10.0 * probe_seconds)
+        outcome, tests = NO_EFFECT, []
+        if probe.returncode != 0 or probe.stdout.strip():
             tests = sorted((name for name, each in reach.items()
                             if not own.isdisjoint(each["lines"].get(mutation.path, ()))),
                            key=lambda name: reach[name]["seconds"])
             limit = 30.0 + 4.0 * sum(reach[name]["seconds"] for name in tests)
-            killer = _killer(copy, tests, limit)
-            outcome = SURVIVED if killer is None else KILLED
-        diff = difflib.unified_diff(
-            source.decode().splitlines(), mutation.apply(source).decode().splitlines(),
-            mutation.path, mutation.path, lineterm="", n=1)
-        return {"key": mutation.key, "outcome": outcome, "killer": killer, "tests": len(tests),
-                "seconds": round(time.monotonic() - start, 1), "diff": "\n".join(diff)}
+            noticed = tests and in_copy(copy, [*_PYTEST, *tests], limit).returncode != 0
+            outcome = KILLED if noticed else SURVIVED
     finally:
         path.write_bytes(source)
-
-
-def _killer(copy: Path, tests: Sequence[str], limit: float) -> str | None:
-    """The test that notices, `timeout`, or None."""
-    if not tests:
-        return None
-    try:
-        done = in_copy(copy, [*_PYTEST, "-rfE", *tests], limit)
-    except subprocess.TimeoutExpired:
-        return "timeout"
-    if done.returncode == 0:
-        return None
-    told = [line.partition(" ")[2].partition(" - ")[0] for line in done.stdout.splitlines()
-            if line.startswith(("FAILED ", "ERROR "))]
-    return told[0] if told else "the tests do not start"
+    diff = difflib.unified_diff(source.decode().splitlines(), wrong.decode().splitlines(),
+                                mutation.path, mutation.path, lineterm="", n=1)
+    return {"key": mutation.key, "outcome": outcome, "tests": len(tests), "diff": "\n".join(diff)}

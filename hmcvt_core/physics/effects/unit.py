@@ -7,13 +7,12 @@ are candidates on the bench of a unit alone. Both hooks of drag are the same law
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from .base import Array, Effect, EffectParameter, ShaftState, Value, shape, size
+from .base import Array, Effect, ShaftState, Value, shape, size
 from .hydraulic import Compressibility, PressureFrictionStroke
 
 _PRESSURE = 20e6  # Pa, sizes are stated at this pressure
@@ -22,21 +21,24 @@ OF_ANY_SIZE = ("-", "1/GPa")
 """Units of sizes that are the same in small pumps and motors and in large ones."""
 
 
+@dataclass(frozen=True)
 class _Drag(Effect):
-    """A torque that opposes the shaft of the unit."""
+    """T = T_0 (w / 200 rad/s)^a (dp / 20 MPa)^b, against the shaft of the unit."""
 
     unit_only = True
     component = "pump"
-
-    @abstractmethod
-    def _torque(self, speed: Array, pressure: Array) -> Value:
-        """At the size of the pressure and of the speed of the own shaft [N m]."""
+    powers: ClassVar[tuple[int, int]] = (0, 0)
+    torque: float = 0.0
 
     def pump_drag(self, state: ShaftState) -> Value:
-        return self._torque(np.abs(state.pump_speed), np.abs(state.pressure))
+        return self._torque(state.pump_speed, state.pressure)
 
     def motor_drag(self, state: ShaftState) -> Value:
-        return self._torque(np.abs(state.motor_speed), np.abs(state.pressure))
+        return self._torque(state.motor_speed, state.pressure)
+
+    def _torque(self, speed: Array, pressure: Array) -> Value:
+        a, b = self.powers
+        return self.torque * np.abs(speed / _SPEED) ** a * np.abs(pressure / _PRESSURE) ** b
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,7 @@ class ConstantTorque(_Drag):
                "charge pump on the shaft")
     source = "Wilson 1950, T_c; Thoma 1964"
     remedy = "turn the unit by hand without pressure"
-
     torque: float = size("N m", 4.0, 0.0, 25.0, "torque on the shaft")
-
-    def _torque(self, speed: Array, pressure: Array) -> Value:
-        return self.torque
 
 
 @dataclass(frozen=True)
@@ -63,11 +61,8 @@ class BarrelChurning(_Drag):
     summary = "the barrel churns the oil of its case: the torque grows with the square of speed"
     source = "Schloesser 1961: C_h rho w^2 V^(5/3); Ivantysyn & Ivantysynova"
     remedy = "repeat a test without pressure at high speed with the case drained"
-
+    powers = 2, 0
     torque: float = size("N m", 4.0, 0.0, 80.0, "torque at 200 rad/s")
-
-    def _torque(self, speed: Array, pressure: Array) -> Value:
-        return self.torque * (speed / _SPEED) ** 2
 
 
 @dataclass(frozen=True)
@@ -82,11 +77,8 @@ class PressureViscosity(_Drag):
     summary = "oil is thicker under pressure and gaps are narrower: damping grows with the load"
     source = "Barus 1893, alpha = 0.02 / MPa; loaded gaps: Ivantysyn & Ivantysynova"
     remedy = "measure the torque at one pressure and two speeds"
-
+    powers = 1, 1
     torque: float = size("N m", 8.0, 0.0, 80.0, "further torque at 20 MPa and 200 rad/s")
-
-    def _torque(self, speed: Array, pressure: Array) -> Value:
-        return self.torque * speed / _SPEED * pressure / _PRESSURE
 
 
 @dataclass(frozen=True)
@@ -177,40 +169,18 @@ class CoulombStribeck(PressureFrictionStroke):
         return np.asarray(1.0 + self.rise * np.exp(-np.abs(speed) / self.fade_speed))
 
 
-@dataclass(frozen=True)
-class Sized:
-    """An effect whose typical size is that of the paper's unit, in one of another displacement.
+def sized(effect: type[Effect], factor: float, kind: str) -> Effect:
+    """Return an effect with the sizes typical of the paper's unit in one of another displacement.
 
-    Attributes:
+    Args:
         effect: what acts.
         factor: displacement / that of the paper's unit: so much larger most sizes are.
-        kind: of the unit.
+        kind: `pump` or `motor`: of the two it belongs to the one on the bench.
     """
-
-    effect: Effect
-    factor: float
-    kind: str
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.effect, name)
-
-    @property
-    def component(self) -> str:
-        """As of the effect; of pump and motor the one on the bench."""
-        own = self.effect.component
-        return self.kind if own in ("pump", "motor") else own
-
-    def parameters(self) -> list[EffectParameter]:
-        """As of the effect, larger."""
-        return [replace(item, **{end: self.factor * getattr(item, end)
-                                 for end in ("typical", "low", "high")})
-                if item.is_size and item.unit not in OF_ANY_SIZE else item
-                for item in self.effect.parameters()]
-
-    def sizes(self) -> list[EffectParameter]:
-        """Those of the parameters that switch it off."""
-        return [item for item in self.parameters() if item.is_size]
-
-    def with_values(self, values: dict[str, float]) -> Sized:
-        """Return a copy with other parameter values."""
-        return replace(self, effect=self.effect.with_values(values))
+    own = tuple(
+        replace(item, typical=factor * item.typical, low=factor * item.low, high=factor * item.high)
+        if item.is_size and item.unit not in OF_ANY_SIZE else item for item in effect.parameters())
+    component = kind if effect.component in ("pump", "motor") else effect.component
+    larger: type[Effect] = type(effect.__name__, (effect,), {
+        "component": component, "parameters": staticmethod(lambda: own)})
+    return larger()
