@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
-from .bench import BenchSamples
-from .columns import column_name
+from .bench import BenchSamples, column_name
 from .guess import UNITS as UNITS
 from .guess import Guess, guess_columns, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests

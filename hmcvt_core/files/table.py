@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .columns import DECIMAL_COMMA, below, file_bytes, file_text, split
+from .bench import DECIMAL_COMMA, below, file_bytes, file_text, split
 from .guess import quantity_of, unit_of
 
 Array = NDArray[np.float64]
