@@ -9,7 +9,6 @@ import io
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, OperatingPoints, Range
 from .atomic import write_atomically
+from .guess import holds_units
 
 Array = NDArray[np.float64]
 _MAX_BYTES = 256 * 1024 * 1024
@@ -159,17 +159,11 @@ class Cells(NamedTuple):
         values = np.empty(len(self.rows))
         for i, cell in enumerate(self.columns[name]):
             try:
-                if "_" in cell:  # Python reads 2_99 as 299
-                    raise ValueError
-                values[i] = float(cell)
+                values[i] = float(cell.replace("_", "?"))  # Python reads 2_99 as 299
             except ValueError:
-                what = f"{cell!r} is not a number" if cell else "is empty"
-                if "," in cell:
-                    what += ": write a decimal point, and nothing between thousands"
-                elif not cell and optional:
-                    what += ": fill it in, or leave the column out"
-                raise InputError(
-                    f"{self.source}: row {self.rows[i]}: {name} {what}") from None
+                cure = ": fill it in, or leave the column out" if optional and not cell else ""
+                raise InputError(f"{self.source}: row {self.rows[i]}: "
+                                 f"{no_number(name, cell)}{cure}") from None
         return values
 
     def require_range(self, values: Array, limits: Range) -> None:
@@ -331,10 +325,7 @@ def column_name(cell: str) -> str:
     return plain if plain in _NAMES else cell.strip()
 
 
-def holds_units(cells: Sequence[str]) -> bool:
-    """Whether a row, the cells of number columns, holds words alone: it names their units."""
-    for cell in cells:
-        with suppress(ValueError):
-            float(cell.replace(",", "."))
-            return False
-    return any(cells)
+def no_number(name: str, cell: str) -> str:
+    """Say what is wrong with a cell of a column that holds no number."""
+    cure = ": write a decimal point, and nothing between thousands" if "," in cell else ""
+    return f"{name} {f'{cell!r} is not a number' if cell else 'is empty'}{cure}"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
-from .bench import BenchSamples, column_name
+from .bench import BenchSamples, column_name, no_number
 from .guess import UNITS as UNITS
 from .guess import Guess, guess_columns, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
@@ -201,8 +201,8 @@ def _bad_rows(
             bad[number] = f"copies row {first[row]}"
     for quantity, (name, unit) in chosen.items():
         for i in np.flatnonzero(np.isnan(values[quantity])).tolist():
-            if table.columns[name][i].lower() not in ("nan", "inf"):
-                bad.setdefault(table.rows[i], table.complaint(name, i))
+            if (cell := table.columns[name][i]).lower() not in ("nan", "inf"):
+                bad.setdefault(table.rows[i], no_number(name, cell))
         _require(values[quantity], _RANGES[quantity], (
             f"; column {name!r} is taken as {unit}: another unit is written {name}:UNIT, one of "
             f"{', '.join(UNITS[quantity])}"), bad, table)

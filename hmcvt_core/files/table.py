@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .bench import DECIMAL_COMMA, below, file_bytes, file_text, split
-from .guess import quantity_of, unit_of
+from .guess import holds_units, quantity_of, unit_of
 
 Array = NDArray[np.float64]
 EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
 _TOP = 40  # rows among which the header is looked for
 _SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
-_NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))"
-                     r"(?:\s*([^\d\s.,].*))?", re.IGNORECASE)
+_NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
 _BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
@@ -66,13 +65,6 @@ class Table(NamedTuple):
         return np.array([_seconds(cell) if ":" in cell else value for cell, value in zip(
             self.columns[name], self.numbers(name), strict=True)])
 
-    def complaint(self, name: str, i: int) -> str:
-        """Say what is wrong with a cell that holds no number."""
-        cell = self.columns[name][i]
-        thousands = (": write a decimal point, and nothing between thousands" if "," in cell
-                     else "")
-        return f"{name} {f'{cell!r} is not a number' if cell else 'is empty'}{thousands}"
-
 
 def read_table(
     path: str | os.PathLike[str], names: Collection[str] = (), header_row: int | None = None,
@@ -106,7 +98,7 @@ def read_table(
     body, broken = below(rows, top, len(header), source)
     units = {}
     wanted = [titles.index(name) for name in names if name in titles] or range(len(titles))
-    if body and _holds_units([body[0][1][i] for i in wanted]):
+    if body and holds_units([body[0][1][i] for i in wanted]):
         units = dict(zip(titles, body.pop(0)[1], strict=True))
     if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
@@ -191,13 +183,6 @@ def _distinct(header: Sequence[str]) -> list[str]:
     again = [names[:i].count(name) + 1 for i, name in enumerate(names)]
     return [name if number == 1 else f"{name} ({number})"
             for name, number in zip(names, again, strict=True)]
-
-
-def _holds_units(cells: Sequence[str]) -> bool:
-    """Whether a row holds words alone, units among them."""
-    known = [unit_of(cell) is not None for cell in cells]
-    return any(known) and not any(
-        _NUMBER.fullmatch(cell) for cell, unit in zip(cells, known, strict=True) if not unit)
 
 
 def _comma(cells: Sequence[str]) -> bool:
