@@ -25,7 +25,8 @@ from .guess import holds_units
 Array = NDArray[np.float64]
 _MAX_BYTES = 256 * 1024 * 1024
 _NAMES = frozenset(column.name for column in BENCH_COLUMNS)
-DECIMAL_COMMA = re.compile(r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(\d*\.\d+|\d+\.)([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,21 +300,23 @@ def file_text(path: Path) -> tuple[str, str]:
     return text, sha256
 
 
-def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
-    """Turn decimal commas into points where nothing but decimal commas can be meant.
+def commas_are_points(cells: Sequence[str]) -> bool:
+    """Whether nothing but decimal commas can be meant.
 
-    That is where commas do not part the columns, no number has a point, and some comma cannot
-    set thousands apart: 0,643 or 78,54. A cell with letters, such as `n.a.`, is no number.
+    That is where no number has a point, and some comma cannot set thousands apart: 0,643 or 78,54.
+    """
+    return any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
+
+
+def decimal_points(cells: Cells, names: Collection[str]) -> Cells:
+    """Turn decimal commas into points, where commas do not part the columns.
 
     Args:
         cells: of a file.
         names: of the columns that hold numbers.
     """
     numbers = {name: column for name, column in cells.columns.items() if name in names}
-    every = [cell for column in numbers.values() for cell in column
-             if not re.search(r"[^\W\de]|[A-Z]", cell)]
-    if (cells.separator == "," or any("." in cell for cell in every)
-            or not any(map(DECIMAL_COMMA.fullmatch, every))):
+    if cells.separator == "," or not commas_are_points([*chain(*numbers.values())]):
         return cells
     return cells._replace(columns=cells.columns | {
         name: [cell.replace(",", ".") for cell in column] for name, column in numbers.items()})

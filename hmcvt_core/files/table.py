@@ -8,10 +8,10 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
-from itertools import product
+from itertools import accumulate, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .bench import DECIMAL_COMMA, below, file_bytes, file_text, split
+from .bench import below, commas_are_points, file_bytes, file_text, split
 from .guess import holds_units, quantity_of, unit_of
 
 Array = NDArray[np.float64]
@@ -102,9 +102,10 @@ def read_table(
         units = dict(zip(titles, body.pop(0)[1], strict=True))
     if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
+    cells = [cell for _, row in body for cell in row]
+    comma = any(map(_GROUPED.fullmatch, cells)) or commas_are_points(cells)
     return Table({name: [row[i] for _, row in body] for i, name in enumerate(titles)}, units,
-                 [number for number, _ in body], broken,
-                 _comma([cell for _, row in body for cell in row]), source, sha256)
+                 [number for number, _ in body], broken, comma, source, sha256)
 
 
 def statistic_in(table: Table, i: int) -> str | None:
@@ -151,7 +152,9 @@ def _header(
     if header_row is not None:
         return header_row, rows[header_row - 1] if header_row <= len(rows) else []
     filled = [i for i, row in enumerate(rows) if any(row) and not row[0].startswith("#")][:_TOP]
-    options = [(i + 1, head) for i in filled for head in (rows[i], *_joined(rows, i))]
+    options = [(i + 1, rows[i]) for i in filled]
+    options += [(i + 1, _joined(rows[i - 1], rows[i])) for i in filled
+                if i and len(rows[i - 1]) == len(rows[i])]
 
     def rank(option: tuple[int, list[str]]) -> tuple[bool, int]:
         return bool(names) and set(names) <= set(_distinct(option[1])), _worth(option[1])
@@ -160,15 +163,10 @@ def _header(
     return best if rank(best) > (False, 1) else options[0] if options else best
 
 
-def _joined(rows: Sequence[list[str]], i: int) -> list[list[str]]:
+def _joined(above: Sequence[str], names: Sequence[str]) -> list[str]:
     """The names of a row each behind the one above, which may stand for several."""
-    if i == 0 or len(rows[i - 1]) != len(rows[i]):
-        return []
-    group, joined = "", []
-    for above, name in zip(rows[i - 1], rows[i], strict=True):
-        group = above or group
-        joined.append(f"{group} {name}".strip())
-    return [joined]
+    groups: Iterable[str] = accumulate(above, lambda last, cell: cell or last)
+    return [f"{group} {name}".strip() for group, name in zip(groups, names, strict=True)]
 
 
 def _worth(header: Sequence[str]) -> int:
@@ -183,15 +181,6 @@ def _distinct(header: Sequence[str]) -> list[str]:
     again = [names[:i].count(name) + 1 for i, name in enumerate(names)]
     return [name if number == 1 else f"{name} ({number})"
             for name, number in zip(names, again, strict=True)]
-
-
-def _comma(cells: Sequence[str]) -> bool:
-    """Whether commas are decimal commas: where nothing else can be meant."""
-    numbers = [cell for cell in cells if "," in cell and _NUMBER.fullmatch(cell)]
-    if any(map(_GROUPED.fullmatch, numbers)):
-        return True
-    return any(map(DECIMAL_COMMA.fullmatch, numbers)) and not any(
-        re.fullmatch(r"[+-]?\d*\.\d+", cell) for cell in cells)
 
 
 def _number(cell: str, comma: bool) -> float:
