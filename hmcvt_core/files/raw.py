@@ -17,7 +17,7 @@ from .bench import BenchSamples, column_name, no_number
 from .guess import UNITS as UNITS
 from .guess import Guess, guess_columns, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
-from .table import Table, read_table, statistic_in
+from .table import STATISTIC, Table, read_table
 
 Array = NDArray[np.float64]
 
@@ -193,9 +193,8 @@ def _bad_rows(
     """What is wrong with rows, by number."""
     bad = dict(table.broken)
     first: dict[tuple[str, ...], int] = {}
-    for i, (number, row) in enumerate(zip(
-            table.rows, zip(*table.columns.values(), strict=True), strict=True)):
-        if (statistic := statistic_in(table, i)) is not None:
+    for number, row in zip(table.rows, zip(*table.columns.values(), strict=True), strict=True):
+        if statistic := next(filter(STATISTIC.fullmatch, row), ""):
             bad[number] = f"{statistic!r} is no test"
         elif first.setdefault(row, number) != number:
             bad[number] = f"copies row {first[row]}"

@@ -29,8 +29,9 @@ _SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
 _NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
 _BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
-_STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
-                        r"moyenne|media)\.?:?", re.IGNORECASE)
+STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
+                       r"moyenne|media)\.?:?", re.IGNORECASE)
+"""A cell that makes a row a summary of others."""
 _TIMES = [f"%Y-%m-%d{mark}{time}" for mark in " T" for time in (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M", "%H:%M:%S%z", "%H:%M:%S.%f%z")]
 
@@ -106,12 +107,6 @@ def read_table(
     comma = any(map(_GROUPED.fullmatch, cells)) or commas_are_points(cells)
     return Table({name: [row[i] for _, row in body] for i, name in enumerate(titles)}, units,
                  [number for number, _ in body], broken, comma, source, sha256)
-
-
-def statistic_in(table: Table, i: int) -> str | None:
-    """The cell that makes a row a summary of others, such as `Mean`; None where it is a test."""
-    return next((column[i] for column in table.columns.values()
-                 if _STATISTIC.fullmatch(column[i])), None)
 
 
 def _separated(text: str, source: str) -> list[list[str]]:
