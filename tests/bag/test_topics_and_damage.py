@@ -170,5 +170,5 @@ def test_no_message_can_be_used(tmp_path, quiet):
 def test_without_rosbags_the_cure_is_named(tmp_path, monkeypatch):
     for name in ("rosbags.rosbag2", "rosbags.typesys"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=r"pip install '\.\[bag\]'"):
+    with pytest.raises(InputError, match=r'pip install "\.\[bag\]"'):
         import_bag(tmp_path)
