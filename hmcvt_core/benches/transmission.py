@@ -18,8 +18,7 @@ from ..diagnosis.observations import TRUST_ASSUMED, Observations, Reading, readi
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
-from ..files.bench import BenchSamples
-from ..files.columns import read_columns
+from ..files.bench import BenchSamples, read_columns
 from ..model.agreement import gear_train_remarks, pressure_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel

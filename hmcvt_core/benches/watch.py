@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
+from ..model.domain import Uncertainty
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS
 from .transmission import EFFICIENCY_CHANNEL
 
@@ -207,19 +208,17 @@ class Watch:
         Raises:
             InputError: the noise is out of range.
         """
+        from scipy.linalg import block_diag
+
         self._noise = None if noise is None else float(EFFICIENCY_STD.check(noise, "noise"))
         self.model, self._false_alarms = model, false_alarms
-        errors, known = model.standard_errors, model.correlation
-        spread = EFFICIENCY_CHANNEL.misfit_spread
-        if not errors or known is None:
-            spread, errors, known = PAPER_EFFICIENCY_UNCERTAINTY, {}, np.empty((0, 0))
-        base = model.parameters.to_array()
-        self._errors = np.array([errors[name] for name in PARAMETER_NAMES if errors])
-        # A step of a thousandth of the error stays in the linear range.
-        self._steps = np.maximum(1e-3 * self._errors, 1e-6 * base[:len(known)] + 1e-18)
-        self._values = np.vstack([base, base + np.diag(self._steps)] if errors else [base])
-        self._prior = np.eye(_PLANE + len(known)) * spread**2
-        self._prior[_PLANE:, _PLANE:] = known
+        self._known, self._prior = None, np.eye(_PLANE) * PAPER_EFFICIENCY_UNCERTAINTY**2
+        self._values = model.parameters.to_array()[None]
+        if model.standard_errors and model.correlation is not None:
+            self._known = Uncertainty(model.parameters, model.standard_errors, model.correlation)
+            self._values = np.vstack([self._values, self._known.neighbours])
+            self._prior = block_diag(
+                np.eye(_PLANE) * EFFICIENCY_CHANNEL.misfit_spread**2, model.correlation)
         self._test = ChangeTest(self._prior, EFFICIENCY_CHANNEL.field_spreads)
         self._rows: list[Array] = []  # residual, deviation, stamp, slopes
         self._numbers: list[int] = []  # of the samples with an answer, among all
@@ -254,8 +253,8 @@ class Watch:
         slopes = [np.ones(len(samples)), points.displacement_ratio,
                   (points.engine_speed - middle) / half,
                   points.load_torque / _LOAD - 1.0]
-        slopes += [(near - here) / step * error for near, step, error in zip(
-            there, self._steps, self._errors, strict=True)]
+        if self._known is not None:
+            slopes += [*self._known.gradient(here, np.array(there)).T]
         deviation = np.hypot(deviation, EFFICIENCY_CHANNEL.misfit_spread)
         return np.column_stack([samples.efficiency - here, deviation, stamp, *slopes])
 

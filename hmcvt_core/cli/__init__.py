@@ -74,11 +74,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
             name = "import_table" if cmd_name.startswith("import") else cmd_name
-            module = importlib.import_module(f"{__name__}.{name}")
-            if name != cmd_name:  # under two names
-                named: click.Command = module.named(cmd_name)
-                return named
-            command: click.Command = module.command
+            command: click.Command = importlib.import_module(f"{__name__}.{name}").command
             return command
         entry = _installed().get(cmd_name)
         return None if entry is None else _load(entry)

@@ -26,36 +26,35 @@ _TEXTS = {
 }
 
 
-def named(name: str) -> click.Command:
-    """Return the command under a name."""
-    function = common.add_options(
-        _import,
-        click.argument("raw", metavar="TABLE"),
-        click.option("--out", type=common.OutputFile(), required=True, metavar="BENCH.csv",
-                     help="Write the bench samples."),
-        *(click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
-                       help=f"{_TEXTS.get(quantity, '')} {units}".strip())
-          for quantity, units in (*((key, f"[{', '.join(value)}]")
-                                    for key, value in UNITS.items()), ("stage", ""))),
-        click.option("--header-row", type=click.IntRange(1, 10_000), metavar="LINE",
-                     help="Line of the header, from 1; found when left out."),
-        click.option("--sheet", metavar="NAME", help="Of an Excel file."),
-        click.option("--yes", is_flag=True, help="Take the guess of what is not named."),
-        click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test."),
-        click.option("--averaged", is_flag=True,
-                     help="Each row is a steady test, however fast the stamps rise."),
-        common.json_option)
-    return click.command(name, epilog=f"""\b
+def _quantities(function: common.Function) -> common.Function:
+    return common.add_options(function, *(
+        click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
+                     help=" ".join(filter(None, (_TEXTS.get(quantity), units))))
+        for quantity, units in (*((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
+                                ("stage", ""))))
+
+
+@click.command("import", epilog="""\b
 Examples:
-  hmcvt {name} raw.csv --out bench.csv
-  hmcvt {name} raw.csv --out bench.csv --displacement-ratio stroke:% \\
+  hmcvt import raw.csv --out bench.csv
+  hmcvt import raw.csv --out bench.csv --displacement-ratio stroke:% \\
       --engine-speed n_engine:rpm --engine-torque M_engine \\
       --output-speed n_output:rpm --output-torque M_output
-  hmcvt {name} raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
-      --load-torque M --efficiency eta:%""")(function)
-
-
-def _import(
+  hmcvt import raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
+      --load-torque M --efficiency eta:%""")
+@click.argument("raw", metavar="TABLE")
+@click.option("--out", type=common.OutputFile(), required=True, metavar="BENCH.csv",
+              help="Write the bench samples.")
+@_quantities
+@click.option("--header-row", type=click.IntRange(1, 10_000), metavar="LINE",
+              help="Line of the header, from 1; found when left out.")
+@click.option("--sheet", metavar="NAME", help="Of an Excel file.")
+@click.option("--yes", is_flag=True, help="Take the guess of what is not named.")
+@click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test.")
+@click.option("--averaged", is_flag=True,
+              help="Each row is a steady test, however fast the stamps rise.")
+@common.json_option
+def command(
     raw: str, out: str, header_row: int | None, sheet: str | None, yes: bool, skip_bad: bool,
     averaged: bool, as_json: bool, **given: str | None,
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -78,6 +78,7 @@ _WORDS: Mapping[str, str] = {
 _FIND = {meaning: re.compile("|".join(
     word if len(word) > 3 else rf"\b{word}\b" for word in words.split()))
     for meaning, words in _WORDS.items()}
+_NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]\s*$|(?:\s+in|[,:;|]|\s/)\s+(\S.*)$|_([a-z%]+)$")
 
 
@@ -111,6 +112,12 @@ _WRITTEN = {_key(text): (_kind(quantity), unit) for quantity, units in UNITS.ite
 def unit_of(text: str) -> tuple[str, str] | None:
     """What a text that names a unit measures, and the unit; None where it names none."""
     return _WRITTEN.get(_key(text))
+
+
+def holds_units(cells: Sequence[str]) -> bool:
+    """Whether a row holds words alone, units among them."""
+    others = [cell for cell in cells if unit_of(cell) is None]
+    return len(others) < len(cells) and not any(map(_NUMERIC.match, others))
 
 
 def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
-from .bench import BenchSamples
-from .columns import column_name
+from .bench import BenchSamples, column_name, no_number
 from .guess import UNITS as UNITS
 from .guess import Guess, guess_columns, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
-from .table import Table, read_table, statistic_in
+from .table import STATISTIC, Table, read_table
 
 Array = NDArray[np.float64]
 
@@ -194,16 +193,15 @@ def _bad_rows(
     """What is wrong with rows, by number."""
     bad = dict(table.broken)
     first: dict[tuple[str, ...], int] = {}
-    for i, (number, row) in enumerate(zip(
-            table.rows, zip(*table.columns.values(), strict=True), strict=True)):
-        if (statistic := statistic_in(table, i)) is not None:
+    for number, row in zip(table.rows, zip(*table.columns.values(), strict=True), strict=True):
+        if statistic := next(filter(STATISTIC.fullmatch, row), ""):
             bad[number] = f"{statistic!r} is no test"
         elif first.setdefault(row, number) != number:
             bad[number] = f"copies row {first[row]}"
     for quantity, (name, unit) in chosen.items():
         for i in np.flatnonzero(np.isnan(values[quantity])).tolist():
-            if table.columns[name][i].lower() not in ("nan", "inf"):
-                bad.setdefault(table.rows[i], table.complaint(name, i))
+            if (cell := table.columns[name][i]).lower() not in ("nan", "inf"):
+                bad.setdefault(table.rows[i], no_number(name, cell))
         _require(values[quantity], _RANGES[quantity], (
             f"; column {name!r} is taken as {unit}: another unit is written {name}:UNIT, one of "
             f"{', '.join(UNITS[quantity])}"), bad, table)

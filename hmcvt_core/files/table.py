@@ -8,10 +8,10 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
-from itertools import product
+from itertools import accumulate, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,19 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .columns import DECIMAL_COMMA, below, file_bytes, file_text, split
-from .guess import quantity_of, unit_of
+from .bench import below, commas_are_points, file_bytes, file_text, split
+from .guess import holds_units, quantity_of, unit_of
 
 Array = NDArray[np.float64]
 EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
 _TOP = 40  # rows among which the header is looked for
 _SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
-_NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))"
-                     r"(?:\s*([^\d\s.,].*))?", re.IGNORECASE)
+_NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
 _BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
-_STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
-                        r"moyenne|media)\.?:?", re.IGNORECASE)
+STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
+                       r"moyenne|media)\.?:?", re.IGNORECASE)
+"""A cell that makes a row a summary of others."""
 _TIMES = [f"%Y-%m-%d{mark}{time}" for mark in " T" for time in (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M", "%H:%M:%S%z", "%H:%M:%S.%f%z")]
 
@@ -66,13 +66,6 @@ class Table(NamedTuple):
         return np.array([_seconds(cell) if ":" in cell else value for cell, value in zip(
             self.columns[name], self.numbers(name), strict=True)])
 
-    def complaint(self, name: str, i: int) -> str:
-        """Say what is wrong with a cell that holds no number."""
-        cell = self.columns[name][i]
-        thousands = (": write a decimal point, and nothing between thousands" if "," in cell
-                     else "")
-        return f"{name} {f'{cell!r} is not a number' if cell else 'is empty'}{thousands}"
-
 
 def read_table(
     path: str | os.PathLike[str], names: Collection[str] = (), header_row: int | None = None,
@@ -106,19 +99,14 @@ def read_table(
     body, broken = below(rows, top, len(header), source)
     units = {}
     wanted = [titles.index(name) for name in names if name in titles] or range(len(titles))
-    if body and _holds_units([body[0][1][i] for i in wanted]):
+    if body and holds_units([body[0][1][i] for i in wanted]):
         units = dict(zip(titles, body.pop(0)[1], strict=True))
     if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
+    cells = [cell for _, row in body for cell in row]
+    comma = any(map(_GROUPED.fullmatch, cells)) or commas_are_points(cells)
     return Table({name: [row[i] for _, row in body] for i, name in enumerate(titles)}, units,
-                 [number for number, _ in body], broken,
-                 _comma([cell for _, row in body for cell in row]), source, sha256)
-
-
-def statistic_in(table: Table, i: int) -> str | None:
-    """The cell that makes a row a summary of others, such as `Mean`; None where it is a test."""
-    return next((column[i] for column in table.columns.values()
-                 if _STATISTIC.fullmatch(column[i])), None)
+                 [number for number, _ in body], broken, comma, source, sha256)
 
 
 def _separated(text: str, source: str) -> list[list[str]]:
@@ -159,7 +147,9 @@ def _header(
     if header_row is not None:
         return header_row, rows[header_row - 1] if header_row <= len(rows) else []
     filled = [i for i, row in enumerate(rows) if any(row) and not row[0].startswith("#")][:_TOP]
-    options = [(i + 1, head) for i in filled for head in (rows[i], *_joined(rows, i))]
+    options = [(i + 1, rows[i]) for i in filled]
+    options += [(i + 1, _joined(rows[i - 1], rows[i])) for i in filled
+                if i and len(rows[i - 1]) == len(rows[i])]
 
     def rank(option: tuple[int, list[str]]) -> tuple[bool, int]:
         return bool(names) and set(names) <= set(_distinct(option[1])), _worth(option[1])
@@ -168,15 +158,10 @@ def _header(
     return best if rank(best) > (False, 1) else options[0] if options else best
 
 
-def _joined(rows: Sequence[list[str]], i: int) -> list[list[str]]:
+def _joined(above: Sequence[str], names: Sequence[str]) -> list[str]:
     """The names of a row each behind the one above, which may stand for several."""
-    if i == 0 or len(rows[i - 1]) != len(rows[i]):
-        return []
-    group, joined = "", []
-    for above, name in zip(rows[i - 1], rows[i], strict=True):
-        group = above or group
-        joined.append(f"{group} {name}".strip())
-    return [joined]
+    groups: Iterable[str] = accumulate(above, lambda last, cell: cell or last)
+    return [f"{group} {name}".strip() for group, name in zip(groups, names, strict=True)]
 
 
 def _worth(header: Sequence[str]) -> int:
@@ -191,22 +176,6 @@ def _distinct(header: Sequence[str]) -> list[str]:
     again = [names[:i].count(name) + 1 for i, name in enumerate(names)]
     return [name if number == 1 else f"{name} ({number})"
             for name, number in zip(names, again, strict=True)]
-
-
-def _holds_units(cells: Sequence[str]) -> bool:
-    """Whether a row holds words alone, units among them."""
-    known = [unit_of(cell) is not None for cell in cells]
-    return any(known) and not any(
-        _NUMBER.fullmatch(cell) for cell, unit in zip(cells, known, strict=True) if not unit)
-
-
-def _comma(cells: Sequence[str]) -> bool:
-    """Whether commas are decimal commas: where nothing else can be meant."""
-    numbers = [cell for cell in cells if "," in cell and _NUMBER.fullmatch(cell)]
-    if any(map(_GROUPED.fullmatch, numbers)):
-        return True
-    return any(map(DECIMAL_COMMA.fullmatch, numbers)) and not any(
-        re.fullmatch(r"[+-]?\d*\.\d+", cell) for cell in cells)
 
 
 def _number(cell: str, comma: bool) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import OIL_TEMPERATURE, Range
-from .columns import Cells, decimal_points, read_cells
+from .bench import Cells, decimal_points, read_cells
 from .raw import UNITS
 
 Array = NDArray[np.float64]

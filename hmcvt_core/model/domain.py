@@ -153,11 +153,14 @@ class Uncertainty:
         self._steps = np.where(base + steps <= highest, steps, -steps)
         self.neighbours = base + np.diag(self._steps)
 
+    def gradient(self, here: Array | float, there: Array) -> Array:
+        """Change of answers by one standard error of each parameter, shape (..., 3); see `of`."""
+        return np.asarray((there - here).T / self._steps * self._errors)
+
     def of(self, here: Array | float, there: Array) -> Array:
         """Standard error of answers `here`, shape (...), that are `there`, (3, ...), next to it."""
-        slope = (there - here).T / self._steps
-        gradient = slope * self._errors
+        gradient = self.gradient(here, there)
         variance = ((gradient @ self._correlation) * gradient).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
-        blind = (slope == 0.0).all(axis=-1)
+        blind = (there == here).all(axis=0)
         return np.where(blind, np.nan, np.sqrt(np.maximum(variance, 0.0)))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..files.columns import Cells, decimal_points, read_cells
+from ..files.bench import Cells, decimal_points, read_cells
 from ..files.plain_yaml import named, read_tree, require_known
 from ..transmission.mapping import get
 from ..transmission.ranges import ENGINE_SPEED, RPM, Range
