@@ -74,8 +74,3 @@ def section(count: int = DEMANDS, seed: int = 7) -> Section:
         Goal("drive line: the slowest demand", "at most 3 ms", f"{max(times):.2g} ms",
              max(times) <= 3.0),
     ], {})
-
-
-if __name__ == "__main__":  # python -m studies.benchmarks.drive_line: this part alone
-    for goal in section().goals:
-        print(f"{goal.what}: {goal.measured} ({goal.goal})")

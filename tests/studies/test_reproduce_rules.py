@@ -10,17 +10,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from studies.reproduce import algorithms, bench, formulas, paper, subsets, tables
-from studies.reproduce.algorithms import (
-    GA,
-    IMPROVED_SA,
-    PSO,
-    SERVED,
-    STANDARD,
-    WITHOUT,
-    Run,
-    Task,
-    never,
-)
+from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, WITHOUT, Run, Task
 from studies.reproduce.comparison import Summary, cheaper
 from studies.reproduce.item import printed, printed_error
 from studies.workers import recorded
@@ -79,16 +69,6 @@ def test_subsets_are_all_with_three_tests_or_more():
 
 
 # --- figure 6 -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("number", WITHOUT)
-def test_one_improvement_is_left_out_at_a_time(number):
-    whole, two_part = algorithms._settings(IMPROVED_SA, 0.02)
-    part, part_two = algorithms._settings(WITHOUT[number], 0.02)
-    changed = {1: {"threshold": None}, 2: {"shrink": never},
-               3: {"cooling": STANDARD.cooling}, 4: {}}[number]
-    assert part == replace(whole, **changed)
-    assert (two_part, part_two) == (True, number != 4)
 
 
 @pytest.mark.parametrize("name", [IMPROVED_SA, WITHOUT[4], GA, PSO, SERVED])
