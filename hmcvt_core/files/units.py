@@ -42,7 +42,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
     "torque_loss": UNITS["engine_torque"],
     "volumetric_efficiency": _PART, "volumetric": _PART,
     "mechanical_efficiency": _PART, "mechanical": _PART,
-    "oil_temperature": dict.fromkeys(("deg C", "degC", "C"), 1.0),
+    "oil_temperature": dict.fromkeys(("deg C", "degC", "C", "\N{DEGREE SIGN}C"), 1.0),
 })
 _MEANT = {"stroke": "displacement_ratio", "volumetric": "volumetric_efficiency",
           "mechanical": "mechanical_efficiency"}
