@@ -66,15 +66,14 @@ def command(
     model = None if into is None else common.model_from(into)
     with closing(common.Progress("diagnosis")) as progress:
         found = diagnose_unit(samples, held, seed=seed, progress=progress)
+    told = [found.report()]
     if into is not None and model is not None:
         save_model(put_into(model, found), into)
+        told.append(f"{samples.kind} written into {into}")
     if report is not None:
         write_html(found, report)
+        told.append(f"report written to {report}")
     if as_json:
         common.print_json(found.to_dict())
-        return
-    click.echo(found.report())
-    if into is not None:
-        click.echo(f"{samples.kind} written into {into}")
-    if report is not None:
-        click.echo(f"report written to {report}")
+    else:
+        click.echo("\n".join(told))

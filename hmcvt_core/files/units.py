@@ -42,7 +42,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
     "torque_loss": UNITS["engine_torque"],
     "volumetric_efficiency": _PART, "volumetric": _PART,
     "mechanical_efficiency": _PART, "mechanical": _PART,
-    "oil_temperature": UNITS["oil_temperature"],
+    "oil_temperature": dict.fromkeys(("deg C", "degC", "C", "\N{DEGREE SIGN}C"), 1.0),
 })
 _MEANT = {"stroke": "displacement_ratio", "volumetric": "volumetric_efficiency",
           "mechanical": "mechanical_efficiency"}
@@ -135,12 +135,7 @@ def read_unit(
     path: str | os.PathLike[str], *, kind: str | None = None, unit: str | None = None,
     noise: float | None = None,
 ) -> UnitSamples:
-    """Read the tests of one unit from CSV, or a maker's table.
-
-    Columns: `kind`, `displacement`, `displacement_ratio` (1 if absent), `speed`, `pressure`, and
-    `flow_loss` and `torque_loss` or `volumetric_efficiency` and `mechanical_efficiency`; optional
-    `oil_temperature`, and `unit` where the table holds several. SI, or with the unit behind the
-    name: `pressure_bar`, `speed [r/min]`, `displacement_cm3`, `flow_loss_L/min`.
+    """Read the tests of one unit from CSV, or a maker's table; its columns are in docs/units.md.
 
     Args:
         path: CSV file, as `read_bench` takes it.

@@ -9,13 +9,12 @@ from typing import Any
 
 import click
 
-from hmcvt_core.benches.unit import DEALS
 from hmcvt_core.diagnosis.result import NAMING
 from hmcvt_core.files.atomic import write_atomically
 from studies.page import Goal, goal_table, render, table
 from studies.workers import workers
 
-from .judge import BAND, CHANNELS, judged, tried, units_in
+from .judge import BAND, judged, tried, units_in
 from .simulate import FORMS
 
 _PAIRS = (("compressibility", "constant_torque"), ("orifice_leakage", "pressure_friction"),
@@ -46,21 +45,12 @@ def command(folder: Path, campaigns: int, seed: int, jobs: int, out: Path | None
 
 def written(real: dict[str, Any], answers: list[Any], kinds: list[Any], how: str) -> str:
     """Return the page."""
-    rows, left = [], []
-    for name, one in real.items():
-        whole = one["whole"]
-        left.append((name, whole["samples"], *(f"{whole['errors'][channel][key]:.2f}"
-                     for channel, _ in CHANNELS for key in ("base", "with_effects")),
-                     _named(whole["effects"]), _verdict(whole),
-                     "; ".join(whole["warnings"]) or "-"))
-        for axis in ("pressure", "speed"):
-            band = one[axis]
-            rows.append((name, axis, *(
-                cell for channel, _ in CHANNELS for cell in (
-                    f"{band['errors'][channel]['holdout_base']:.2f}",
-                    f"{band['errors'][channel]['holdout_with_effects']:.2f}",
-                    f"{100 * band['errors'][channel]['removed']:.0f} %")),
-                _named(band["effects"]), _verdict(band)))
+    left = [(name, whole["samples"], *_cells(whole, "{base:.2f}", "{with_effects:.2f}"),
+             _named(whole["effects"]), whole["verdict"], "; ".join(whole["warnings"]) or "-")
+            for name, one in real.items() for whole in [one["whole"]]]
+    bands = [(name, axis, *_cells(one[axis], "{holdout_base:.2f}", "{holdout_with_effects:.2f}",
+                                  "{removed:.0%}"), _named(one[axis]["effects"]),
+              one[axis]["verdict"]) for name, one in real.items() for axis in ("pressure", "speed")]
     trials = []
     for names in kinds:
         own = [(verdict, first) for hidden, verdict, first in answers if hidden == names]
@@ -68,19 +58,19 @@ def written(real: dict[str, Any], answers: list[Any], kinds: list[Any], how: str
         others = ", ".join(f"{name} ({count})" for name, count in wrong.most_common(3))
         trials.append((_named(names), len(own), sum(first == names for _, first in own),
                        sum(verdict == "cause_found" for verdict, _ in own), others or "-"))
-    hidden = [(names, first) for names, _, first in answers if names]
-    right = sum(names == first for names, first in hidden) / len(hidden)
+    hidden = [names == first for names, _, first in answers if names]
+    right = sum(hidden) / len(hidden)
     none = [verdict for names, verdict, _ in answers if not names]
     alarms = sum(verdict != "no_gap" for verdict in none) / len(none)
     pumps = [one["pressure"]["errors"] for name, one in real.items() if "pump" in name]
-    bands = [one["pressure"]["errors"][channel]["removed"]
-             for one in real.values() for channel, _ in CHANNELS]
+    least = min(row["removed"] for one in real.values()
+                for row in one["pressure"]["errors"].values())
     worst = max(each["flow"]["holdout_with_effects"] for each in pumps)
     goals = [
         Goal("flow loss of pumps above 70 % of the largest pressure, rms", "<= 0.35 L/min",
              f"{worst:.2f} L/min", worst <= 0.35),
         Goal("least part of the squared gap removed there, any unit and channel", ">= 60 %",
-             f"{100 * min(bands):.0f} %", min(bands) >= 0.6),
+             f"{100 * least:.0f} %", least >= 0.6),
         Goal("simulated units: right set first", ">= 85 %", f"{100 * right:.0f} % of {len(hidden)}",
              right >= 0.85),
         Goal("simulated units without an effect: false alarms", "<= 5 %",
@@ -95,7 +85,7 @@ def written(real: dict[str, Any], answers: list[Any], kinds: list[Any], how: str
                     "warning"), left),
         bands=table(("unit", "held out", "flow, paper's terms [L/min]", "with effects", "removed",
                      "torque, paper's terms [N m]", "with effects", "removed", "leading set",
-                     "verdict"), rows),
+                     "verdict"), bands),
         trials=table(("hidden", "units", "leads", "cause found", "else"), trials),
         led=", ".join(f"{_named([name])} {count}" for name, count in led.most_common()),
         fits=3 * len(real))
@@ -105,9 +95,9 @@ def _named(effects: Any) -> str:
     return " + ".join(name.replace("_", " ") for name in effects) or "none"
 
 
-def _verdict(one: dict[str, Any]) -> str:
-    same = "" if one["same"] is None else f" ({one['same']} of {DEALS} deals)"
-    return one["verdict"].replace("_", " ") + same
+def _cells(one: dict[str, Any], *forms: str) -> list[str]:
+    return [form.format(**row).replace("%", " %") for row in one["errors"].values()
+            for form in forms]
 
 
 if __name__ == "__main__":

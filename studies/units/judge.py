@@ -7,13 +7,14 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from hmcvt_core.benches.unit import UnitDiagnosis, diagnose_unit
+import numpy as np
+
+from hmcvt_core.benches.unit import DEALS, UnitDiagnosis, diagnose_unit
 from hmcvt_core.files.units import KINDS, UnitSamples, read_unit
 
 from .simulate import simulated
 
 BAND = 0.7
-CHANNELS = (("flow", 6e4), ("torque", 1.0))
 
 
 def units_in(folder: Path) -> dict[str, UnitSamples]:
@@ -32,24 +33,23 @@ def units_in(folder: Path) -> dict[str, UnitSamples]:
 
 def judged(samples: UnitSamples) -> dict[str, Any]:
     """Diagnose a unit as a whole, and fitted below a part of the highest pressure and speed."""
-    whole = diagnose_unit(samples)
-    bands = {axis: diagnose_unit(*samples.divided(axis, BAND)) for axis in ("pressure", "speed")}
-    return {"whole": record(whole), **{axis: record(one) for axis, one in bands.items()}}
+    return {"whole": record(diagnose_unit(samples)), **{
+        axis: record(diagnose_unit(*samples.divided(axis, BAND)))
+        for axis in ("pressure", "speed")}}
 
 
 def record(one: UnitDiagnosis) -> dict[str, Any]:
-    """What the page says of one diagnosis."""
-    found = one.found
-    errors = {}
-    for channel, factor in CHANNELS:
-        row = {name: None if value is None else factor * value
+    """What the page says of one diagnosis: errors in L/min and N m, and how much is removed."""
+    found, errors = one.found, {}
+    for channel, factor in (("flow", 6e4), ("torque", 1.0)):
+        row = {name: np.nan if value is None else factor * value
                for name, value in one.rmse[channel].items()}
-        part = None if row["holdout_base"] is None else (
-            1.0 - (row["holdout_with_effects"] / row["holdout_base"]) ** 2)
+        part = 1.0 - (row["holdout_with_effects"] / row["holdout_base"]) ** 2
         errors[channel] = {**row, "removed": part}
-    leading = found.sets[0].effects if found.sets else ()
-    return {"samples": len(found.samples), "verdict": found.verdict, "effects": leading,
-            "same": one.same, "errors": errors, "warnings": found.warnings}
+    same = "" if one.same is None else f" ({one.same} of {DEALS} deals)"
+    return {"samples": len(found.samples), "verdict": found.verdict.replace("_", " ") + same,
+            "effects": found.sets[0].effects if found.sets else (), "errors": errors,
+            "warnings": found.warnings}
 
 
 def tried(task: tuple[tuple[str, ...], int]) -> tuple[tuple[str, ...], str, tuple[str, ...]]:
