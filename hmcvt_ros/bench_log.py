@@ -87,11 +87,12 @@ class BenchLog:
         Raises:
             OSError: they could not be written; the log is as before.
         """
+        if self.path.exists() and self.path.stat().st_size != self._size:
+            self.check()  # changed by someone else
         if not self.path.exists():
             make_folder(self.path.parent)
             write_atomically(self.path, self._header + b"\n")
-        if self.path.stat().st_size != self._size:
-            self.check()  # new, or changed by someone else
+            self._count, self._size = 0, len(self._header) + 1
         rows = rows[:max(self._limit - self._count, 0)]
         if not rows:
             return 0
@@ -142,7 +143,8 @@ class BenchLog:
                 self.recovered = f"{self.path}: is gone, and {before} samples with it"
             return
         *lines, torn = raw.split(b"\n")
-        if lines[:1] == [self._other]:
+        if lines[:1] == [self._other] or (
+                self._header == _HEADERS[1] and lines[:1] == [_WITHOUT_CHECKSUMS]):
             self._count = len(lines) - 1
             _, aside = self.set_aside()
             self.recovered = (f"{self.path}: was of another model, one with stages or without, "

@@ -26,7 +26,7 @@ from ..errors import InputError
 from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
-from ..physics.effects.base import Effect, ShaftState, Value
+from ..physics.effects.base import Effect, EffectParameter, ShaftState, Value
 from ..physics.effects.unit import OF_ANY_SIZE, sized
 from ..transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
 from .transmission import AXES, OIL_TEMPERATURE
@@ -50,6 +50,7 @@ FRICTION = 0.01
 """c_fp = c_fm of the paper [-]."""
 _SIZE = 55e-6 / (2.0 * np.pi)  # m3/rad, of which the priors of the paper's pair are
 _REFERENCE, _FEWEST = "reference_displacement", 3
+_WHOLE = frozenset(("displacement_error", "oil_temperature"))  # they reckon by no displacement
 _STEADY = 0.75  # part of the deals that must lead to the same set
 
 
@@ -264,6 +265,9 @@ def diagnose_unit(
             samples.kind, samples.displacement):
         raise InputError(f"{holdout.source}: a {holdout.kind} of {holdout.displacement:.4g} m3/rad "
                          f"is not the unit of {samples.source}")
+    if holdout is not None and samples.oil_temperature is not None is holdout.oil_temperature:
+        raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
+                         "has it")
     doubt = next(filter(None, map(_doubt, filter(None, (samples, holdout)))), None)
     dull = int(np.sum(samples.pressure < TELLING))
     notes = [f"{dull} samples below {TELLING:g} Pa tell no torque and were left out"] * bool(dull)
@@ -313,7 +317,10 @@ def _same(
         if progress is not None:
             progress(f"deal {i} of {deals}")
         kept = observed.select(np.setdiff1d(order, part))
-        advice = next_test(system, kept, {name: row[:1] for name, row in kept.points.items()})
+        try:
+            advice = next_test(system, kept, {name: row[:1] for name, row in kept.points.items()})
+        except InputError:  # too few are left to lead anywhere
+            continue
         same += next((names for names, _ in advice.alive if names), ()) == effects
     return same
 
@@ -361,12 +368,23 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
               "leakage": float(np.linalg.norm(leaks * decade))}
     new: dict[str, Any] = {"leakage": float(leaks.sum()), own: damping * larger}
     part = size[kind] / max(size.values())  # effects reckon by the larger of the two
-    inside = [replace(effect, part=kind, **{
-        item.name: effect.values()[item.name] * (part if item.unit in OF_ANY_SIZE else larger)
-        for item in effect.sizes()}) for effect in unit.model.effects
-        if effect.component != "sensor"]
+    before = {effect.name for effect in model.effects if effect.part != kind}
+
+    def inside(effect: Effect) -> bool:
+        # The stroke is the pump's, and one oil serves both.
+        return not (effect.component == "sensor"
+                    or (effect.component == "actuator" and kind == "motor")
+                    or (effect.component == "oil" and effect.name in before & _WHOLE))
+
+    def scaled(effect: Effect, item: EffectParameter) -> float:
+        factor = (1.0 if effect.name in _WHOLE else part if item.unit in OF_ANY_SIZE else larger)
+        return factor * effect.values()[item.name]
+
+    new_effects = [replace(effect, part=kind, **{
+        item.name: scaled(effect, item) for item in effect.sizes()})
+        for effect in unit.model.effects if inside(effect)]
     return replace(
         model, parameters=replace(model.parameters, **new), standard_errors=errors,
-        effects=(*(effect for effect in model.effects if effect.part != kind), *inside),
+        effects=(*(effect for effect in model.effects if effect.part != kind), *new_effects),
         correlation=np.eye(len(PARAMETER_NAMES)),
         provenance={**model.provenance, "source": "hmcvt unit", "units": tested})

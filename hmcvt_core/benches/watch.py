@@ -18,6 +18,7 @@ faster than their argument keep the inequality (Gaussian concentration; Bouchero
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -94,6 +95,7 @@ class ChangeTest:
 
     Attributes:
         samples: taken so far.
+        starts: first samples of the openings that are still thought of.
         evidence: logarithm of the sum of the weighted likelihood ratios, the largest so far.
     """
 
@@ -108,14 +110,14 @@ class ChangeTest:
         self._squares: float = _WORTH  # of innovations, in units of the noise stated
         self._covariance, self._state = np.array(prior), np.zeros(len(prior))
         self._sizes = np.square(spreads)[:, None]
-        self._starts = np.empty(0, dtype=int)
+        self.starts = np.empty(0, dtype=int)
         # Of each opening: what the filter makes of a step of one, and two sums over innovations.
         self._steps, self._sums = np.empty((0, len(prior))), np.empty((2, 0))
 
     def take(self, residual: float, deviation: float, row: Array) -> None:
         """Take the next residual, the deviation of its noise, and its slopes (p,)."""
         self.samples += 1
-        self._starts = np.append(self._starts, self.samples)
+        self.starts = np.append(self.starts, self.samples)
         self._steps = np.vstack([self._steps, np.zeros(len(row))])
         self._sums = np.column_stack([self._sums, np.zeros(2)])
         larger = max(1.0, self._squares / (_WORTH + self.samples - 1))
@@ -129,7 +131,7 @@ class ChangeTest:
         self._steps += np.outer(signature, gain / scale)
         self._covariance -= np.outer(gain, gain) / scale**2
         ratios = self._log_ratios()
-        weighted = ratios - np.log(self._starts * (self._starts + 1.0))
+        weighted = ratios - np.log(self.starts * (self.starts + 1.0))
         self.evidence = max(self.evidence, float(np.logaddexp.reduce(weighted)))
         if len(ratios) > _KEPT:  # among the older half, the one that nothing speaks for
             self._drop(int(np.argmin(weighted[:_KEPT // 2])))
@@ -140,7 +142,7 @@ class ChangeTest:
         weights = np.exp(ratios - ratios.max())
         order = np.argsort(-weights)
         held = order[:1 + int(np.searchsorted(np.cumsum(weights[order]), _LEVEL * weights.sum()))]
-        return int(self._starts[order[0]]), *self._starts[[held.min(), held.max()]].tolist()
+        return int(self.starts[order[0]]), *self.starts[[held.min(), held.max()]].tolist()
 
     def _log_ratios(self) -> Array:
         along, square = self._sums
@@ -149,7 +151,7 @@ class ChangeTest:
         return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(len(logs)))
 
     def _drop(self, i: int) -> None:
-        self._starts = np.delete(self._starts, i)
+        self.starts = np.delete(self.starts, i)
         self._steps = np.delete(self._steps, i, axis=0)
         self._sums = np.delete(self._sums, i, axis=1)
 
@@ -220,8 +222,10 @@ class Watch:
             self._prior = block_diag(
                 np.eye(_PLANE) * EFFICIENCY_CHANNEL.misfit_spread**2, model.correlation)
         self._test = ChangeTest(self._prior, EFFICIENCY_CHANNEL.field_spreads)
-        self._rows: list[Array] = []  # residual, deviation, stamp, slopes
-        self._numbers: list[int] = []  # of the samples with an answer, among all
+        # Of the last samples with an answer: residual, deviation, stamp, slopes.
+        self._rows: deque[Array] = deque(maxlen=_SIZED)
+        # Of those that may begin a gap: number among all samples, and stamp.
+        self._told: dict[int, tuple[int, float]] = {}
         self._taken, self._noticed, self._source = 0, 0, "assumed, 1.12 % (paper, eq. (3))"
 
     def take(self, samples: BenchSamples) -> None:
@@ -234,9 +238,11 @@ class Watch:
             self._taken += 1
             if not np.isfinite(row).all():
                 continue
-            self._rows.append(row)
-            self._numbers.append(self._taken)
+            self._rows.append(row.copy())
             self._test.take(row[0], row[1], row[3:])
+            self._told[self._test.samples] = self._taken, float(row[2])
+            if len(self._told) > 2 * _KEPT:
+                self._told = {start: self._told[start] for start in self._test.starts.tolist()}
             if not self._noticed and self._test.evidence >= -np.log(self._false_alarms):
                 self._noticed = self._taken
 
@@ -262,18 +268,19 @@ class Watch:
     def found(self) -> Opening:
         """What can be said now."""
         told: dict[str, Any] = {
-            "samples": self._taken, "without_answer": self._taken - len(self._rows),
+            "samples": self._taken, "without_answer": self._taken - self._test.samples,
             "false_alarms": self._false_alarms, "noise": self._source, "open": bool(self._noticed)}
         if not self._noticed:
             return Opening(**told)
-        (start, first, last), number = self._test.since(), self._numbers
-        rows = np.array(self._rows[-_SIZED:])
+        start, first, last = self._test.since()
+        rows = np.array(self._rows)
         size, deviation = step_size(rows[:, 0], rows[:, 1], rows[:, 3:], self._prior,
-                                    start - len(number) + len(rows))
+                                    start - self._test.samples + len(rows))
+        since, stamp = self._told[start]
         return Opening(
-            **told, noticed=self._noticed, since=number[start - 1],
-            since_interval=(number[first - 1], number[last - 1]),
-            since_stamp=float(self._rows[start - 1][2]) or None, size=size,
+            **told, noticed=self._noticed, since=since,
+            since_interval=(self._told[first][0], self._told[last][0]),
+            since_stamp=stamp or None, size=size,
             interval=(size - _QUANTILE * deviation, size + _QUANTILE * deviation))
 
 

@@ -101,6 +101,11 @@ def _load(_: click.Context, __: click.Parameter, sources: tuple[str, ...]) -> No
         load_effects(source)
 
 
+effects_option = click.option(
+    "--effects", metavar="MODULE", multiple=True, expose_value=False, callback=_load,
+    help="Module or Python file with effects of your own, which is run.")
+
+
 def params_option(function: Function) -> Function:
     """Add the model, and the effects that it may hold besides those of hmcvt."""
     return add_options(
@@ -108,9 +113,7 @@ def params_option(function: Function) -> Function:
         click.option("--params", "params", metavar="P.yaml",
                      help="Parameter file of the model; the shipped params/hm4.yaml when left "
                           "out."),
-        click.option("--effects", metavar="MODULE", multiple=True, expose_value=False,
-                     callback=_load,
-                     help="Module or Python file with effects of your own, which is run."))
+        effects_option)
 
 
 class Point(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ..errors import InputError
+from ..errors import IdentificationError, InputError
 from ..files import data_path
 from ..files.bench import BenchSamples, read_bench
 from ..identification import Identification, identify
@@ -56,6 +56,7 @@ Examples:
 @click.option("--params", metavar="P.yaml",
               help="Parameter file whose gear train is taken, with all its stages: BENCH.csv has a "
                    "column stage then.")
+@common.effects_option
 @click.option("--refine", is_flag=True,
               help="Take the model of --params as prior, with its standard errors and effects: "
                    "what the samples do not say stays, such as that of a unit tested before.")
@@ -137,6 +138,8 @@ def _refined(
     """Refit a model to samples with itself as prior, and tell."""
     found = refit(samples, prior, prior, seed=seed)
     if out is not None:
+        if found.refused:
+            raise IdentificationError(f"{out}: not written: {found.refused}")
         save_model(found.model, out)
     parameters = found.model.parameters.to_mapping(found.model.standard_errors)
     notes = [*found.kept, *found.warnings, *filter(None, [found.refused])]

@@ -36,6 +36,7 @@ Examples:
               help="Standard deviation of flow and torque, as a part of the ideal ones.  [default: "
                    "0.0034, by class A of ISO 4409]")
 @click.option("--report", type=common.OutputFile(), metavar="R.html", help="Write the report page.")
+@common.effects_option
 @click.option("--into", type=common.OutputFile(), metavar="TRACTOR.yaml",
               help="Put parameters and effects of this unit into a transmission's file.")
 @common.seed_option

@@ -187,8 +187,8 @@ def refit(
         hypothesis: what is assumed.
         observed: the bench.
         start: theta to start from, or its base part; None for the middle of the prior.
-        slopes: `Fit.jacobian` there, nearly; the steps mend it (Broyden 1965), and it is not taken
-            anew. None: it is, at the end too.
+        slopes: `Fit.jacobian` there, nearly; the steps mend it (Broyden 1965), and it is taken anew
+            only where they lead nowhere. None: it is, near the end too.
     """
     from scipy.optimize import lsq_linear
 
@@ -215,6 +215,9 @@ def refit(
             if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
                 break
         step = theta - before
+        if part == 0.0 and slopes is not None:  # those handed in do not hold here
+            slopes, jacobian = None, _jacobian(hypothesis, observed, theta, here)
+            continue
         size = np.linalg.norm(columns @ step)
         if exact and size < _SMALL:  # predictions are nearly linear: the slopes still hold
             break

@@ -89,6 +89,9 @@ def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:
             break
         cell, parts = finer, _FINER * parts
     mixed = np.random.default_rng(0).permutation(len(cell))
+    # Of their cells the ends of the campaign come first: what is measured is no extrapolation.
+    mixed = mixed[np.argsort(~np.any((place == 0.0) | (place == 1.0), axis=1)[mixed],
+                             kind="stable")]
     order = mixed[np.argsort(cell[mixed], kind="stable")]
     turn = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
     return np.sort(order[np.argsort(turn, kind="stable")[:most]])
@@ -140,7 +143,7 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
 
 def _together(some: Array, place: Array) -> bool:
     """Whether some of very many places lie in a part of the range: a gap narrower than a cell."""
-    if place.shape[1] <= LARGE or not some.size:
+    if place.shape[1] <= LARGE or some.shape[1] < 2:
         return False
     from scipy.stats import ks_2samp
 

@@ -205,7 +205,8 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
 
 def _promising(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Leave out what the screen, which is linear, puts far behind the best."""
-    least = _NEAR * proposals[0].gain - _BEHIND if proposals else 0.0
+    best = proposals[0].gain if proposals else 0.0
+    least = min(_NEAR * best, best) - _BEHIND
     return [proposal for proposal in proposals if proposal.gain > least]
 
 

@@ -147,6 +147,7 @@ def refit(
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
     errors = [mean_error(predicted_at(each, samples), measured) for each in (served, model)]
     provenance = {
+        **{name: told for name, told in served.provenance.items() if name == "units"},
         **origin("refit", samples, seed),
         "set_aside": len(aside),
         "fit_error": float(f"{errors[1]:.6g}"),

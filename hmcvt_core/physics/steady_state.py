@@ -155,7 +155,8 @@ class Quadrant:
         """Displacement ratio of B = 0, where the pump takes torque."""
         a, _ = self.pump_ratios
         square = self.stiffness * regime.brace * (1.0 + self.pump_friction) * a
-        root = (regime.flow * regime.flow - 2.0 * square * regime.level) ** 0.5
+        inside = regime.flow * regime.flow - 2.0 * square * regime.level
+        root = (inside * (inside > 0.0)) ** 0.5
         return -2.0 * regime.level / (regime.flow + root) / self.full
 
     def quadratic(self, regime: Regime, ratio: Any, load: Any) -> tuple[Any, Any, Any]:

@@ -40,10 +40,11 @@ def _shown(samples: Any, axis: str) -> Array:
     return np.asarray(getattr(samples, axis)) * _AXES[axis][1]
 
 
-def _names(samples: Any) -> list[str]:
+def _names(found: Diagnosis, samples: Any) -> list[str]:
     """What each test is called: by its row in the file, if it was read from one."""
-    return ([f"row {row}" for row in samples.rows] if getattr(samples, "rows", ()) else
-            [f"test {i}" for i in range(1, len(samples) + 1)])
+    kind = "" if samples is found.samples else "held-out "
+    return ([f"{kind}row {row}" for row in samples.rows] if getattr(samples, "rows", ()) else
+            [f"{kind}test {i}" for i in range(1, len(samples) + 1)])
 
 
 def _axes(found: Diagnosis) -> list[str]:
@@ -63,7 +64,7 @@ def columns(found: Diagnosis) -> list[tuple[str, str, float, int]]:
 
 def _in_words(found: Diagnosis, samples: Any, values: Array) -> Any:
     """Each sample and its residual, shape (n,) of text."""
-    rows = zip(_names(samples), *(_shown(samples, axis).tolist() for axis in _axes(found)),
+    rows = zip(_names(found, samples), *(_shown(samples, axis).tolist() for axis in _axes(found)),
                values.tolist(), strict=True)
     return np.array([f"{name}: " + ", ".join(
         _AXES[axis][3].format(words.fixed(value, _AXES[axis][2]))
@@ -197,7 +198,7 @@ def residual_table(found: Diagnosis) -> dict[str, Any]:
     """The residuals as a table: its head, its rows of text, and a note where not all are there."""
     samples, panels = found.judged, _panels(found)[0]
     shown = np.arange(len(samples))[:: max(1, -(-len(samples) // _MOST))]
-    channel, axes, names = found.channel, _axes(found), _names(samples)
+    channel, axes, names = found.channel, _axes(found), _names(found, samples)
     columns = [*(_shown(samples, axis) for axis in axes), *(
         channel.factor * values for values in (getattr(samples, channel.name), *panels.values()))]
     digits = [*(_AXES[axis][2] + 1 for axis in axes), 2, 2, 2]

@@ -171,7 +171,7 @@ def _tip(group: ET.Element, texts: str | Sequence[str]) -> None:
         title.text = text
         mark.insert(0, title)
         if mark is not group:
-            mark.set("data-test", text.partition(":")[0].split()[-1])
+            mark.set("data-test", text.partition(":")[0])
 
 
 def icon(name: str, draw: Callable[[Any], None]) -> str:

@@ -49,7 +49,6 @@ losses = pytest.mark.parametrize(
 def test_the_names_of_the_contract_are_there():
     names = {kind.name for kind in KINDS}
     assert names >= NAMES
-    assert {kind.prior for kind in KINDS} == {1.0}, "no source counts how often each is met"
     assert names >= {"bearing_drag", "orifice_leakage", "stroke_leakage", "output_churning",
                      "port_pressure_drop", "pressure_sensor"}, "named as further ones"
     assert len({(kind.name, kind.form) for kind in KINDS}) == len(KINDS)

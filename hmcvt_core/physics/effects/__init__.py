@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import pkgutil
 import sys
+import zlib
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
@@ -27,6 +29,7 @@ __all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "ef
            "library", "load_effects"]
 
 GROUP = "hmcvt.effects"
+_LARGEST = 120.0  # displacement of a single unit / that of the paper's, by which sizes grow
 _WAYS = ("one of your own comes with --effects MODULE_OR_FILE.py (effects_file of the node), or "
          f"from an installed package through the entry-point group {GROUP}")
 
@@ -81,7 +84,7 @@ def load_effects(source: str) -> None:
 
 
 def _import_file(path: Path) -> Any:
-    name = f"hmcvt_effects_{path.stem}"
+    name = f"hmcvt_effects_{path.stem}_{zlib.crc32(os.fsencode(path.resolve())):08x}"
     spec = importlib.util.spec_from_file_location(name, path.resolve())
     assert spec is not None and spec.loader is not None  # it ends with .py
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
@@ -124,6 +127,9 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
     parameters = data.get("parameters") or {}
     if not isinstance(parameters, Mapping):
         raise InputError(f"{where}.parameters = {parameters!r} is not a mapping")
+    part = str(data.get("part", ""))
+    if part not in ("", "pump", "motor"):
+        raise InputError(f"{where}.part = {part!r} is not pump or motor")
     fields = {parameter.name: parameter for parameter in kind.parameters()}
     values = {}
     for key, entry in parameters.items():
@@ -132,10 +138,9 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
                              f"{', '.join(sorted(fields))}")
         limits = fields[key]
         value, place = quantity(entry, limits.unit, f"{where}.parameters.{key}")
-        values[key] = float(Range(place, limits.low, limits.high, limits.unit).check(value))
-    part = str(data.get("part", ""))
-    if part not in ("", "pump", "motor"):
-        raise InputError(f"{where}.part = {part!r} is not pump or motor")
+        wide = _LARGEST if part and limits.is_size and limits.unit != "-" else 1.0
+        values[key] = float(
+            Range(place, wide * limits.low, wide * limits.high, limits.unit).check(value))
     return kind(**values, part=part)
 
 

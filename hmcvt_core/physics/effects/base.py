@@ -105,8 +105,6 @@ class Effect:
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
         unit_only: whether it is a candidate on the bench of a single pump or motor only.
-        prior: how often the field meets effects of this name, against the usual ones; all forms
-            of a name state the same. Other than 1 needs a count in `source`: none shipped has one.
 
     Attributes:
         part: `pump` or `motor` where it acts in that unit alone; empty where in both.
@@ -118,7 +116,6 @@ class Effect:
     summary: ClassVar[str] = ""
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
-    prior: ClassVar[float] = 1.0
     unit_only: ClassVar[bool] = False
 
     part: str = field(default="", kw_only=True)
