@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt watch`: the false alarms that are stated, and when and how large a gap has opened."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -69,3 +70,15 @@ def test_samples_without_an_answer_are_counted_and_left_out():
     found = watched(MODEL, replace(samples, load_torque=load, displacement_ratio=stroke,
                                    engine_speed=speed))
     assert (found.samples, found.without_answer, found.open) == (30, 1, False)
+
+
+def test_a_long_stream_takes_no_more_memory():
+    running = hmcvt.Watch(MODEL, NOISE)
+    part = stream(MODEL, 0, samples=500)
+    for _ in range(9):
+        running.take(part)
+    size = len(pickle.dumps(running))
+    for _ in range(3):
+        running.take(part)
+    assert len(pickle.dumps(running)) < 1.05 * size
+    assert running.found.samples == 6000

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cli.running import assert_refused
 
-from hmcvt_core import load_model
+from hmcvt_core import InputError, load_model
 from hmcvt_core.benches.unit import (
     HydrostaticUnit,
     UnitModel,
@@ -20,6 +20,8 @@ from hmcvt_core.files.units import read_unit
 from hmcvt_core.identification.evidence import Prior
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.physics.balance import BalanceSolver
+from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping
+from hmcvt_core.physics.effects.unit import ConstantTorque
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
 from studies.units.simulate import simulated
@@ -189,3 +191,12 @@ def test_the_stroke_is_an_axis_where_it_varies():
     assert "displacement_error" not in {effect.name for effect in HydrostaticUnit(full).library}
     assert UnitModel(system, np.array([-11.0, 0.1, 0.0, 0.0]), ()).losses(full).shape == (
         2, len(full))
+
+
+def test_what_is_found_in_a_large_unit_loads_again(tractor):
+    torque = ConstantTorque(torque=90.0)  # of a unit of 200 cm3
+    model = replace(load_model(tractor), effects=(replace(torque, part="motor"),))
+    save_model(model, tractor)
+    assert load_model(tractor).effects == model.effects
+    with pytest.raises(InputError, match="torque"):
+        effect_from_mapping({**effect_to_mapping(torque), "part": ""}, "effect")
