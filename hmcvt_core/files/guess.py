@@ -159,12 +159,14 @@ _DOUBLES = (
 
 
 def guess_columns(
-    units: Mapping[str, str], numbers: Mapping[str, Array], taken: Mapping[str, str]
+    units: Mapping[str, str], behind: Mapping[str, str], numbers: Mapping[str, Array],
+    taken: Mapping[str, str],
 ) -> dict[str, Guess]:
     """Guess which columns hold which quantities.
 
     Args:
         units: what a row below the header gives, by column; empty where it gives none.
+        behind: unit behind the numbers of each column; empty where there is none.
         numbers: of each column, NaN where a cell is none.
         taken: column of each quantity that is known already.
     """
@@ -182,6 +184,8 @@ def guess_columns(
         if better <= {*found, *taken}:
             found.pop(worse, None)
     for quantity, guess in found.items():
+        if quantity != "stage" and not guess.unit:
+            guess = found[quantity] = guess._replace(unit=behind[guess.column], why="cells")
         if quantity != "stage" and guess.unit not in UNITS[quantity]:
             size = np.nanquantile(np.abs(numbers[guess.column]), 0.9)
             unit = next(unit for unit, most in _LIKELY[_kind(quantity)].items() if size <= most)

@@ -91,6 +91,7 @@ def import_table(
              for name, column in table.columns.items() if name not in names}
     if "stage" in chosen:
         extra["stage"] = table.columns[chosen.pop("stage")[0]]
+    _require_units(chosen, table)
     values = {quantity: UNITS[quantity][unit] * (
         (table.stamps if quantity == "stamp" else table.numbers)(name) - _ZERO.get(unit, 0.0))
         for quantity, (name, unit) in chosen.items()}
@@ -135,6 +136,7 @@ def guess_table(
     table, chosen = _chosen(path, columns, header_row, sheet)
     return guess_columns(
         {name: table.units.get(name, "") for name in table.columns},
+        {name: next(filter(None, table.cell_units(name)), "") for name in table.columns},
         {name: table.stamps(name) for name in table.columns},
         {quantity: name for quantity, (name, _) in chosen.items()})
 
@@ -185,6 +187,21 @@ def _column(quantity: str, text: str, table: Table) -> tuple[str, str]:
         raise InputError(f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}")
     raise InputError(f"{table.source}: {quantity}: column {(name if ':' in whole else whole)!r} is "
                      f"missing; there is {', '.join(table.columns)}")
+
+
+def _require_units(chosen: Mapping[str, tuple[str, str]], table: Table) -> None:
+    """Refuse a column whose cells, or row of units, say another unit than is taken."""
+    for quantity, (name, unit) in chosen.items():
+        sizes = {key: (size, _ZERO.get(key)) for key, size in UNITS[quantity].items()}
+        below = unit_of(table.units.get(name, "")) or ("", "")
+        for row, said in zip(("of units", *table.rows), (below[1], *table.cell_units(name)),
+                             strict=True):
+            if said == "-" and said not in sizes:
+                continue  # of a row of units: none is told
+            if said and sizes.get(said) != sizes[unit]:
+                cure = f"; write {name}:{said}" if said in sizes else ""
+                raise InputError(f"{table.source}: row {row}: {quantity}: {said} in column "
+                                 f"{name!r} is not in {unit}{cure}")
 
 
 def _bad_rows(

@@ -61,6 +61,10 @@ class Table(NamedTuple):
         found = np.array([_number(cell, self.comma) for cell in self.columns[name]])
         return np.where(np.isin(found, _SENTINELS), np.nan, found)
 
+    def cell_units(self, name: str) -> list[str]:
+        """Units behind the numbers of a column; `""` where a cell says none."""
+        return [hit[1] if (hit := unit_of(_parts(cell)[1])) else "" for cell in self.columns[name]]
+
     def stamps(self, name: str) -> Array:
         """Seconds of a column of times: numbers, times of day, or dates (as of UTC)."""
         return np.array([_seconds(cell) if ":" in cell else value for cell, value in zip(
@@ -178,13 +182,18 @@ def _distinct(header: Sequence[str]) -> list[str]:
             for name, number in zip(names, again, strict=True)]
 
 
+def _parts(cell: str) -> tuple[str, str]:
+    """Number of a cell, as text, and what stands behind it."""
+    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
+    return (hit[1], hit[2] or "") if hit else ("", "")
+
+
 def _number(cell: str, comma: bool) -> float:
     with suppress(ValueError):
         return float(cell.replace("_", "?"))  # Python reads 2_99 as 299
-    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
-    if hit is None or (hit[2] and unit_of(hit[2]) is None):
+    text, unit = _parts(cell)
+    if unit and unit_of(unit) is None:
         return math.nan
-    text = hit[1]
     if comma and "," in text:
         text = text.replace(".", "").replace(",", ".")
     elif re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d+", text):

@@ -95,7 +95,7 @@ def units_in_the_cells(folder):
     rows = [["Swash position", "Input speed", "Input torque", "Output speed", "Output torque"],
             *[[f"{100 * EPS[i]:.0f} %", f"{SPEED[i]} rpm", f"{INTO[i]:.3f} Nm",
                f"{OUT[i]:.2f} rpm", f"{TORQUE[i] / 1e3:.6f} kNm"] for i in range(TESTS)]]
-    return Case(lines(folder / "t.csv", rows, ","), ("--output-torque", "Output torque:kNm"))
+    return Case(lines(folder / "t.csv", rows, ","))
 
 
 def english_thousands(folder):

@@ -71,6 +71,18 @@ def test_pressure_in_the_units_of_gauges(tmp_path, unit, value):
                        {**PLAIN, "pressure": "p:MPa"})
 
 
+@pytest.mark.parametrize(("quantity", "cell", "message"), [
+    ("pressure", "0.5,146,200,0.8,350 bar", "bar in column 'x' is not in Pa; write x:bar"),
+    ("oil_temperature", "0.5,146,200,0.8,140 °F", "deg F in .* is not in deg C; write x:deg F"),
+    ("oil_temperature", "0.5,146,200,0.8,60 bar", "bar in column 'x' is not in deg C$"),
+    ("pressure", "-,-,-,-,bar\n0.5,146,200,0.8,350", "of units: pressure: bar in column 'x' is no"),
+])
+def test_a_unit_in_the_cells_is_never_passed_over(tmp_path, quantity, cell, message):
+    path = raw(tmp_path, f"eps,n,M,eta,x\n{cell}\n")
+    with pytest.raises(hmcvt.InputError, match=message):
+        read_raw_bench(path, {**PLAIN, quantity: "x"})
+
+
 def test_a_row_of_units_and_lines_above_the_header(tmp_path):
     path = raw(tmp_path, "bench 3, run of 2026-11-21\nsep=,\neps,n,M,eta\n[-],[rad/s],[Nm],[-]\n"
                          "0.5,146,200,0.8\n")
