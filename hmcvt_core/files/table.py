@@ -29,8 +29,10 @@ _SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
 _NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
 _BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
-STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
-                       r"moyenne|media)\.?:?", re.IGNORECASE)
+STATISTIC = re.compile(
+    r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|total|rms|"
+    r"standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|standardabweichung|"
+    r"moyenne|médiane|écart[ -]type|media)\.?:?", re.IGNORECASE)
 """A cell that makes a row a summary of others."""
 _TIMES = [f"%Y-%m-%d{mark}{time}" for mark in " T" for time in (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M", "%H:%M:%S%z", "%H:%M:%S.%f%z")]

@@ -150,6 +150,9 @@ def test_what_is_missing_is_named(tmp_path, left, message):
 
 
 @pytest.mark.parametrize(("row", "message"), [
+    *[(f"{word},50,1400,250,1890,0.14,", f"row 2: '{word}' is no test") for word in (
+        "Maximum", "Minimum:", "Median", "Mean values", "Std. dev.", "RMS", "Durchschnitt",
+        "Gesamt", "Streuung", "Standardabweichung", "Médiane", "stdev")],
     ("3,50,1400,250,1890,140,", "row 2: output_torque = 140000 is outside 0.1 to 20000 N m"),
     ("3,50,1400,0,1890,0.14,", "row 2: engine_torque = 0 is outside 0.1 to 20000 N m"),
     ("3,50,1400,2_50,1890,0.14,", "row 2: M_e '2_50' is not a number"),
