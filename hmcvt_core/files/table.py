@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
-from itertools import accumulate, product
+from itertools import accumulate, count, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -178,10 +178,13 @@ def _worth(header: Sequence[str]) -> int:
 
 def _distinct(header: Sequence[str]) -> list[str]:
     """Name the columns of a header so that no name is empty and all differ."""
-    names = [cell.strip() or "unnamed" for cell in header]
-    again = [names[:i].count(name) + 1 for i, name in enumerate(names)]
-    return [name if number == 1 else f"{name} ({number})"
-            for name, number in zip(names, again, strict=True)]
+    given = [cell.strip() or "unnamed" for cell in header]
+    names: list[str] = []
+    for first in given:
+        others = (f"{first} ({number})" for number in count(2))
+        names.append(first if first not in names else next(
+            name for name in others if name not in {*given, *names}))
+    return names
 
 
 def _parts(cell: str) -> tuple[str, str]:
