@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
 from .bench import BenchSamples, column_name, no_number
 from .guess import UNITS as UNITS
-from .guess import Guess, guess_columns, unit_of
+from .guess import Guess, guess_columns, quantity_of, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
 from .table import STATISTIC, Table, read_table
 
@@ -92,11 +92,14 @@ def import_table(
     if "stage" in chosen:
         extra["stage"] = table.columns[chosen.pop("stage")[0]]
     _require_units(chosen, table)
-    values = {quantity: UNITS[quantity][unit] * (
-        (table.stamps if quantity == "stamp" else table.numbers)(name) - _ZERO.get(unit, 0.0))
+    values = {quantity: (
+        table.stamps(name, UNITS[quantity][unit]) if quantity == "stamp"
+        else UNITS[quantity][unit] * (table.numbers(name) - _ZERO.get(unit, 0.0)))
         for quantity, (name, unit) in chosen.items()}
-    if not averaged and _is_recording(values.get("stamp")):
-        return _cut(values, extra.get("stage"), table)
+    if "stamp" not in values and not averaged:
+        _refuse_recording(table)
+    elif not averaged and _is_recording(values["stamp"]):
+        return _cut(values, extra, table)
     notes = []
     for quantity in [name for name in _OPTIONAL if name in values]:
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
@@ -246,18 +249,40 @@ def _powers(values: Mapping[str, Array]) -> tuple[Array, Array]:
         out or [values["efficiency"] * into[0]])[0]
 
 
-def _is_recording(stamp: Array | None) -> bool:
-    if stamp is None or len(stamp) < _RECORDED:
-        return False
+def _is_recording(stamp: Array) -> bool:
     steps = np.diff(stamp[np.isfinite(stamp)])
-    return len(steps) > 0 and bool(np.mean(steps > 0.0) > 0.9) and bool(
-        np.median(steps) <= _STEP)
+    # A log may be faster than the last digit of its clock: then most steps are 0.
+    return len(stamp) >= _RECORDED and bool(np.any(steps > 0.0)) and bool(
+        np.mean(steps >= 0.0) > 0.9) and bool(np.median(steps) < 1.1 * _STEP)
 
 
-def _cut(values: Mapping[str, Array], stage: Sequence[str] | None, table: Table) -> Imported:
+def _refuse_recording(table: Table) -> None:
+    for name in table.columns:
+        quantity, unit = quantity_of(name, table.units.get(name, "")) or ("", "")
+        if quantity == "stamp" and _is_recording(
+                table.stamps(name, UNITS["stamp"].get(unit, 1.0))):
+            raise InputError(f"{table.source}: column {name!r} looks like that of a recording: "
+                             "name it by --stamp, or give --averaged")
+
+
+def _spread(stamp: Array) -> Array:
+    """Stamps (n,) of a log; those of one tick of a clock that is too slow lie evenly within it."""
+    first = np.flatnonzero(np.diff(stamp, prepend=-np.inf))
+    counts = np.diff(np.append(first, len(stamp)))
+    if np.median(counts) == 1.0:
+        return stamp  # what stands twice is a copy
+    place = (np.arange(len(stamp)) - np.repeat(first, counts)) / np.repeat(counts, counts)
+    return stamp + np.median(np.diff(stamp[first])) * place
+
+
+def _cut(
+    values: Mapping[str, Array], extra: Mapping[str, Sequence[str]], table: Table
+) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
     known = np.isfinite([*values.values()]).all(axis=0) & (values["engine_speed"] > 0.0)
     limits, values = Steadiness(), {name: column[known] for name, column in values.items()}
+    values["stamp"] = _spread(values["stamp"])
+    stage = extra.get("stage")
     stages = np.array(stage if stage is not None else [""] * len(known))[known]
     (into, out), speed = _powers(values), values["engine_speed"]
     turned = values.get("output_speed", speed)
@@ -279,6 +304,6 @@ def _cut(values: Mapping[str, Array], stage: Sequence[str] | None, table: Table)
     columns: dict[str, Any] = {
         name: np.array([sample[name] for _, sample in found]) for name in found[0][1]
         if name != "output_speed" or name in values}
-    extra = {} if stage is None else {"stage": tuple(name for name, _ in found)}
-    return Imported(BenchSamples(**columns, extra=extra, source=table.source,
+    told = {} if stage is None else {"stage": tuple(name for name, _ in found)}
+    return Imported(BenchSamples(**columns, extra=told, source=table.source,
                                  sha256=table.sha256), (), (note,))

@@ -67,9 +67,9 @@ class Table(NamedTuple):
         """Units behind the numbers of a column; `""` where a cell says none."""
         return [hit[1] if (hit := unit_of(_parts(cell)[1])) else "" for cell in self.columns[name]]
 
-    def stamps(self, name: str) -> Array:
-        """Seconds of a column of times: numbers, times of day, or dates (as of UTC)."""
-        return np.array([_seconds(cell) if ":" in cell else value for cell, value in zip(
+    def stamps(self, name: str, unit: float = 1.0) -> Array:
+        """Seconds of a column of times: numbers of a unit [s], times of day, or dates (UTC)."""
+        return np.array([_seconds(cell) if ":" in cell else unit * value for cell, value in zip(
             self.columns[name], self.numbers(name), strict=True)])
 
 

@@ -198,6 +198,21 @@ def test_a_recording_never_passes_as_tests_without_a_word(hmcvt, tmp_path):
     assert f"a recording of {120 * TESTS} rows was cut into {TESTS} steady windows" in done.out
     assert hmcvt("import", path, "--out", out, "--yes", "--averaged").code == 0
     assert len(core.read_bench(out)) == 120 * TESTS
+    # Nor where all that is needed is named, and the time is not.
+    said = shlex.split(re.search(r"the same said: hmcvt (.*)", hmcvt(
+        "import", path, "--out", out).out)[1])
+    at = said.index("--stamp")
+    done = hmcvt(*said[:at], *said[at + 2:])
+    assert_refused(done, "column 'Timestamp' looks like that of a recording: name it by --stamp")
+
+
+def test_a_recording_by_a_clock_of_whole_seconds_is_one(hmcvt, tmp_path):
+    path, out = recording(tmp_path).path, tmp_path / "bench.csv"
+    path.write_text(re.sub(r"(:\d\d)\.\d+", r"\1", path.read_text()))
+    assert hmcvt("import", path, "--out", out, "--yes").code == 0
+    found = core.read_bench(out)
+    assert found.efficiency == pytest.approx(ETA, rel=3e-3)
+    assert np.diff(found.stamp)[:-1] == pytest.approx(12.0)
 
 
 def test_a_slow_output_is_in_the_unit_of_the_engine_and_a_mode_is_no_stage(hmcvt, tmp_path):
