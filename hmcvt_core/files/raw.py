@@ -37,6 +37,7 @@ _COMPUTED = "; computed from torques and speeds of the shafts: check their colum
 _MOST_TOLD = 20  # rows
 # From so many rows and with so short a step [s] on, rows are no steady tests but readings.
 _RECORDED, _STEP = 100, 1.0
+_AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 
 
 class Imported(NamedTuple):
@@ -275,20 +276,36 @@ def _spread(stamp: Array) -> Array:
     return stamp + np.median(np.diff(stamp[first])) * place
 
 
+def _held(time: Array, values: Array) -> Array:
+    """A slow quantity at rising times (n,) [s]: linear between its readings, NaN far from any."""
+    known = np.isfinite(values)
+    before = np.maximum.accumulate(np.where(known, time, -np.inf))
+    after = np.minimum.accumulate(np.where(known, time, np.inf)[::-1])[::-1]
+    near = np.minimum(time - before, after - time) <= _AGE
+    return np.where(near, np.interp(time, time[known], values[known]), np.nan)
+
+
 def _cut(
     values: Mapping[str, Array], extra: Mapping[str, Sequence[str]], table: Table
 ) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
-    known = np.isfinite([*values.values()]).all(axis=0) & (values["engine_speed"] > 0.0)
-    limits, values = Steadiness(), {name: column[known] for name, column in values.items()}
-    values["stamp"] = _spread(values["stamp"])
+    spare = [name for name in ("pressure", "efficiency_std") if name in values]
+    needed = [values[name] for name in values if name not in (*spare, "oil_temperature")]
+    known = np.isfinite(needed).all(axis=0) & (values["engine_speed"] > 0.0)
+    values = {name: column[known] for name, column in values.items()}
+    values["stamp"] = time = _spread(values["stamp"])
+    block = max(1.0, 4.0 * float(np.median(np.diff(time)))) if len(time) > 1 else 1.0
+    limits = Steadiness(max(5.0, 3.0 * block), block)
+    oil = values.get("oil_temperature")
+    if oil is not None:
+        oil = _held(time, oil) if np.isfinite(oil).any() else None
     stage = extra.get("stage")
     stages = np.array(stage if stage is not None else [""] * len(known))[known]
     (into, out), speed = _powers(values), values["engine_speed"]
     turned = values.get("output_speed", speed)
     readings = Readings(values["stamp"], Shafts(
         speed, into / speed, turned, np.where(turned != 0.0, out / turned, 0.0),
-        values["displacement_ratio"]), values.get("oil_temperature"))
+        values["displacement_ratio"]), oil)
     gap = max(_STEP, limits.block)
     shifts = np.cumsum(np.append(False, stages[1:] != stages[:-1]))  # of a stage: a gap too
     tests = [(str(stages[part[0]]), sample)
@@ -301,9 +318,11 @@ def _cut(
             "number left out")
     if not found:
         raise InputError(f"{table.source}: {note}")
+    spare += [name for name in extra if name != "stage"]
+    notes = (note, *[f"not averaged, left out: {', '.join(spare)}"] * bool(spare))
     columns: dict[str, Any] = {
         name: np.array([sample[name] for _, sample in found]) for name in found[0][1]
         if name != "output_speed" or name in values}
     told = {} if stage is None else {"stage": tuple(name for name, _ in found)}
     return Imported(BenchSamples(**columns, extra=told, source=table.source,
-                                 sha256=table.sha256), (), (note,))
+                                 sha256=table.sha256), (), notes)

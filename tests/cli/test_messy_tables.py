@@ -130,8 +130,8 @@ def torque_of_no_shaft(folder):
     return Case(lines(folder / "t.csv", rows, ","), ("--output-torque", "M [Nm]"))
 
 
-def recording(folder):
-    """Ten rows a second with dates: plateaus of 8 s, a ramp of 4 s between them."""
+def recording(folder, seconds=0.1):
+    """Rows with dates: plateaus of 80, a ramp of 40 between them, every tenth with the oil."""
     start, rows = datetime(2026, 11, 21, 9, 30), []
     columns = np.column_stack([EPS, SPEED, INTO, OUT, TORQUE])
     noise = np.random.default_rng(1)
@@ -141,10 +141,11 @@ def recording(folder):
             part = max(0, k - 80) / 40
             now = columns[i] * (1 - part) + after * part
             now[1:] *= 1.0 + 1e-3 * noise.standard_normal(4)
-            stamp = start + timedelta(seconds=12 * i + k / 10)
-            rows.append([stamp.isoformat(sep=" "), *(f"{value:.4f}" for value in now)])
+            stamp = start + timedelta(seconds=seconds * (120 * i + k))
+            rows.append([stamp.isoformat(sep=" "), *(f"{value:.4f}" for value in now),
+                         "" if k % 10 else 80.0, 150])
     head = ["Timestamp", "pump_displacement", "n_engine_rpm", "M_engine_Nm", "n_out_rpm",
-            "M_out_Nm"]
+            "M_out_Nm", "Oil temp [°C]", "dp [bar]"]
     return Case(lines(folder / "t.csv", [head, *rows], ","))
 
 
@@ -206,13 +207,16 @@ def test_a_recording_never_passes_as_tests_without_a_word(hmcvt, tmp_path):
     assert_refused(done, "column 'Timestamp' looks like that of a recording: name it by --stamp")
 
 
-def test_a_recording_by_a_clock_of_whole_seconds_is_one(hmcvt, tmp_path):
-    path, out = recording(tmp_path).path, tmp_path / "bench.csv"
+@pytest.mark.parametrize("seconds", [0.1, 1.0])
+def test_a_recording_by_a_clock_of_whole_seconds_is_one(hmcvt, tmp_path, seconds):
+    path, out = recording(tmp_path, seconds).path, tmp_path / "bench.csv"
     path.write_text(re.sub(r"(:\d\d)\.\d+", r"\1", path.read_text()))
-    assert hmcvt("import", path, "--out", out, "--yes").code == 0
+    done = hmcvt("import", path, "--out", out, "--yes")
+    assert "not averaged, left out: pressure\n" in done.out
     found = core.read_bench(out)
     assert found.efficiency == pytest.approx(ETA, rel=3e-3)
-    assert np.diff(found.stamp)[:-1] == pytest.approx(12.0)
+    assert found.oil_temperature == pytest.approx(80.0)
+    assert np.diff(found.stamp)[:-1] == pytest.approx(120.0 * seconds)
 
 
 def test_a_slow_output_is_in_the_unit_of_the_engine_and_a_mode_is_no_stage(hmcvt, tmp_path):
