@@ -229,6 +229,33 @@ def test_a_slow_output_is_in_the_unit_of_the_engine_and_a_mode_is_no_stage(hmcvt
     assert found.extra == {"mode": ("auto", "auto")} and found.points.stage is None
 
 
+@pytest.mark.parametrize(("header", "cells", "told"), [
+    ("dp", ("250", "200"), None), ("dp [-]", ("250", "200"), None), ("dp", ("", "50 bar"), "bar"),
+    ("charge pressure [bar]", ("25", "25"), None), ("Speisedruck [bar]", ("25", "25"), None),
+    ("p_hp", ("250", "200"), None), ("T_oil_k", ("350", "350"), "K"),
+    ("Zeit [h]", ("09:30:00", "09:45:00"), "h"),
+])
+def test_what_no_unit_tells_is_not_guessed(hmcvt, tmp_path, header, cells, told):
+    path, out = tmp_path / "t.csv", tmp_path / "bench.csv"
+    path.write_text(f"eps,n_s,M_k,eta_h,{header}\n0.5,1400,200,80,{cells[0]}\n"
+                    f"-0.5,1500,180,80,{cells[1]}\n")
+    shown = hmcvt("import", path, "--out", out, "--averaged", "--header-row", 1, "--skip-bad").out
+    assert shown.count("range") == 4 and "eta_h:%" in shown
+    assert (f"{header}:{told}" in shown) if told else (header not in shown)
+    assert "--header-row 1 --averaged --skip-bad\n" in shown
+    if told == "h":
+        assert hmcvt("import", path, "--out", out, "--yes").code == 0
+        assert np.diff(core.read_bench(out).stamp) == 900.0
+
+
+@pytest.mark.parametrize("unit", ["1/s", "s-1", "Hz"])
+def test_turns_and_radians_are_not_mixed_up(hmcvt, tmp_path, unit):
+    path = tmp_path / "t.csv"
+    path.write_text(f"eps,n [{unit}],M,eta\n0.5,23,200,0.8\n")
+    done = hmcvt("import", path, "--out", tmp_path / "bench.csv", "--yes")
+    assert done.code == 2 and "no column is named for engine_speed" in done.err
+
+
 def test_what_is_no_table_is_told(hmcvt, tmp_path):
     out = tmp_path / "bench.csv"
     for name, text, words in (("e.csv", "", "is empty"), ("w.csv", "a,b\n1,2\n", "no column"),
