@@ -79,8 +79,9 @@ def import_table(
         averaged: each row is a steady test, however fast the stamps rise.
 
     Raises:
-        InputError: the file cannot be read, a column is missing or named twice, a unit is unknown,
-            quantities are missing or say the same twice, or rows hold no test: all are named.
+        InputError: the file cannot be read, a column is missing or named twice, a unit is unknown
+            or not that of the cells, quantities are missing or say the same twice, it is a
+            recording whose stamps are not named, or rows hold no test: all are named.
     """
     _require_enough(columns)
     table, chosen = _chosen(path, columns, header_row, sheet)

@@ -65,7 +65,9 @@ class Table(NamedTuple):
 
     def cell_units(self, name: str) -> list[str]:
         """Units behind the numbers of a column; `""` where a cell says none."""
-        return [hit[1] if (hit := unit_of(_parts(cell)[1])) else "" for cell in self.columns[name]]
+        said = [_parts(cell)[1] for cell in self.columns[name]]
+        known = {text: unit_of(text) or ("", "") for text in {*said}}
+        return [known[text][1] for text in said]
 
     def stamps(self, name: str, unit: float = 1.0) -> Array:
         """Seconds of a column of times: numbers of a unit [s], times of day, or dates (UTC)."""
