@@ -73,6 +73,9 @@ def command(
     command = ["hmcvt", "import", raw, "--out", out]
     for quantity, text in columns.items():
         command += [f"--{quantity.replace('_', '-')}", text]
+    for option, value in (("--header-row", header_row), ("--sheet", sheet)):
+        command += [option, str(value)] * (value is not None)
+    command += ["--averaged"] * averaged + ["--skip-bad"] * skip_bad
     told = [common.table(("quantity", "column", "unit", "told by"), [
         (quantity, guess.column, guess.unit or "-", guess.why or "name")
         for quantity, guess in guesses.items()]), "", f"the same said: {shlex.join(command)}"]

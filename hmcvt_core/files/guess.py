@@ -39,7 +39,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
 """Size of the units of every quantity in the one that hmcvt keeps it in, which is the first."""
 
 # Other ways to write a unit, without blanks, brackets and marks.
-_ALSO = {"rad/s": "rad/sec s-1 1/s", "lb ft": "lbfft ftlb ftlbf", "hp": "bhp", "PS": "cv",
+_ALSO = {"rad/s": "rad/sec", "lb ft": "lbfft ftlb ftlbf", "hp": "bhp", "PS": "cv",
          "rpm": "/min t/min tr/min rev/min rev/minute giri/min upm umin-1",
          "bar": "bara barg bard", "psi": "psia psid", "deg C": "celsius", "K": "kelvin",
          "deg F": "f fahrenheit", "ms": "msec", "s": "sec second seconds",
@@ -50,7 +50,7 @@ _LIKELY: Mapping[str, Mapping[str, float]] = {
     "part": {"-": 1.5, "%": np.inf}, "speed": {"rad/s": 320.0, "rpm": np.inf},
     "torque": {"kNm": 5.0, "N m": np.inf}, "power": {"kW": 1000.0, "W": np.inf},
     "temperature": {"deg C": 150.0, "deg F": 260.0, "K": np.inf},
-    "pressure": {"MPa": 60.0, "bar": 1e4, "Pa": np.inf}, "time": {"s": np.inf}}
+    "time": {"s": np.inf}}
 _LETTERS = str.maketrans({"\u03b7": " eta ", "\u03b5": " eps ", "\u03c9": " omega ",
                           "\u03b1": " alpha ", "\u0394": " d ", "\u2206": " d ", "\u00df": "ss",
                           "\u00e4": "ae", "\u00f6": "oe", "\u00fc": "ue", "\u00c4": "Ae",
@@ -62,7 +62,7 @@ _WORDS: Mapping[str, str] = {
     "efficiency": "efficiency eta wirkungsgrad eff rendement effic rendimento",
     "stroke": "displacement stroke eps epsilon swash swivel schwenk pumpenhub hub verstell "
               "aussteuer alpha displ cilindrata cylindree",
-    "temperature": "temp temperature temperatur oiltemp oeltemp",
+    "temperature": r"temp \bt.oil \bt.oel temperature temperatur oiltemp oeltemp",
     "pressure": "pressure druck dp pressione pression",
     "power": "power leistung pwr puissance potenza",
     "torque": "torque drehmoment moment trq tq md couple coppia m t",
@@ -72,6 +72,7 @@ _WORDS: Mapping[str, str] = {
               "motorleistung diesel ice ein an e 1 moteur entree ingresso mot vm dm",
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
+    "feed": "feed charge boost speise lade",  # not of the motor
     "loss": "loss losses verlust fuel ambient room target set soll cmd demand limit coolant wasser",
     "stage": "stage gang fahrbereich stufe",
 }
@@ -107,6 +108,8 @@ def _kind(quantity: str) -> str:
 
 _WRITTEN = {_key(text): (_kind(quantity), unit) for quantity, units in UNITS.items()
             for unit in units for text in (unit, *_ALSO.get(unit, "").split())}
+# Radians or revolutions: nobody knows, so it is none of `UNITS`.
+_WRITTEN |= dict.fromkeys(("1/s", "s-1", "hz"), ("speed", "1/s"))
 
 
 def unit_of(text: str) -> tuple[str, str] | None:
@@ -120,13 +123,20 @@ def holds_units(cells: Sequence[str]) -> bool:
     return len(others) < len(cells) and not any(map(_NUMERIC.match, others))
 
 
+def _meanings(name: str) -> tuple[str, set[str]]:
+    """A name in words of its own, and what they mean."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z\d])", " ", _plain(name)).lower().replace("_", " ")
+    return apart, {meaning for meaning, find in _FIND.items() if find.search(apart)}
+
+
 def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
     """Quantity that a column is of, by its name and unit, and the unit; `""` if not told."""
     hit = _BRACKETS.search(name)
     told = unit_of(unit) or (unit_of(next(filter(None, hit.groups()), "")) if hit else None)
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z\d])", " ", _plain(name[:hit.start()] if hit and told
-                                                         else name)).lower().replace("_", " ")
-    means = {meaning for meaning, find in _FIND.items() if find.search(apart)}
+    apart, means = _meanings(name[:hit.start()] if hit and told else name)
+    if hit and told and not unit_of(unit) and re.fullmatch("[a-z]{1,2}", hit[3] or "") and (
+            told[0] not in means and apart != "t"):
+        told, (apart, means) = None, _meanings(name)  # an index, as of eta_h
     if "loss" in means or not apart.strip(" .-"):
         return None
     kind, unit = told or ("", "")
@@ -136,7 +146,7 @@ def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
             return None
     if kind == "efficiency":
         return "efficiency_std" if "std" in means else kind, unit
-    if not kind or "std" in means:
+    if not kind or "std" in means or (kind == "pressure" and "feed" in means):
         return None
     if kind in _ALONE:
         return _ALONE[kind], unit
@@ -159,21 +169,27 @@ _DOUBLES = (
 
 
 def guess_columns(
-    units: Mapping[str, str], numbers: Mapping[str, Array], taken: Mapping[str, str]
+    units: Mapping[str, str], behind: Mapping[str, str], numbers: Mapping[str, Array],
+    taken: Mapping[str, str],
 ) -> dict[str, Guess]:
     """Guess which columns hold which quantities.
 
     Args:
         units: what a row below the header gives, by column; empty where it gives none.
+        behind: unit behind the numbers of each column; empty where there is none.
         numbers: of each column, NaN where a cell is none.
         taken: column of each quantity that is known already.
     """
     found: dict[str, Guess] = {}
     for name, below in units.items():
         quantity, unit = quantity_of(name, below) or ("", "")
+        why = "cells" if not unit else "row of units" if unit_of(below) else "name"
+        unit = unit or behind[name]
+        untold = () if quantity == "pressure" else ("", "-")  # numbers do not tell bar from MPa
+        if unit not in (*untold, *UNITS.get(_UNNAMED.get(quantity, quantity), ())):
+            continue
         if quantity and name not in taken.values() and quantity not in taken and (
                 quantity == "stage" or np.isfinite(numbers[name]).any()):
-            why = "row of units" if below.strip() else "name"
             found.setdefault(quantity, Guess(name, unit, why if unit else ""))
     for unnamed, other in _UNNAMED.items():
         if (alone := found.pop(unnamed, None)) and other not in {*found, *taken}:

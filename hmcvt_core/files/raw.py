@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
 from .bench import BenchSamples, column_name, no_number
 from .guess import UNITS as UNITS
-from .guess import Guess, guess_columns, unit_of
+from .guess import Guess, guess_columns, quantity_of, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
 from .table import STATISTIC, Table, read_table
 
@@ -37,6 +37,7 @@ _COMPUTED = "; computed from torques and speeds of the shafts: check their colum
 _MOST_TOLD = 20  # rows
 # From so many rows and with so short a step [s] on, rows are no steady tests but readings.
 _RECORDED, _STEP = 100, 1.0
+_AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 
 
 class Imported(NamedTuple):
@@ -78,8 +79,9 @@ def import_table(
         averaged: each row is a steady test, however fast the stamps rise.
 
     Raises:
-        InputError: the file cannot be read, a column is missing or named twice, a unit is unknown,
-            quantities are missing or say the same twice, or rows hold no test: all are named.
+        InputError: the file cannot be read, a column is missing or named twice, a unit is unknown
+            or not that of the cells, quantities are missing or say the same twice, it is a
+            recording whose stamps are not named, or rows hold no test: all are named.
     """
     _require_enough(columns)
     table, chosen = _chosen(path, columns, header_row, sheet)
@@ -91,11 +93,15 @@ def import_table(
              for name, column in table.columns.items() if name not in names}
     if "stage" in chosen:
         extra["stage"] = table.columns[chosen.pop("stage")[0]]
-    values = {quantity: UNITS[quantity][unit] * (
-        (table.stamps if quantity == "stamp" else table.numbers)(name) - _ZERO.get(unit, 0.0))
+    _require_units(chosen, table)
+    values = {quantity: (
+        table.stamps(name, UNITS[quantity][unit]) if quantity == "stamp"
+        else UNITS[quantity][unit] * (table.numbers(name) - _ZERO.get(unit, 0.0)))
         for quantity, (name, unit) in chosen.items()}
-    if not averaged and _is_recording(values.get("stamp")):
-        return _cut(values, extra.get("stage"), table)
+    if "stamp" not in values and not averaged:
+        _refuse_recording(table)
+    elif not averaged and _is_recording(values["stamp"]):
+        return _cut(values, extra, table)
     notes = []
     for quantity in [name for name in _OPTIONAL if name in values]:
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
@@ -135,6 +141,7 @@ def guess_table(
     table, chosen = _chosen(path, columns, header_row, sheet)
     return guess_columns(
         {name: table.units.get(name, "") for name in table.columns},
+        {name: next(filter(None, table.cell_units(name)), "") for name in table.columns},
         {name: table.stamps(name) for name in table.columns},
         {quantity: name for quantity, (name, _) in chosen.items()})
 
@@ -187,6 +194,21 @@ def _column(quantity: str, text: str, table: Table) -> tuple[str, str]:
                      f"missing; there is {', '.join(table.columns)}")
 
 
+def _require_units(chosen: Mapping[str, tuple[str, str]], table: Table) -> None:
+    """Refuse a column whose cells, or row of units, say another unit than is taken."""
+    for quantity, (name, unit) in chosen.items():
+        sizes = {key: (size, _ZERO.get(key)) for key, size in UNITS[quantity].items()}
+        below = unit_of(table.units.get(name, "")) or ("", "")
+        for row, said in zip(("of units", *table.rows), (below[1], *table.cell_units(name)),
+                             strict=True):
+            if said == "-" and said not in sizes:
+                continue  # of a row of units: none is told
+            if said and sizes.get(said) != sizes[unit]:
+                cure = f"; write {name}:{said}" if said in sizes else ""
+                raise InputError(f"{table.source}: row {row}: {quantity}: {said} in column "
+                                 f"{name!r} is not in {unit}{cure}")
+
+
 def _bad_rows(
     values: Mapping[str, Array], chosen: Mapping[str, tuple[str, str]], table: Table
 ) -> dict[int, str]:
@@ -229,24 +251,62 @@ def _powers(values: Mapping[str, Array]) -> tuple[Array, Array]:
         out or [values["efficiency"] * into[0]])[0]
 
 
-def _is_recording(stamp: Array | None) -> bool:
-    if stamp is None or len(stamp) < _RECORDED:
-        return False
+def _is_recording(stamp: Array) -> bool:
     steps = np.diff(stamp[np.isfinite(stamp)])
-    return len(steps) > 0 and bool(np.mean(steps > 0.0) > 0.9) and bool(
-        np.median(steps) <= _STEP)
+    # A log may be faster than the last digit of its clock: then most steps are 0.
+    return len(stamp) >= _RECORDED and bool(np.any(steps > 0.0)) and bool(
+        np.mean(steps >= 0.0) > 0.9) and bool(np.median(steps) < 1.1 * _STEP)
 
 
-def _cut(values: Mapping[str, Array], stage: Sequence[str] | None, table: Table) -> Imported:
+def _refuse_recording(table: Table) -> None:
+    for name in table.columns:
+        quantity, unit = quantity_of(name, table.units.get(name, "")) or ("", "")
+        if quantity == "stamp" and _is_recording(
+                table.stamps(name, UNITS["stamp"].get(unit, 1.0))):
+            raise InputError(f"{table.source}: column {name!r} looks like that of a recording: "
+                             "name it by --stamp, or give --averaged")
+
+
+def _spread(stamp: Array) -> Array:
+    """Stamps (n,) of a log; those of one tick of a clock that is too slow lie evenly within it."""
+    first = np.flatnonzero(np.diff(stamp, prepend=-np.inf))
+    counts = np.diff(np.append(first, len(stamp)))
+    if np.median(counts) == 1.0:
+        return stamp  # what stands twice is a copy
+    place = (np.arange(len(stamp)) - np.repeat(first, counts)) / np.repeat(counts, counts)
+    return stamp + np.median(np.diff(stamp[first])) * place
+
+
+def _held(time: Array, values: Array) -> Array:
+    """A slow quantity at rising times (n,) [s]: linear between its readings, NaN far from any."""
+    known = np.isfinite(values)
+    before = np.maximum.accumulate(np.where(known, time, -np.inf))
+    after = np.minimum.accumulate(np.where(known, time, np.inf)[::-1])[::-1]
+    near = np.minimum(time - before, after - time) <= _AGE
+    return np.where(near, np.interp(time, time[known], values[known]), np.nan)
+
+
+def _cut(
+    values: Mapping[str, Array], extra: Mapping[str, Sequence[str]], table: Table
+) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
-    known = np.isfinite([*values.values()]).all(axis=0) & (values["engine_speed"] > 0.0)
-    limits, values = Steadiness(), {name: column[known] for name, column in values.items()}
+    spare = [name for name in ("pressure", "efficiency_std") if name in values]
+    needed = [values[name] for name in values if name not in (*spare, "oil_temperature")]
+    known = np.isfinite(needed).all(axis=0) & (values["engine_speed"] > 0.0)
+    values = {name: column[known] for name, column in values.items()}
+    values["stamp"] = time = _spread(values["stamp"])
+    block = max(1.0, 4.0 * float(np.median(np.diff(time)))) if len(time) > 1 else 1.0
+    limits = Steadiness(max(5.0, 3.0 * block), block)
+    oil = values.get("oil_temperature")
+    if oil is not None:
+        oil = _held(time, oil) if np.isfinite(oil).any() else None
+    stage = extra.get("stage")
     stages = np.array(stage if stage is not None else [""] * len(known))[known]
     (into, out), speed = _powers(values), values["engine_speed"]
     turned = values.get("output_speed", speed)
     readings = Readings(values["stamp"], Shafts(
         speed, into / speed, turned, np.where(turned != 0.0, out / turned, 0.0),
-        values["displacement_ratio"]), values.get("oil_temperature"))
+        values["displacement_ratio"]), oil)
     gap = max(_STEP, limits.block)
     shifts = np.cumsum(np.append(False, stages[1:] != stages[:-1]))  # of a stage: a gap too
     tests = [(str(stages[part[0]]), sample)
@@ -259,9 +319,11 @@ def _cut(values: Mapping[str, Array], stage: Sequence[str] | None, table: Table)
             "number left out")
     if not found:
         raise InputError(f"{table.source}: {note}")
+    spare += [name for name in extra if name != "stage"]
+    notes = (note, *[f"not averaged, left out: {', '.join(spare)}"] * bool(spare))
     columns: dict[str, Any] = {
         name: np.array([sample[name] for _, sample in found]) for name in found[0][1]
         if name != "output_speed" or name in values}
-    extra = {} if stage is None else {"stage": tuple(name for name, _ in found)}
-    return Imported(BenchSamples(**columns, extra=extra, source=table.source,
-                                 sha256=table.sha256), (), (note,))
+    told = {} if stage is None else {"stage": tuple(name for name, _ in found)}
+    return Imported(BenchSamples(**columns, extra=told, source=table.source,
+                                 sha256=table.sha256), (), notes)

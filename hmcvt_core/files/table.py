@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
-from itertools import accumulate, product
+from itertools import accumulate, count, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,8 +29,10 @@ _SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
 _NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
 _BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
 _GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
-STATISTIC = re.compile(r"(mean|average|avg|min|max|std|stdev|sum|total|mittel|mittelwert|summe|"
-                       r"moyenne|media)\.?:?", re.IGNORECASE)
+STATISTIC = re.compile(
+    r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|total|rms|"
+    r"standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|standardabweichung|"
+    r"moyenne|médiane|écart[ -]type|media)\.?:?", re.IGNORECASE)
 """A cell that makes a row a summary of others."""
 _TIMES = [f"%Y-%m-%d{mark}{time}" for mark in " T" for time in (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M", "%H:%M:%S%z", "%H:%M:%S.%f%z")]
@@ -61,9 +63,15 @@ class Table(NamedTuple):
         found = np.array([_number(cell, self.comma) for cell in self.columns[name]])
         return np.where(np.isin(found, _SENTINELS), np.nan, found)
 
-    def stamps(self, name: str) -> Array:
-        """Seconds of a column of times: numbers, times of day, or dates (as of UTC)."""
-        return np.array([_seconds(cell) if ":" in cell else value for cell, value in zip(
+    def cell_units(self, name: str) -> list[str]:
+        """Units behind the numbers of a column; `""` where a cell says none."""
+        said = [_parts(cell)[1] for cell in self.columns[name]]
+        known = {text: unit_of(text) or ("", "") for text in {*said}}
+        return [known[text][1] for text in said]
+
+    def stamps(self, name: str, unit: float = 1.0) -> Array:
+        """Seconds of a column of times: numbers of a unit [s], times of day, or dates (UTC)."""
+        return np.array([_seconds(cell) if ":" in cell else unit * value for cell, value in zip(
             self.columns[name], self.numbers(name), strict=True)])
 
 
@@ -172,19 +180,27 @@ def _worth(header: Sequence[str]) -> int:
 
 def _distinct(header: Sequence[str]) -> list[str]:
     """Name the columns of a header so that no name is empty and all differ."""
-    names = [cell.strip() or "unnamed" for cell in header]
-    again = [names[:i].count(name) + 1 for i, name in enumerate(names)]
-    return [name if number == 1 else f"{name} ({number})"
-            for name, number in zip(names, again, strict=True)]
+    given = [cell.strip() or "unnamed" for cell in header]
+    names: list[str] = []
+    for first in given:
+        others = (f"{first} ({number})" for number in count(2))
+        names.append(first if first not in names else next(
+            name for name in others if name not in {*given, *names}))
+    return names
+
+
+def _parts(cell: str) -> tuple[str, str]:
+    """Number of a cell, as text, and what stands behind it."""
+    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
+    return (hit[1], hit[2] or "") if hit else ("", "")
 
 
 def _number(cell: str, comma: bool) -> float:
     with suppress(ValueError):
         return float(cell.replace("_", "?"))  # Python reads 2_99 as 299
-    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
-    if hit is None or (hit[2] and unit_of(hit[2]) is None):
+    text, unit = _parts(cell)
+    if unit and unit_of(unit) is None:
         return math.nan
-    text = hit[1]
     if comma and "," in text:
         text = text.replace(".", "").replace(",", ".")
     elif re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d+", text):

@@ -48,10 +48,11 @@ def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
 @pytest.mark.parametrize("name", ["oil-temperature", "Output Speed", "Efficiency"])
 def test_a_column_with_the_name_of_a_quantity_that_is_not_asked_for_is_renamed(tmp_path, name):
     """It would be read as that quantity, in whatever unit, from the file written."""
-    path = raw(tmp_path, f"eps,n,M,eta,{name},,,a,a\n0.5,146,200,0.8,353,1,2,x,y\n")
+    path = raw(tmp_path, f"eps,n,M,eta,{name},,,a,a,a (2)\n"
+               "0.5,146,200,0.8,353,1,2,x,y,z\n")
     found = read_raw_bench(path, PLAIN)
     assert found.extra == {f"raw {name}": ("353",), "unnamed": ("1",), "unnamed (2)": ("2",),
-                           "a": ("x",), "a (2)": ("y",)}
+                           "a": ("x",), "a (3)": ("y",), "a (2)": ("z",)}
     hmcvt.write_bench(tmp_path / "bench.csv", found)
     again = hmcvt.read_bench(tmp_path / "bench.csv")
     assert again.oil_temperature is None and again.output_speed is None
@@ -69,6 +70,18 @@ def test_pressure_in_the_units_of_gauges(tmp_path, unit, value):
                        r"6e\+07 Pa \(high less low side of the motor\); column 'p' is taken as"):
         read_raw_bench(raw(tmp_path, "eps,n,M,eta,p\n0.5,146,200,0.8,250\n"),
                        {**PLAIN, "pressure": "p:MPa"})
+
+
+@pytest.mark.parametrize(("quantity", "cell", "message"), [
+    ("pressure", "0.5,146,200,0.8,350 bar", "bar in column 'x' is not in Pa; write x:bar"),
+    ("oil_temperature", "0.5,146,200,0.8,140 °F", "deg F in .* is not in deg C; write x:deg F"),
+    ("oil_temperature", "0.5,146,200,0.8,60 bar", "bar in column 'x' is not in deg C$"),
+    ("pressure", "-,-,-,-,bar\n0.5,146,200,0.8,350", "of units: pressure: bar in column 'x' is no"),
+])
+def test_a_unit_in_the_cells_is_never_passed_over(tmp_path, quantity, cell, message):
+    path = raw(tmp_path, f"eps,n,M,eta,x\n{cell}\n")
+    with pytest.raises(hmcvt.InputError, match=message):
+        read_raw_bench(path, {**PLAIN, quantity: "x"})
 
 
 def test_a_row_of_units_and_lines_above_the_header(tmp_path):
@@ -138,6 +151,9 @@ def test_what_is_missing_is_named(tmp_path, left, message):
 
 
 @pytest.mark.parametrize(("row", "message"), [
+    *[(f"{word},50,1400,250,1890,0.14,", f"row 2: '{word}' is no test") for word in (
+        "Maximum", "Minimum:", "Median", "Mean values", "Std. dev.", "RMS", "Durchschnitt",
+        "Gesamt", "Streuung", "Standardabweichung", "Médiane", "stdev")],
     ("3,50,1400,250,1890,140,", "row 2: output_torque = 140000 is outside 0.1 to 20000 N m"),
     ("3,50,1400,0,1890,0.14,", "row 2: engine_torque = 0 is outside 0.1 to 20000 N m"),
     ("3,50,1400,2_50,1890,0.14,", "row 2: M_e '2_50' is not a number"),
