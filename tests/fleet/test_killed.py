@@ -56,13 +56,12 @@ def test_log_that_kills_its_worker_twice_is_broken(tasks):
     # one that is started after the other logs are done.
     found, killers = {}, []
 
-    others = multiprocessing.active_children()  # of another test, about to end
-
-    def own():
-        return [child for child in multiprocessing.active_children() if child not in others]
-
     def kill_next():
-        kill(wait_for(own)[0])
+        while True:
+            try:
+                return kill(wait_for(multiprocessing.active_children)[0])
+            except ProcessLookupError:  # it has ended, and another thread is being told so
+                continue
 
     def end_with_next(worker):
         worker.join()
@@ -76,7 +75,7 @@ def test_log_that_kills_its_worker_twice_is_broken(tasks):
     for name, outcome in study_all(iter(tasks), SETTINGS, partial(on_processes, 1)):
         found[name] = outcome
         if len(found) == 2:
-            start(end_with_next, *own())
+            start(end_with_next, *multiprocessing.active_children())
     for killer in killers:
         killer.join()
     assert [type(found[task.name]) for task in tasks] == [str, Study, Study]
