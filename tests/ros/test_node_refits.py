@@ -233,8 +233,7 @@ def test_worker_is_kept_and_replaced_when_it_dies(node, table2):
     assert other != worker
     os.kill(other, signal.SIGKILL)  # while it has nothing to do
     assert node.comes(lambda: not alive(other))
-    node.player.spin_for(0.2)
-    assert works()
+    assert node.comes(works)
 
 
 def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, table2):
