@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..physics.steady_state import ArraySolver
+from ..physics.balance import ArraySolver
 from ..transmission.ranges import ENGINE_SPEED, OUTPUT_SPEED, Range
 from ..transmission.stage import speed_ratio
 from .engine import Engine

@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.balance import BalanceSolver, Breakdown
-from ..physics.effects import effect_to_mapping
-from ..physics.effects.base import Effect
-from ..physics.point import PointSolver
+from ..physics.balance import ArraySolver, BalanceSolver, Breakdown
+from ..physics.effects import Effect, effect_to_mapping
 from ..physics.published import PublishedSolver
-from ..physics.steady_state import ArraySolver
+from ..physics.steady_state import PointSolver
 from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
 from ..transmission.ranges import CHUNK, ENGINE_SPEED_LIMITS, OperatingPoints, Solution, is_plain
 from ..transmission.stage import Stage, stages_to_mapping

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.point import PointSolver
-from ..physics.steady_state import ArraySolver
+from ..physics.balance import ArraySolver
+from ..physics.steady_state import PointSolver
 from ..transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,

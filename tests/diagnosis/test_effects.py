@@ -10,8 +10,13 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
-from hmcvt_core.physics.effects.base import Effect, size
+from hmcvt_core.physics.effects import (
+    Effect,
+    effect_from_mapping,
+    effect_to_mapping,
+    library,
+    size,
+)
 from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.transmission.ranges import OperatingPoints
@@ -127,7 +132,7 @@ def test_walther_gives_the_grade_of_the_oil():
 
 
 def test_effects_add_up_in_one_model():
-    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow((1, 1), POINTS)[1]
+    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow(POINTS)[1]
                    for effects in ((ChargePump(5.0), Churning(5.0)), (ChargePump(5.0),)))
     churned = 5.0 * (POINTS.engine_speed / 150.0) ** Churning().exponent * POINTS.engine_speed
     np.testing.assert_allclose(both.engine_power - alone.engine_power, churned, rtol=1e-9)

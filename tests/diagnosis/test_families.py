@@ -12,7 +12,7 @@ from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, linearise
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.physics.effects.base import Effect
+from hmcvt_core.physics.effects import Effect
 from hmcvt_core.transmission.parameters import to_scaled
 
 from .campaigns import BASE, measure, random_points
@@ -84,7 +84,7 @@ PUBLISHED = {
 def unspanned():
     """By name, the part of each published form that its family leaves, and what it shows."""
     points = random_points(5)
-    motor = BalanceSolver(BASE.stage, BASE.parameters).flow((1, 1), points)[1].state.motor_speed
+    motor = BalanceSolver(BASE.stage, BASE.parameters).flow(points)[1].state.motor_speed
     moving = np.abs(motor) > 25.0  # no friction holds it: a jump would be all that one sees
     bench = observe(measure(points.map(lambda row: row[moving])), 0.004)
     system = Transmission(BASE)

@@ -21,7 +21,7 @@ from hmcvt_core.identification.evidence import Prior
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping
-from hmcvt_core.physics.effects.unit import ConstantTorque
+from hmcvt_core.physics.effects.mechanical import ConstantTorque
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
 from studies.units.simulate import simulated
@@ -130,7 +130,7 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     points = OperatingPoints(np.array([0.6, 1.0]), np.array([120.0, 180.0]),
                              np.array([60.0, 150.0]))
     solver = BalanceSolver(stage.stage, model.parameters, model.effects)
-    _, flow = solver.flow((1, 1), points)
+    _, flow = solver.flow(points)
     state, pair = flow.state, stage.stage.pump_motor
     lost = {}
     for kind, speed in (("pump", state.pump_speed), ("motor", state.motor_speed)):
