@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.balance import ArraySolver, BalanceSolver, Breakdown
+from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import Effect, effect_to_mapping
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import PointSolver
@@ -113,15 +113,13 @@ class EfficiencyModel(Shown):
         return PointSolver(self.stage, self.parameters) if exact else None
 
     @cached_property
-    def _solver(self) -> ArraySolver | PublishedSolver:
+    def _solver(self) -> BalanceSolver | PublishedSolver:
         return self._solver_of(self.parameters)
 
-    def _solver_of(self, parameters: Parameters) -> ArraySolver | PublishedSolver:
+    def _solver_of(self, parameters: Parameters) -> BalanceSolver | PublishedSolver:
         if self.formulation == "published":
             return PublishedSolver(self.stage, parameters)
-        if self.effects:
-            return BalanceSolver(self.stage, parameters, self.effects)
-        return ArraySolver(self.stage, parameters)
+        return BalanceSolver(self.stage, parameters, self.effects)
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
@@ -252,7 +250,7 @@ class EfficiencyModel(Shown):
                        displacement_ratio, output_speed, engine_speed_limits)
 
     @property
-    def array_solver(self) -> ArraySolver:
+    def array_solver(self) -> BalanceSolver:
         """What solves many points at once; `InputError` where that is `published`."""
         if isinstance(self._solver, PublishedSolver):
             raise InputError(NO_OPTIMUM)

@@ -21,55 +21,6 @@ Array = NDArray[np.float64]
 _HELD = 1e-6  # of the output speed
 
 
-class ArraySolver:
-    """The steady state at points of shape (n,); parameters of shape (..., 1) give (..., n)."""
-
-    def __init__(self, stage: Stage, parameters: Parameters) -> None:
-        self.stage, self._parameters = stage, parameters
-        self._quadrants: dict[Ways, Quadrant] = {}
-        self.mechanical_ratio = stage.mechanical_speed_ratio
-
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def solve(self, points: OperatingPoints) -> Solution:
-        """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
-        return self._quadrant(self.ways(points)).solve(points)
-
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def held(
-        self, engine_speed: Array, output_speed: Array, load_torque: Array
-    ) -> tuple[Array, Array]:
-        """Displacement ratio [-] and engine torque [N m] that make an output speed.
-
-        See `Quadrant.held`.
-        """
-        columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
-        return self.held_in((sign(columns[1] > 0.0), sign(columns[2] >= 0.0)), *columns)
-
-    def held_in(self, ways: Ways, *columns: Array) -> tuple[Array, Array]:
-        """As `held`, with the senses of output and power known."""
-        return self._quadrant(ways).held(*columns)
-
-    def _quadrant(self, ways: Ways) -> Quadrant:
-        if any(isinstance(way, np.ndarray) for way in ways):
-            return Quadrant(self.stage, self._parameters, *ways)
-        if ways not in self._quadrants:
-            self._quadrants[ways] = Quadrant(self.stage, self._parameters, *ways)
-        return self._quadrants[ways]
-
-    def ways(self, points: OperatingPoints) -> Ways:
-        """Senses of output and power: the output turns as it does without load.
-
-        Of many candidates, without damping too.
-        """
-        stroke = points.displacement_ratio
-        if np.ndim(self._parameters.motor_damping) > 0:
-            forward = speed_ratio(self.stage, stroke) > 0.0
-        else:
-            first = self._quadrant((1, 1))
-            forward = (stroke - first.standing) * first.full > 0.0
-        return sign(forward), sign(points.load_torque >= 0.0)
-
-
 @dataclass(frozen=True)
 class Breakdown:
     """Power in, power out and every loss between them [W]; arrays of one shape.
@@ -87,31 +38,36 @@ class Breakdown:
     losses: Mapping[str, Array]
 
 
-class BalanceSolver(ArraySolver):
-    """The steady state with effects, each acting at its own place; as `ArraySolver`."""
+class BalanceSolver:
+    """The steady state at points of shape (n,); parameters of shape (..., 1) give (..., n).
+
+    Effects act each at its own place; without any the state has a closed form.
+    """
 
     def __init__(
         self, stage: Stage, parameters: Parameters, effects: Sequence[Effect] = ()
     ) -> None:
-        super().__init__(stage, parameters)
-        self._effects = tuple(effects)
+        self.stage, self._parameters, self._effects = stage, parameters, tuple(effects)
+        self._quadrants: dict[Ways, Quadrant] = {}
+        self.mechanical_ratio = stage.mechanical_speed_ratio
 
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Solution:
-        """What a bench reads, through its meters."""
-        return Solution(*self._readings(points)[:3])
+        """Efficiency, output speed and engine torque as read; NaN where no load is carried."""
+        if not self._effects:
+            return self._quadrant(self.ways(points)).solve(points)
+        efficiency, speed, _, torque = self._readings(points)
+        return Solution(efficiency, speed, torque)
 
     def readings(self, points: OperatingPoints) -> Array:
         """Efficiency [-], output speed [rad/s] and pressure [Pa] that a bench reads, shape (3, n).
 
         The pressure is the difference over the motor, eq. (14).
         """
-        efficiency, speed, _, pressure = self._readings(points)
-        return np.stack([efficiency, speed, pressure])
+        return np.stack(self._readings(points)[:3])
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def _readings(
-        self, points: OperatingPoints, ways: Ways | None = None
-    ) -> tuple[Array, ...]:
+    def _readings(self, points: OperatingPoints, ways: Ways | None = None) -> tuple[Array, ...]:
         shafts, flow = self.flow(points, ways)
         state, torque = flow.state, flow.engine_power / points.engine_speed
         efficiency, speed, torque = Solution.of(
@@ -121,7 +77,7 @@ class BalanceSolver(ArraySolver):
         for effect in self._effects:
             efficiency = effect.reading(efficiency, state)
             pressure = effect.pressure_reading(pressure)
-        return efficiency, speed, torque, pressure
+        return efficiency, speed, pressure, torque
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(
@@ -176,11 +132,48 @@ class BalanceSolver(ArraySolver):
         return Breakdown(np.asarray(flow.engine_power), flow.output_power, {
             name: lost for name, lost in losses.items() if name not in optional or lost.any()})
 
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def held(
+        self, engine_speed: Array, output_speed: Array, load_torque: Array
+    ) -> tuple[Array, Array]:
+        """Displacement ratio [-] and engine torque [N m] that make an output speed.
+
+        See `Quadrant.held`.
+        """
+        columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
+        return self.held_in((sign(columns[1] > 0.0), sign(columns[2] >= 0.0)), *columns)
+
     def held_in(self, ways: Ways, *columns: Array) -> tuple[Array, Array]:
-        """As `held`, by a search and a look at where it leads."""
-        speed, output, torque = columns
-        points = OperatingPoints(super().held_in(ways, *columns)[0], speed, torque)
+        """As `held`, with the senses of output and power known.
+
+        With effects by a search, and a look at where it leads.
+        """
+        stroke, torque = self._quadrant(ways).held(*columns)
+        if not self._effects:
+            return stroke, torque
+        speed, output, load = columns
+        points = OperatingPoints(stroke, speed, load)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, ways)
         stroke = shafts.stroke_for(output)
-        _, reached, given, _ = self._readings(points._replace(displacement_ratio=stroke), ways)
-        return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), given, np.nan)
+        _, reached, _, torque = self._readings(points._replace(displacement_ratio=stroke), ways)
+        return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), torque, np.nan)
+
+    def _quadrant(self, ways: Ways) -> Quadrant:
+        if any(isinstance(way, np.ndarray) for way in ways):
+            return Quadrant(self.stage, self._parameters, *ways)
+        if ways not in self._quadrants:
+            self._quadrants[ways] = Quadrant(self.stage, self._parameters, *ways)
+        return self._quadrants[ways]
+
+    def ways(self, points: OperatingPoints) -> Ways:
+        """Senses of output and power: the output turns as it does without load.
+
+        Of many candidates, without damping too.
+        """
+        stroke = points.displacement_ratio
+        if np.ndim(self._parameters.motor_damping) > 0:
+            forward = speed_ratio(self.stage, stroke) > 0.0
+        else:
+            first = self._quadrant((1, 1))
+            forward = (stroke - first.standing) * first.full > 0.0
+        return sign(forward), sign(points.load_torque >= 0.0)
