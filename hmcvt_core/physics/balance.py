@@ -76,6 +76,7 @@ class BalanceSolver:
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._effects:
             efficiency = effect.reading(efficiency, state)
+            speed = effect.output_speed_reading(speed)
             pressure = effect.pressure_reading(pressure)
         return efficiency, speed, pressure, torque
 

@@ -75,7 +75,7 @@ def _read_beside_a_namesake():
     effect_from_mapping(torque(5.0))
 
 
-METER_HOOKS = ("reading", "true_load_power", "pressure_reading")
+METER_HOOKS = ("reading", "output_speed_reading", "true_load_power", "pressure_reading")
 
 
 @pytest.mark.parametrize("kind", library(), ids=lambda kind: f"{kind.name} {kind.form}".strip())

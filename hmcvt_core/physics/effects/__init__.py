@@ -260,6 +260,10 @@ class Effect:
         """Efficiency that the bench reads where `efficiency` is true [-]."""
         return efficiency
 
+    def output_speed_reading(self, output_speed: Array) -> Array:
+        """Output speed that the bench reads [rad/s]."""
+        return output_speed
+
     def pressure_reading(self, pressure: Array) -> Array:
         """Pressure over the motor that the bench reads [Pa]."""
         return pressure
