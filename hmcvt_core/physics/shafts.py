@@ -54,7 +54,7 @@ class PowerFlow(NamedTuple):
 
 
 class Shafts(Quadrant):
-    """One call's constants in one quadrant; the functions of the unknown read them.
+    """One call's constants; the functions of the unknown read them.
 
     With the pump on the row (output-coupled) the row's member that drives the output is braced by
     the pump, so that pump and motor share the output torque: m = 0, and nothing is reflected but

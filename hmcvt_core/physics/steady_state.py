@@ -29,7 +29,8 @@ Between the first two friction holds a motor on the row, as any stiction does.
 
 An output that turns backward reflects y, x, e, m, c. On the row a load that drives the engine
 (overrun) reflects them too, so that the row always asks the motor for a torque in its positive
-sense; overrun then has y < 0, and the lower root. Each of these four quadrants has its constants.
+sense; overrun then has y < 0, and the lower root. These signs make four quadrants, each with its
+constants.
 
 Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; here it takes torque.
 """
@@ -89,7 +90,6 @@ class Quadrant:
         power: 1 where the load takes power, -1 in overrun.
 
     Attributes:
-        turning, power: as given.
         braced: whether the pump is on the row (output-coupled).
         reflection, sense: signs of what is reflected, and of y.
         mechanical_ratio, hydraulic_ratio: m, h [-].
