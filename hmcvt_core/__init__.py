@@ -25,7 +25,8 @@ from .model.model import EfficiencyModel
 from .model.optimum import Optimum
 from .model.parameter_file import load_model, load_stage, save_model
 from .physics.balance import Breakdown
-from .physics.effects import Effect, ShaftState, Value, load_effects, shape, size
+from .physics.effects import load_effects
+from .physics.effects.base import Effect, ShaftState, Value, shape, size
 from .report import write_html
 from .transmission.parameters import HydraulicParameters
 from .transmission.stage import GearPair, Path, PumpMotor, Stage

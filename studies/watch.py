@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hmcvt_core import BenchSamples, EfficiencyModel, HydraulicParameters, data_path, load_model
 from hmcvt_core.benches.watch import Opening, Watch
-from hmcvt_core.physics.effects import Effect
+from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from studies.page import table
 

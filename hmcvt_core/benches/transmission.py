@@ -22,7 +22,8 @@ from ..files.bench import BenchSamples, read_columns
 from ..model.agreement import gear_train_remarks, pressure_remark
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
-from ..physics.effects import Effect, library
+from ..physics.effects import library
+from ..physics.effects.base import Effect
 from ..transmission.parameters import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     PARAMETER_NAMES,

@@ -25,7 +25,8 @@ from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..errors import InputError
 from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
-from ..physics.effects import Effect, EffectParameter, ShaftState, Value, library
+from ..physics.effects import library
+from ..physics.effects.base import Effect, EffectParameter, ShaftState, Value
 from ..transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
 from .transmission import AXES, OIL_TEMPERATURE
 

@@ -14,7 +14,7 @@ from ..errors import HmcvtError
 from ..files.bench import BenchSamples
 from ..identification import identify
 from ..model.model import EfficiencyModel
-from ..physics.effects import Effect
+from ..physics.effects.base import Effect
 from ..transmission.parameters import PAPER_PARAMETERS
 from ..transmission.ranges import EFFICIENCY_STD
 from ..transmission.stage import Stage

@@ -20,7 +20,7 @@ from ..model.agreement import by_stage, gear_train_remarks, mean_error
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
-from ..physics.effects import Effect
+from ..physics.effects.base import Effect
 from ..transmission.parameters import (
     PAPER_PARAMETERS,
     PARAMETER_NAMES,

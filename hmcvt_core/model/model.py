@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..physics.balance import BalanceSolver, Breakdown
-from ..physics.effects import Effect, effect_to_mapping
+from ..physics.effects import effect_to_mapping
+from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import PointSolver
 from ..transmission.parameters import Candidates, HydraulicParameters, Parameters

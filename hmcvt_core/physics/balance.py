@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..transmission.parameters import Parameters
 from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
-from .effects import Effect
+from .effects.base import Effect
 from .shafts import PowerFlow, Shafts
 from .steady_state import Quadrant, Ways, sign
 

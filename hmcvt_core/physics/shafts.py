@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..transmission.parameters import Candidates, Parameters
 from ..transmission.ranges import OperatingPoints
 from ..transmission.stage import Stage, member_speed_coefficients
-from .effects import Effect, ShaftState, Value
+from .effects.base import Effect, ShaftState, Value
 from .steady_state import Quadrant, Ways
 
 Array = NDArray[np.float64]

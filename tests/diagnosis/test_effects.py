@@ -10,13 +10,8 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.physics.effects import (
-    Effect,
-    effect_from_mapping,
-    effect_to_mapping,
-    library,
-    size,
-)
+from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
+from hmcvt_core.physics.effects.base import Effect, size
 from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.transmission.ranges import OperatingPoints

@@ -12,7 +12,7 @@ from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, linearise
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.physics.effects import Effect
+from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.transmission.parameters import to_scaled
 
 from .campaigns import BASE, measure, random_points

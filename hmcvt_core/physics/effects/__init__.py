@@ -1,272 +1,37 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects that the base model leaves out, each acting at its place in the power balance.
 
-An effect overrides the hooks of the places where it acts; the rest stay as they are. Its dataclass
-fields, declared with `size` and `shape`, are its parameters. To add one, write a class in a module
-of your own: see `docs/add-an-effect.md`. It is known once its module is imported: by your program,
-by `load_effects`, or, in an installed package, through the entry-point group `hmcvt.effects`, name
-= module.
+To add one, write a class in a module of your own: see `docs/add-an-effect.md`. It is known once its
+module is imported: by your program, by `load_effects`, or, in an installed package, through the
+entry-point group `hmcvt.effects`, name = module.
 """
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
-import math
 import os
 import pkgutil
 import sys
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from ...errors import InputError
 from ...transmission.mapping import quantity
 from ...transmission.ranges import Range
+from .base import Effect, EffectParameter, ShaftState
 
-Array = NDArray[np.float64]
-Value = Array | float
+__all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "effect_to_mapping",
+           "library", "load_effects"]
+
 GROUP = "hmcvt.effects"
 _LARGEST = 120.0  # displacement of a single unit / that of the paper's, by which sizes grow
 _WAYS = ("one of your own comes with --effects MODULE_OR_FILE.py (effects_file of the node), or "
          f"from an installed package through the entry-point group {GROUP}")
-_OF_ANY_SIZE = ("-", "1/GPa")  # units of sizes that are the same in small pumps and in large ones
-
-
-class ShaftState(NamedTuple):
-    """Speeds, pressure and load at operating points; arrays of one shape, SI units.
-
-    Attributes:
-        engine_speed, pump_speed, output_speed: [rad/s], positive.
-        motor_speed: [rad/s], positive where the hydraulic path adds to the output speed.
-        displacement_ratio: the true one [-], in the sense of `motor_speed`.
-        pressure: pressure difference over the motor [Pa].
-        viscosity_ratio: viscosity of the oil / viscosity at identification [-].
-        sun_speed: sun against carrier [rad/s].
-        sun_torque: that the load asks of the sun of a lossless row [N m], positive.
-        load_power: output power [W].
-        displacement: V_p = V_m of the larger unit, for forms that scale with size [m3/rad].
-        open_clutches: slip of each per engine speed and per output speed [-], as the data of the
-            stage say; without data one that slips as the output turns.
-    """
-
-    engine_speed: Array
-    pump_speed: Array
-    output_speed: Array
-    motor_speed: Array
-    displacement_ratio: Array
-    pressure: Array
-    viscosity_ratio: Value
-    sun_speed: Array
-    sun_torque: Array
-    load_power: Array
-    displacement: float
-    open_clutches: Sequence[tuple[float, float]] = ((0.0, 1.0),)
-
-
-@dataclass(frozen=True)
-class EffectParameter:
-    """One parameter of an effect.
-
-    Attributes:
-        name, unit, meaning: for reports.
-        typical: the size expected where the effect matters; scale of its prior.
-        low, high: bounds of what is physically plausible.
-        grid: for a shape: the values tried. Empty for a size.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    typical: float
-    low: float
-    high: float
-    grid: tuple[float, ...] = ()
-
-    @property
-    def is_size(self) -> bool:
-        """Whether zero switches the effect off."""
-        return not self.grid
-
-    @property
-    def grows(self) -> bool:
-        """Whether it is a size that grows with the displacement of pump or motor."""
-        return self.is_size and self.unit not in _OF_ANY_SIZE
-
-    def times(self, factor: float) -> EffectParameter:
-        """Return the parameter in a unit so many times as large."""
-        return self if not self.grows else replace(
-            self, typical=factor * self.typical, low=factor * self.low, high=factor * self.high)
-
-
-def size(unit: str, typical: float, low: float, high: float, meaning: str) -> Any:
-    """Declare a parameter whose zero switches the effect off."""
-    return field(default=0.0, metadata={
-        "unit": unit, "meaning": meaning, "typical": typical, "low": low, "high": high})
-
-
-def shape(unit: str, grid: tuple[float, ...], meaning: str) -> Any:
-    """Declare a parameter that bends the form; the middle of its grid is the default."""
-    typical = grid[len(grid) // 2]
-    return field(default=typical, metadata={
-        "unit": unit, "meaning": meaning, "typical": typical, "low": min(grid), "high": max(grid),
-        "grid": grid})
-
-
-@dataclass(frozen=True)
-class Effect:
-    """Base of all effects: every hook says "no change".
-
-    Class attributes:
-        name: the field's word, as in the contract of `hmcvt diagnose`.
-        form: which of the forms of that name; empty where there is one.
-        component: `pump`, `motor`, `gears`, `clutches`, `planetary`, `actuator`, `oil`, or
-            `sensor` for an error of the bench, which is no part of what is served.
-        summary: what it does, in plain words.
-        source: where its form comes from.
-        remedy: the measurement that settles it when no operating point can; may be empty.
-        unit_only: whether it is a candidate on the bench of a single pump or motor only.
-
-    Attributes:
-        part: `pump` or `motor` where it acts in that unit alone; empty where in both.
-    """
-
-    name: ClassVar[str] = ""
-    form: ClassVar[str] = ""
-    component: ClassVar[str] = ""
-    summary: ClassVar[str] = ""
-    source: ClassVar[str] = ""
-    remedy: ClassVar[str] = ""
-    unit_only: ClassVar[bool] = False
-
-    part: str = field(default="", kw_only=True)
-
-    def __post_init__(self) -> None:
-        for parameter in self.parameters():
-            value = getattr(self, parameter.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                    or not math.isfinite(value):
-                raise InputError(f"effect {self.name}: {parameter.name} = {value!r} "
-                                 "is not a finite number")
-
-    @classmethod
-    def parameters(cls) -> tuple[EffectParameter, ...]:
-        """Return the declared parameters."""
-        return tuple(EffectParameter(item.name, **item.metadata) for item in fields(cls)
-                     if item.metadata)
-
-    @classmethod
-    def sizes(cls) -> tuple[EffectParameter, ...]:
-        """Return the parameters whose zero switches the effect off."""
-        return tuple(parameter for parameter in cls.parameters() if parameter.is_size)
-
-    def with_values(self, values: dict[str, float]) -> Effect:
-        """Return a copy with other parameter values."""
-        changes: dict[str, Any] = {**values}
-        return replace(self, **changes)
-
-    def values(self) -> dict[str, float]:
-        """Return parameter values by name."""
-        return {parameter.name: float(getattr(self, parameter.name))
-                for parameter in self.parameters()}
-
-    @classmethod
-    def acts_at(cls, *hooks: str) -> bool:
-        """Whether the effect overrides one of these hooks."""
-        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
-
-    @classmethod
-    def in_unit(cls, kind: str, factor: float) -> Effect:
-        """Return the effect as one of a single `pump` or `motor`.
-
-        Its sizes are those of the paper's unit times a factor, the displacement against that.
-        """
-        own = tuple(item.times(factor) for item in cls.parameters())
-        component = kind if cls.component in ("pump", "motor") else cls.component
-        changed: type[Effect] = type(cls.__name__, (cls,), {
-            "component": component, "parameters": staticmethod(lambda: own)})
-        return changed()
-
-    def at(self, hook: str, state: ShaftState) -> Value:
-        """What a hook of a state says; in one unit alone, as if the other stood still."""
-        if self.part:
-            other = "motor" if self.part == "pump" else "pump"
-            if hook == f"{other}_drag":
-                return 0.0
-            still = np.zeros_like(state.pressure)
-            state = state._replace(motor_speed=still) if other == "motor" else state._replace(
-                pump_speed=still, displacement_ratio=still + 1.0)
-        value: Value = getattr(self, hook)(state)
-        return value
-
-    # Hooks, in the order in which the power balance meets them.
-
-    def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
-        """Stroke that the swash plate really has for the one commanded [-]."""
-        return displacement_ratio
-
-    def stroke_lag(self, state: ShaftState) -> Value:
-        """Stroke that the load takes from the one the swash plate would have [-]."""
-        return 0.0
-
-    def viscosity_ratio(self, oil_temperature: Array) -> Value:
-        """Viscosity / viscosity at identification [-]; leakage ~ 1/mu, damping ~ mu."""
-        return 1.0
-
-    def true_load_power(self, load_power: Array, output_speed: Array) -> Array:
-        """Output power that really flows when the bench reads `load_power` [W]."""
-        return load_power
-
-    def output_drag(self, state: ShaftState) -> Value:
-        """Drag torque on the output shaft [N m]."""
-        return 0.0
-
-    def engine_drag(self, state: ShaftState) -> Value:
-        """Drag torque on the engine shaft [N m]."""
-        return 0.0
-
-    def pump_drag(self, state: ShaftState) -> Value:
-        """Drag torque on the pump shaft [N m]."""
-        return 0.0
-
-    def motor_drag(self, state: ShaftState) -> Value:
-        """Torque that opposes the motion of the motor shaft [N m], not negative."""
-        return 0.0
-
-    def gear_loss(self, power: Array, speed: Array) -> Value:
-        """Further part of `power` [W] that each gear pair loses [-]; `speed` in rad/s."""
-        return 0.0
-
-    def planetary_loss(self, state: ShaftState) -> Value:
-        """Part of the rolling power lost in the mesh of the planetary row [-]."""
-        return 0.0
-
-    def leakage_flow(self, state: ShaftState) -> Value:
-        """Further flow that does not reach the motor [m3/s]."""
-        return 0.0
-
-    def pressure_drop(self, state: ShaftState) -> Value:
-        """Pressure lost between pump and motor [Pa]; the sign follows the flow."""
-        return 0.0
-
-    def reading(self, efficiency: Array, state: ShaftState) -> Array:
-        """Efficiency that the bench reads where `efficiency` is true [-]."""
-        return efficiency
-
-    def output_speed_reading(self, output_speed: Array) -> Array:
-        """Output speed that the bench reads [rad/s]."""
-        return output_speed
-
-    def pressure_reading(self, pressure: Array) -> Array:
-        """Pressure over the motor that the bench reads [Pa]."""
-        return pressure
 
 
 def library(units: bool = False) -> tuple[type[Effect], ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import Array, Effect, ShaftState, Value, shape, size
+from .base import Array, Effect, ShaftState, Value, shape, size
 
 _PRESSURE = 20e6  # Pa, sizes are stated at this pressure
 _REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from . import Array, Effect, ShaftState, Value, shape, size
+from .base import Array, Effect, ShaftState, Value, shape, size
 
 _ENGINE_REFERENCE = 150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
 _OUTPUT_REFERENCE = 180.0  # rad/s, the same at the output of HM4

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from . import Array, Effect, ShaftState, size
+from .base import Array, Effect, ShaftState, size
 
 
 class _TorqueMeter(Effect):
