@@ -37,7 +37,7 @@ from ..transmission.parameters import PAPER_PARAMETERS, PARAMETER_NAMES, PARAMET
 from ..transmission.ranges import EFFICIENCY_STD
 from ..transmission.stage import Stage
 from ..version import __version__
-from .executors import Place, study_all
+from . import Place, study_all
 
 SCHEMA = "hmcvt-fleet-result/1"
 _LOCK = ".hmcvt-fleet.lock"

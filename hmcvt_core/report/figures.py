@@ -16,10 +16,12 @@ from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import REGION_SIGNIFICANCE
 from ..transmission.ranges import RPM
 from .pictures import lost_power, scale, stack, worth_drawing
-from .style import BLUE, INK, ORANGE, Figures, few_ticks, icon, loss_style, styled, to_svg
+from .style import BLUE, INK, ORANGE, few_ticks, icon, loss_style, styled, to_svg
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
+Figures = tuple[list[str], list[tuple[str, str]]]
+"""Drawings side by side (SVG), and their legend: text, and SVG of a mark."""
 
 # Label, factor to what is shown, decimals and words, for each axis of the working space.
 _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0, 2, "displacement ratio {}"),
@@ -28,7 +30,8 @@ _AXES = {"displacement_ratio": ("displacement ratio [-]", 1.0, 2, "displacement 
          "speed": ("speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
          "pressure": ("pressure [bar]", 1e-5, 0, "{} bar")}
 _MAP = (6.9, 6.0)  # in
-_MOST = 300  # marks and rows, the same ones
+MOST = 300
+"""Marks and rows, the same ones; of more samples an even part is shown."""
 _SMALL, _LARGE, _DOT, _USUAL = 6.5, 19.5, 5.0, 14.0  # height of a mark [pt]
 _MARKS = {  # marker, fill, edge
     "below": ("v", ORANGE, "w"), "above": ("^", BLUE, "w"),
@@ -74,15 +77,11 @@ def _in_words(found: Diagnosis, samples: Any, values: Array, chosen: Rows) -> li
 def _picked(values: Array) -> Rows:
     """Which samples are drawn: those that have a residual, or an even part of them."""
     known = np.flatnonzero(np.isfinite(values))
-    return known[:: max(1, -(-len(known) // _MOST))]
-
-
-def _part(values: Array) -> list[str]:
-    return ["A part of the samples is drawn, evenly picked."] * (len(values) > _MOST)
+    return known[:: max(1, -(-len(known) // MOST))]
 
 
 def gap_map(found: Diagnosis) -> Figures:
-    """Draw the residuals of the refitted base model at the samples diagnosed."""
+    """Draw the residuals of the refitted base model at the samples diagnosed, view by view."""
     values, twice = found.residuals, 2.0 * found.gap.noise
     largest = float(np.nanmax(np.abs(values), initial=twice))
     entries = [("bench below model", "below", _USUAL), ("bench above model", "above", _USUAL),
@@ -121,9 +120,7 @@ def gap_map(found: Diagnosis) -> Figures:
             views.append(to_svg(figure, f"map-{across}-{up}".replace("_", "-"), (
                 f"Map of residuals: {_AXES[up][0]} over {_AXES[across][0]}; triangles down where "
                 "the bench lies below the model, up where above"), tips))
-    return Figures(views, legend, ["Each mark is one sample: measured minus predicted "
-                                   f"{words.plain(found.channel.name)}, predicted without the "
-                                   "sample itself.", *_part(values)])
+    return views, legend
 
 
 def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
@@ -175,7 +172,7 @@ def _panels(found: Diagnosis) -> tuple[dict[str, Array], float]:
 
 def residuals(found: Diagnosis) -> Figures:
     """Draw the residuals at samples left out (or of the holdout) before and after."""
-    label, across = _across(found)
+    label, _ = _across(found)
     panels, reach = _panels(found)
     drawings = []
     for i, (title, values) in enumerate(panels.items()):
@@ -185,13 +182,13 @@ def residuals(found: Diagnosis) -> Figures:
                 figure, f"residuals-{i}", f"{title}: measured minus predicted "
                 f"{words.plain(found.channel.name)} over {label}",
                 {"sample": _in_words(found, found.judged, values, _picked(values))}))
-    return Figures(drawings, notes=_part(across))
+    return drawings, []
 
 
 def residual_table(found: Diagnosis) -> dict[str, Any]:
-    """The residuals as a table: its head, its rows of text, and a note where not all are there."""
+    """The residuals as a table: its head and its rows of text."""
     samples, panels, channel = found.judged, _panels(found)[0], found.channel
-    shown, names = slice(None, None, max(1, -(-len(samples) // _MOST))), _names(found, samples)
+    shown, names = slice(None, None, max(1, -(-len(samples) // MOST))), _names(found, samples)
     unit = "%" if channel.unit == "points" else channel.unit
     told = [(_AXES[axis.name][0], _shown(samples, axis.name), _AXES[axis.name][2] + 1)
             for axis in found.axes]
@@ -201,8 +198,7 @@ def residual_table(found: Diagnosis) -> dict[str, Any]:
     rows = [names, *([words.fixed(value, digits) for value in values]
                      for _, values, digits in told)]
     return {"head": ("test", *(label for label, _, _ in told)),
-            "rows": list(zip(*(row[shown] for row in rows), strict=True)),
-            "note": " An even part of the tests." * (len(names[shown]) < len(samples))}
+            "rows": list(zip(*(row[shown] for row in rows), strict=True))}
 
 
 def draw_residuals(figure: Any, found: Diagnosis) -> None:
@@ -252,7 +248,8 @@ def watts(found: Diagnosis) -> dict[str, Any]:
 
     Returns:
         The `figures`; engine `speed` [rad/s] and `load` [N m]; `means`: part, mean watts before
-        and after over the points that both models answer, NaN if there is none, the total last.
+        and after over the points that both models answer, NaN if there is none, the total last;
+        `shares`: whether every effect added takes watts of its own.
     """
     base, model, samples = found.base, found.model, found.samples
     speed, load = float(np.median(samples.engine_speed)), float(np.median(samples.load_torque))
@@ -270,7 +267,7 @@ def watts(found: Diagnosis) -> dict[str, Any]:
     means = [*((part, mean(before.get(part, 0.0)), mean(after.get(part, 0.0))) for part in parts),
              ("total", *map(mean, totals))]
     return {"figures": _watts(before, after, parts), "means": means, "speed": speed, "load": load,
-            "rpm": RPM}
+            "rpm": RPM, "shares": after is before or bool(after.keys() - before.keys())}
 
 
 def _watts(before: Mapping[str, Array], after: Mapping[str, Array], parts: list[str]) -> Figures:
@@ -295,7 +292,4 @@ def _watts(before: Mapping[str, Array], after: Mapping[str, Array], parts: list[
     legend = [(part, icon(f"part-{i}", methodcaller(
         "fill_between", (0.05, 0.95), 0.05, 0.95, **loss_style(part))))
         for i, part in enumerate(parts)]
-    notes = [] if after is before or after.keys() - before.keys() else [
-        "The effect takes no share of its own: it acts through the parts shown, or on the "
-        "readings of the bench."]
-    return Figures(drawings, legend[::-1], notes)
+    return drawings, legend[::-1]
