@@ -40,6 +40,10 @@ _MARKS = {  # marker, fill, edge
 _WHOLE = 0.86  # part of a view from which a place spans it and says nothing
 _ROOM, _FLAG = 0.025, 0.033  # around a place; half a flag; parts of a view
 _OUTWARDS = np.array([[-1.0], [1.0]])
+# Where a flag may stand along the edge of a place, from 0 to 1: the corners first.
+_EDGE = np.array(sorted(
+    (at for at in itertools.product(np.linspace(0.0, 1.0, 9), repeat=2) if {0.0, 1.0} & {*at}),
+    key=lambda at: len({*at} - {0.0, 1.0})))
 _TREND_SAMPLES, _TREND_BINS = 24, 8
 
 
@@ -144,20 +148,18 @@ def _outline(axes: Any, found: Diagnosis, view: tuple[str, str], marks: Array) -
         axes.plot((left, right, right, left, left), (bottom, bottom, top, top, bottom), color=INK,
                   lw=2.0, ls="-" if region.p_value <= REGION_SIGNIFICANCE else (0, (3, 2)),
                   transform=axes.transAxes)
-        at = _free(np.clip(box - _OUTWARDS * _FLAG, _FLAG, 1.0 - _FLAG), taken)
+        at = _free(box, taken)
         taken = np.vstack([taken, at])
         axes.text(*at, str(number), transform=axes.transAxes, ha="center", va="center", color="w",
                   weight="bold", bbox={"boxstyle": "square,pad=0.25", "fc": INK})
 
 
 def _free(box: Array, taken: Array) -> Array:
-    """Where along the edge of a box a flag is farthest from what is taken, a corner if it may."""
-    along = np.linspace(box[0], box[1], 9)
-    edge = np.array([(x, y) for x in along[:, 0] for y in along[:, 1]
-                     if x in box[:, 0] or y in box[:, 1]])
-    corner = np.isin(edge[:, 0], box[:, 0]) & np.isin(edge[:, 1], box[:, 1])
-    clear = np.abs(edge[:, None] - taken).max(axis=-1).min(axis=-1, initial=1.0)
-    return np.asarray(edge[np.argmax(np.minimum(clear, 2.0 * _FLAG) + 1e-9 * corner)])
+    """Where a flag is clear of what is taken: inside a box, else beside it, a corner if it may."""
+    flags = np.vstack([np.clip(low + _EDGE * (high - low), _FLAG, 1.0 - _FLAG)
+                       for low, high in (box - _OUTWARDS * _FLAG, box + _OUTWARDS * _FLAG)])
+    clear = np.abs(flags[:, None] - taken).max(axis=-1).min(axis=-1, initial=2.0 * _FLAG)
+    return np.asarray(flags[clear.argmax()])
 
 
 def _panels(found: Diagnosis) -> tuple[dict[str, Array], float]:
