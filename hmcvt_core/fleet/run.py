@@ -305,6 +305,9 @@ def _printable(text: str) -> str:
     return text if text.isprintable() else ascii(text)
 
 
+# --- the table over the fleet --------------------------------------------------------------------
+
+
 class Scores(NamedTuple):
     """Where n values stand: `deviation` is 1.4826 MAD, of logarithms in decades."""
 

@@ -90,13 +90,12 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Campaign(Problem):
-    """Samples, seen from the model in service: the variables are changes in terms of `Prior.root`.
+    """Samples, and the model in service; variables are changes of it in terms of `Prior.root`."""
 
-    Attributes:
-        prior: of the parameters of `model`.
-    """
-
-    prior: Prior
+    @cached_property
+    def prior(self) -> Prior:
+        """What the model says of itself."""
+        return Prior.of(self.model)
 
     @cached_property
     def places(self) -> NDArray[np.intp]:

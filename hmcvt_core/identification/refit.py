@@ -40,7 +40,7 @@ from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES, to_scaled
 from ..transmission.ranges import OperatingPoints
-from .evidence import MEDIAN_TO_DEVIATION, Campaign, Prior
+from .evidence import MEDIAN_TO_DEVIATION, Campaign
 from .identify import origin
 from .problem import findings
 
@@ -138,7 +138,7 @@ def refit(
     Raises:
         IdentificationError: fewer working points than parameters, or no answer at the samples.
     """
-    campaign = Campaign(served, samples, Prior.of(served))
+    campaign = Campaign(served, samples)
     points = len(set(campaign.places.tolist()))
     if points < len(PARAMETER_NAMES):
         raise IdentificationError(

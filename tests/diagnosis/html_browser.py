@@ -50,7 +50,7 @@ function measure(frame) {
       const says = svg.id + ': ' + texts[i].textContent;
       if (box.left < edge.left - 0.5 || box.right > edge.right + 0.5 ||
           box.top < edge.top - 0.5 || box.bottom > edge.bottom + 0.5) found.clipped.push(says);
-      const flag = texts[i].closest('g').getBoundingClientRect();  // a number in its box
+      const flag = (texts[i].closest('g') || texts[i]).getBoundingClientRect();  // with its box
       if (view.getComputedStyle(texts[i]).fontWeight === '700' && [...svg.querySelectorAll(
           '[data-test]')].some(mark => crossing(flag, mark.getBoundingClientRect())))
         found.covered.push(says);
