@@ -27,7 +27,7 @@ from ..version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-Log = TypeVar("Log")
+Key = TypeVar("Key")
 Sent = TypeVar("Sent")
 Result = TypeVar("Result")
 ONE_BLAS_THREAD: Mapping[str, str] = MappingProxyType(dict.fromkeys(
@@ -49,30 +49,30 @@ Place = Callable[[], AbstractContextManager[Crew]]
 
 
 def study_all(
-    study: Callable[[Sent], Result], tasks: Iterator[tuple[Log, Sent]], place: Place
-) -> Generator[tuple[Log, Result | str], None, None]:
+    study: Callable[[Sent], Result], tasks: Iterator[tuple[Key, Sent]], place: Place
+) -> Generator[tuple[Key, Result | str], None, None]:
     """Study logs side by side; give each with its outcome, in the order in which they finish.
 
     Tasks are taken one by one as there is room, so that a fleet need not fit into memory.
 
     Args:
         study: gives the result of a log.
-        tasks: a log and what is sent out for it.
+        tasks: what a log is known by, and what is sent out for it.
         place: opens the executor, and another one when that is broken by the death of a worker.
 
     Yields:
-        A log and its result, or text that says in one line why there is none.
+        The same key and the result, or text that says in one line why there is none.
 
     Raises:
         InputError: the place cannot be used.
         HmcvtError: it is lost.
     """
-    suspects: list[tuple[Log, Sent]] = []
+    suspects: list[tuple[Key, Sent]] = []
     # Suspects each alone, so that it is known which kills; and last, when that hurts fewest.
     for batch in chain((chain([first], tasks) for first in tasks),
                        (iter([suspect]) for suspect in suspects)):
-        in_hand: dict[futures.Future[Result | str], tuple[Log, Sent]] = {}
-        finished: list[tuple[tuple[Log, Sent], Result | str | None]] = []
+        in_hand: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
+        finished: list[tuple[tuple[Key, Sent], Result | str | None]] = []
         works = True
         with place() as crew:
             while True:
