@@ -13,10 +13,8 @@ from typing import Any
 import click
 
 from ..files import data_path
-from ..fleet.executors import on_cluster, on_processes
-from ..fleet.run import run
-from ..fleet.study import Settings
-from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
+from ..fleet import on_cluster, on_processes
+from ..fleet.run import GAP, LEAST_LOGS, THRESHOLD, Entry, Settings, run
 from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect
 from . import common

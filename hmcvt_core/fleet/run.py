@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""From a folder of bench logs to the two files of each finished one.
+"""From a folder of bench logs to the two files of each finished one, and the table over the fleet.
 
 Logs are read, studied elsewhere, and their files written here: the parameter file first, the
 result last. A result that names the SHA-256 of the log, of the settings and of the parameter file
@@ -10,23 +10,104 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import cached_property, partial
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..benches.transmission import Transmission, diagnose
+from ..diagnosis.result import NAMING
 from ..errors import HmcvtError, InputError
 from ..files import plain
 from ..files.atomic import write_atomically
-from ..files.bench import read_bench
+from ..files.bench import BenchSamples, read_bench
+from ..identification import identify
+from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
-from .executors import Place, study_all
-from .study import Settings, Study, Task
-from .summary import Entry, record, summarise
+from ..physics.effects.base import Effect
+from ..transmission.parameters import PAPER_PARAMETERS, PARAMETER_NAMES, PARAMETER_UNITS
+from ..transmission.ranges import EFFICIENCY_STD
+from ..transmission.stage import Stage
+from ..version import __version__
+from . import Place, study_all
 
 SCHEMA = "hmcvt-fleet-result/1"
 _LOCK = ".hmcvt-fleet.lock"
+Entry = dict[str, Any]
+"""A log: `record` of a finished one, `log` and `error` (why, in one line) of a broken one."""
+
+THRESHOLD = 3.5
+LEAST_LOGS = 8
+"""Below as many values a median absolute deviation is itself a matter of chance."""
+
+_MAD_TO_DEVIATION = 1.4826
+_LEAST_DEVIATION = 1e-6  # of the largest value: less is rounding, not scatter
+
+GAP = "gap"
+_LOGARITHMIC = ("leakage",)
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """Settings of `identify` and `diagnose`, the same for every log.
+
+    Attributes:
+        stages: gear trains to compare; the one with the lowest objective is kept.
+        formulation: `power_balance` or `published`.
+        effects: effects with fixed parameters that act besides.
+        diagnosed: whether the gap is diagnosed too.
+        noise: standard deviation of the efficiency [-]; None for what the log states.
+        seed: of every random number.
+
+    Raises:
+        InputError: a setting is out of range, or two do not go together.
+    """
+
+    stages: tuple[Stage, ...]
+    formulation: str = "power_balance"
+    effects: tuple[Effect, ...] = ()
+    diagnosed: bool = True
+    noise: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        # Told once, before the work, not by every log.
+        for stage in self.stages:
+            model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], self.formulation, self.effects)
+            if self.diagnosed:
+                Transmission(model)
+        if self.noise is not None:
+            EFFICIENCY_STD.check(self.noise, "noise")
+
+    @cached_property
+    def sha256(self) -> str:
+        """Changes with every setting and with the version of hmcvt."""
+        return hashlib.sha256(f"{__version__} {self!r}".encode()).hexdigest()
+
+
+class Study(NamedTuple):
+    """What a worker makes of a log: the identified model, and what the result says of it."""
+
+    model: EfficiencyModel
+    told: dict[str, Any]
+
+
+def study(settings: Settings, samples: BenchSamples) -> Study:
+    """Identify the parameters of a log and diagnose its gap; equal input gives equal output."""
+    tried = [identify(samples, stage=stage, formulation=settings.formulation,
+                      effects=settings.effects, seed=settings.seed) for stage in settings.stages]
+    found = min(tried, key=lambda item: item.objective)
+    diagnosis = None if not settings.diagnosed else diagnose(
+        found.model, samples, noise=settings.noise, seed=settings.seed).to_dict()
+    return Study(found.model, {"identification": found.to_dict(), "diagnosis": diagnosis})
 
 
 class Log(NamedTuple):
@@ -133,31 +214,31 @@ def run(
         HmcvtError: the work cannot be done there, whatever the log.
     """
     # Before the folder for the results is made: a misspelt one shall leave nothing behind.
-    logs = {log.name: log for log in find_logs(folder, out)}
+    logs = find_logs(folder, out)
     with locked(out):
-        known = {name: finished(log, settings) for name, log in logs.items()}
-        todo = [logs[name] for name, entry in known.items() if entry is None]
-        entries: list[Entry] = []
+        before = {log: entry for log in logs if (entry := finished(log, settings)) is not None}
+        todo = [log for log in logs if log not in before]
+        now: list[Entry] = []
 
         def finish(entry: Entry) -> None:
-            entries.append(entry)
+            now.append(entry)
             progress(entry, len(todo))
 
-        def tasks() -> Iterator[Task]:
+        def tasks() -> Iterator[tuple[Log, BenchSamples]]:
             for log in todo:
                 try:
-                    yield _read(log)
+                    yield log, _read(log)
                 except HmcvtError as error:
                     finish(_broken(log, str(error)))
 
-        with closing(study_all(tasks(), settings, place)) as outcomes:
-            for name, outcome in outcomes:
-                finish(_broken(logs[name], outcome) if isinstance(outcome, str)
-                       else save(logs[name], outcome, settings))
-    return summarise([entry for entry in known.values() if entry is not None], entries)
+        with closing(study_all(partial(study, settings), tasks(), place)) as outcomes:
+            for log, outcome in outcomes:
+                finish(_broken(log, outcome) if isinstance(outcome, str)
+                       else save(log, outcome, settings))
+    return summarise(list(before.values()), now)
 
 
-def save(log: Log, study: Study, settings: Settings) -> Entry:
+def save(log: Log, found: Study, settings: Settings) -> Entry:
     """Write both files, each whole or not at all; return the record.
 
     Raises:
@@ -167,11 +248,11 @@ def save(log: Log, study: Study, settings: Settings) -> Entry:
     if _result(log).get("parameters_sha256") == sha256(log.parameters):
         # One that an earlier run wrote and nobody has touched: no copy of it is kept.
         log.parameters.unlink(missing_ok=True)
-    save_model(study.model, log.parameters)  # keeps what a person may have put there
+    save_model(found.model, log.parameters)  # keeps what a person may have put there
     result: dict[str, Any] = plain({
-        "schema": SCHEMA, "log": log.name, "log_sha256": study.model.provenance["data_sha256"],
+        "schema": SCHEMA, "log": log.name, "log_sha256": found.model.provenance["data_sha256"],
         "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),
-        "identification": study.identification, "diagnosis": study.diagnosis})
+        **found.told})
     write_atomically(log.result, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return record(result)
 
@@ -206,12 +287,12 @@ def sha256(path: Path) -> str:
         return ""
 
 
-def _read(log: Log) -> Task:
+def _read(log: Log) -> BenchSamples:
     if not log.name.isprintable():
         raise InputError("the name cannot be printed: rename the log")
     if log.path.exists() and not log.path.is_file():
         raise InputError("is not a file")  # a pipe would be read for ever
-    return Task(log.name, read_bench(log.path))
+    return read_bench(log.path)
 
 
 def _broken(log: Log, reason: str) -> Entry:
@@ -222,3 +303,98 @@ def _broken(log: Log, reason: str) -> Entry:
 
 def _printable(text: str) -> str:
     return text if text.isprintable() else ascii(text)
+
+
+# --- the table over the fleet --------------------------------------------------------------------
+
+
+class Scores(NamedTuple):
+    """Where n values stand: `deviation` is 1.4826 MAD, of logarithms in decades."""
+
+    median: float
+    deviation: float
+    z: NDArray[np.float64]
+
+
+def robust_scores(values: Sequence[float], logarithmic: bool = False) -> Scores:
+    """Compare values with their median, to tell which transmissions stand apart from their fleet.
+
+    .. math:: z = (x - median) / (1.4826 MAD)
+
+    1.4826 makes the median absolute deviation that of a normal distribution. |z| > 3.5 counts as an
+    outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993). Median and MAD hold
+    while less than half of the fleet is odd; mean and standard deviation would follow the odd ones.
+
+    Args:
+        values: n finite numbers, at least one; positive with `logarithmic`.
+        logarithmic: for a quantity that spans decades: compare the logarithms (base 10).
+
+    Returns:
+        `z` is NaN for all when the values are too few or at least half of them equal.
+    """
+    x = np.log10(values) if logarithmic else np.asarray(values, dtype=float)
+    median = float(np.median(x))
+    deviation = _MAD_TO_DEVIATION * float(np.median(np.abs(x - median)))
+    enough = len(x) >= LEAST_LOGS and deviation > _LEAST_DEVIATION * float(np.abs(x).max())
+    z = (x - median) / deviation if enough else np.full(len(x), np.nan)
+    return Scores(10.0 ** median if logarithmic else median, deviation, z)
+
+
+def record(result: Mapping[str, Any]) -> Entry:
+    """Return what the table shows of a log, from its result.
+
+    `gap` is the error of prediction, rms [-]; what the diagnosis does not tell is None.
+    """
+    parameters, found = result["identification"]["parameters"], result["diagnosis"]
+    named = found is not None and found["verdict"] in NAMING
+    return {
+        "log": result["log"],
+        "parameters": {name: {key: parameters[name][key]
+                              for key in ("value", "unit", "standard_error")}
+                       for name in PARAMETER_NAMES},
+        GAP: None if found is None else found["gap"]["rmse"],
+        "verdict": None if found is None else found["verdict"],
+        "cause": found["causes"][0]["effect"] if named else None,
+        "probability": found["causes"][0]["probability"] if named else None}
+
+
+def summarise(before: Sequence[Entry], now: Sequence[Entry]) -> dict[str, Any]:
+    """Return the fleet as plain data for JSON.
+
+    Args:
+        before: logs finished by an earlier run.
+        now: logs of this run.
+    """
+    every = sorted([*before, *now], key=itemgetter("log"))
+    rows, broken = ([entry for entry in every if ("error" in entry) == failed]
+                    for failed in (False, True))
+    values = {name: [row["parameters"][name]["value"] for row in rows] for name in PARAMETER_NAMES}
+    values[GAP] = [row[GAP] for row in rows if row[GAP] is not None]
+    scores = {name: robust_scores(column, name in _LOGARITHMIC)
+              for name, column in values.items() if column}
+    logs = []
+    for place, row in enumerate(rows):
+        z = {name: float(found.z[place]) for name, found in scores.items()}
+        logs.append({**row, "z": z,
+                     "outlier": [name for name, far in z.items() if abs(far) > THRESHOLD]})
+    return {
+        "counts": {
+            "logs": len(every), "finished_now": len(rows) - len(before),
+            "finished_before": len(before), "broken": len(broken),
+            "outliers": sum(bool(log["outlier"]) for log in logs),
+            "verdicts": _counted(row["verdict"] for row in rows),
+            "causes": _counted(row["cause"] for row in rows)},
+        "outlier_rule": {
+            "z": "(value - median) / deviation; deviation = 1.4826 x median absolute deviation",
+            "threshold": THRESHOLD, "least_logs": LEAST_LOGS},
+        "fleet": {name: {"unit": PARAMETER_UNITS.get(name, "-"), "median": found.median,
+                         "deviation": found.deviation,
+                         "scale": "log10" if name in _LOGARITHMIC else "linear",
+                         "judged": bool(np.isfinite(found.z).all())}
+                  for name, found in scores.items()},
+        "logs": logs,
+        "broken": broken}
+
+
+def _counted(words: Iterable[str | None]) -> dict[str, int]:
+    return dict(Counter(word for word in words if word is not None).most_common())

@@ -10,11 +10,10 @@ from itertools import count, islice
 import pytest
 from cli.running import assert_refused
 
-from hmcvt_core import HmcvtError, InputError, read_bench
+from hmcvt_core import HmcvtError, InputError, fleet, read_bench
 from hmcvt_core.files import data_path
-from hmcvt_core.fleet import executors
-from hmcvt_core.fleet.executors import on_cluster, study_all
-from hmcvt_core.fleet.study import Settings, Study, Task
+from hmcvt_core.fleet import on_cluster, study_all
+from hmcvt_core.fleet.run import Settings, Study, study
 from hmcvt_core.model.parameter_file import load_stage
 
 from .fleets import results
@@ -23,7 +22,8 @@ pytestmark = pytest.mark.slow
 
 distributed = pytest.importorskip("distributed")
 
-SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
+WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
+                               diagnosed=False))
 
 
 @pytest.fixture(scope="module")
@@ -42,16 +42,16 @@ def test_cluster_gives_the_digits_of_one_process(hmcvt, cluster, logs, identifie
 
 
 def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
-    monkeypatch.setattr(executors, "__version__", "0.0")
+    monkeypatch.setattr(fleet, "__version__", "0.0")
     with pytest.raises(InputError, match=r"tcp://\S+ needs hmcvt 0.0, there is "), \
             on_cluster(cluster.scheduler_address):
         pass
 
 
 def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs, monkeypatch):
-    monkeypatch.setattr(executors, "_AHEAD_LEAST", 8)
+    monkeypatch.setattr(fleet, "_AHEAD_LEAST", 8)
     samples = read_bench(logs / "00000.csv")
-    outcomes = study_all((Task(str(number), samples) for number in count()), SETTINGS,
+    outcomes = study_all(WORK, ((str(number), samples) for number in count()),
                          partial(on_cluster, cluster.scheduler_address))
     with distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))
