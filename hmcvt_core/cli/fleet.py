@@ -13,8 +13,9 @@ from typing import Any
 import click
 
 from ..files import data_path
-from ..fleet import on_cluster, on_processes
-from ..fleet.run import GAP, LEAST_LOGS, THRESHOLD, Entry, Settings, run
+from ..fleet.executors import on_cluster, on_processes
+from ..fleet.run import Settings, run
+from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
 from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect
 from . import common

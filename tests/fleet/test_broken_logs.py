@@ -9,7 +9,7 @@ from cli.permissions import BOUND_BY_PERMISSIONS
 from cli.running import assert_refused, process
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.fleet import attempt
+from hmcvt_core.fleet.executors import attempt
 from hmcvt_core.fleet.run import locked
 
 

@@ -10,9 +10,10 @@ from itertools import count, islice
 import pytest
 from cli.running import assert_refused
 
-from hmcvt_core import HmcvtError, InputError, fleet, read_bench
+from hmcvt_core import HmcvtError, InputError, read_bench
 from hmcvt_core.files import data_path
-from hmcvt_core.fleet import on_cluster, study_all
+from hmcvt_core.fleet import executors
+from hmcvt_core.fleet.executors import on_cluster, study_all
 from hmcvt_core.fleet.run import Settings, Study, study
 from hmcvt_core.model.parameter_file import load_stage
 
@@ -42,14 +43,14 @@ def test_cluster_gives_the_digits_of_one_process(hmcvt, cluster, logs, identifie
 
 
 def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
-    monkeypatch.setattr(fleet, "__version__", "0.0")
+    monkeypatch.setattr(executors, "__version__", "0.0")
     with pytest.raises(InputError, match=r"tcp://\S+ needs hmcvt 0.0, there is "), \
             on_cluster(cluster.scheduler_address):
         pass
 
 
 def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs, monkeypatch):
-    monkeypatch.setattr(fleet, "_AHEAD_LEAST", 8)
+    monkeypatch.setattr(executors, "_AHEAD_LEAST", 8)
     samples = read_bench(logs / "00000.csv")
     outcomes = study_all(WORK, ((str(number), samples) for number in count()),
                          partial(on_cluster, cluster.scheduler_address))

@@ -12,7 +12,7 @@ import pytest
 
 from hmcvt_core import read_bench
 from hmcvt_core.files import data_path
-from hmcvt_core.fleet import _hand_over, on_processes, study_all
+from hmcvt_core.fleet.executors import _hand_over, on_processes, study_all
 from hmcvt_core.fleet.run import Settings, Study, study
 from hmcvt_core.model.parameter_file import load_stage
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hmcvt_core.cli.fleet import _Counter, _report
-from hmcvt_core.fleet.run import LEAST_LOGS, THRESHOLD, record, robust_scores, summarise
+from hmcvt_core.fleet.summary import LEAST_LOGS, THRESHOLD, record, robust_scores, summarise
 
 BROKEN = {"log": "x.csv", "error": "x.csv: is empty"}
 
