@@ -21,7 +21,7 @@ from ..model.domain import AXES
 from ..model.measured import LOADS, STROKES, operating_point
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
-from ..physics.effects import Effect, load_effects
+from ..physics.effects import load_effects
 from ..transmission.ranges import RPM
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -242,8 +242,7 @@ def stage_from(path: str | None, stage: str | None) -> EfficiencyModel:
 
 def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None = None) -> None:
     """Say on stderr that a temperature given does nothing, or that one is assumed."""
-    used = any(type(effect).viscosity_ratio is not Effect.viscosity_ratio
-               for effect in model.effects)
+    used = any(effect.acts_at("viscosity_ratio") for effect in model.effects)
     if oil_temperature is not None and not used:
         click.echo("note: this model has no effect of the oil temperature; --oil-temperature "
                    "changes nothing", err=True)

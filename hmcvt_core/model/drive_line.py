@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..physics.steady_state import ArraySolver
+from ..physics.balance import BalanceSolver
 from ..transmission.ranges import ENGINE_SPEED, OUTPUT_SPEED, Range
 from ..transmission.stage import speed_ratio
 from .engine import Engine
@@ -74,7 +74,7 @@ class Found(NamedTuple):
 class Line:
     """What one stage costs along engine speeds at a held output speed and power."""
 
-    solver: ArraySolver
+    solver: BalanceSolver
     output_speed: float
     output_power: float
     engine: Engine | None = None
@@ -133,7 +133,7 @@ class Line:
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def best_engine_speed(
-    solver: ArraySolver, output_speed: float, output_power: float, low: float, high: float
+    solver: BalanceSolver, output_speed: float, output_power: float, low: float, high: float
 ) -> float:
     """Engine speed of least engine power at a held output; NaN where none will do."""
     line = Line(solver, output_speed, output_power)
@@ -143,7 +143,7 @@ def best_engine_speed(
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def drive_optimum(
-    stages: Mapping[str, ArraySolver], output_speed: float, output_power: float,
+    stages: Mapping[str, BalanceSolver], output_speed: float, output_power: float,
     engine: Engine | None, engine_speed_limits: tuple[float, float], torque_reserve: float,
     stage: str | None, hysteresis: float,
 ) -> DriveOptimum:

@@ -18,9 +18,8 @@ from ..errors import InputError
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
-from ..physics.point import PointSolver
 from ..physics.published import PublishedSolver
-from ..physics.steady_state import ArraySolver
+from ..physics.steady_state import PointSolver
 from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
 from ..transmission.ranges import CHUNK, ENGINE_SPEED_LIMITS, OperatingPoints, Solution, is_plain
 from ..transmission.stage import Stage, stages_to_mapping
@@ -115,15 +114,13 @@ class EfficiencyModel(Shown):
         return PointSolver(self.stage, self.parameters) if exact else None
 
     @cached_property
-    def _solver(self) -> ArraySolver | PublishedSolver:
+    def _solver(self) -> BalanceSolver | PublishedSolver:
         return self._solver_of(self.parameters)
 
-    def _solver_of(self, parameters: Parameters) -> ArraySolver | PublishedSolver:
+    def _solver_of(self, parameters: Parameters) -> BalanceSolver | PublishedSolver:
         if self.formulation == "published":
             return PublishedSolver(self.stage, parameters)
-        if self.effects:
-            return BalanceSolver(self.stage, parameters, self.effects)
-        return ArraySolver(self.stage, parameters)
+        return BalanceSolver(self.stage, parameters, self.effects)
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
@@ -254,7 +251,7 @@ class EfficiencyModel(Shown):
                        displacement_ratio, output_speed, engine_speed_limits)
 
     @property
-    def array_solver(self) -> ArraySolver:
+    def array_solver(self) -> BalanceSolver:
         """What solves many points at once; `InputError` where that is `published`."""
         if isinstance(self._solver, PublishedSolver):
             raise InputError(NO_OPTIMUM)

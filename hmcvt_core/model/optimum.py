@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.point import PointSolver
-from ..physics.steady_state import ArraySolver
+from ..physics.balance import BalanceSolver
+from ..physics.steady_state import PointSolver
 from ..transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
@@ -65,7 +65,7 @@ class Optimum:
 
 
 def optimum(
-    solver: ArraySolver,
+    solver: BalanceSolver,
     lookup: PointSolver | None,
     engine_speed: ArrayLike,
     load_torque: ArrayLike,
@@ -115,7 +115,7 @@ def optimum(
     return Optimum(stroke, efficiency, speed, torque, target, hold, limit)
 
 
-def _best_stroke(solver: ArraySolver, speed: Array, torque: Array) -> Array:
+def _best_stroke(solver: BalanceSolver, speed: Array, torque: Array) -> Array:
     """Best displacement ratio at engine speeds and load torques of shape (n,)."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
     beside = speed * solver.mechanical_ratio * np.array([[1.0 - _RESTING], [1.0 + _RESTING]])
