@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The command line: thin commands over the core, one module each.
+"""The command line: thin commands over the core.
 
-A command is a module here with a `command` in it and a line in `COMMANDS`. Other packages add
+A command has a line in `COMMANDS` and returns its answer (`common.answers`). Other packages add
 theirs through the entry-point group `hmcvt.commands`: name = module:click_command.
 
 Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted;
@@ -36,6 +36,12 @@ COMMANDS = {
     "import": "turn the table of your bench (CSV, Excel) into bench samples",
     "import-csv": "the older name of import",
 }
+# Those that share a module, as module:name; the others are `command` in a module of their name.
+_PLACES = {
+    **{name: f"point:{name}" for name in ("predict", "optimum", "breakdown")},
+    **{name: f"gap:{name}" for name in ("diagnose", "watch", "unit", "separable")},
+    "next": "gap:next_test", "import": "import_table:command",
+    "import-csv": "import_table:command"}
 
 GROUP = "hmcvt.commands"
 
@@ -73,8 +79,9 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
-            name = "import_table" if cmd_name.startswith("import") else cmd_name
-            command: click.Command = importlib.import_module(f"{__name__}.{name}").command
+            module, name = _PLACES.get(cmd_name, f"{cmd_name}:command").split(":")
+            command: click.Command = getattr(
+                importlib.import_module(f"{__name__}.{module}"), name)
             return command
         entry = _installed().get(cmd_name)
         return None if entry is None else _load(entry)

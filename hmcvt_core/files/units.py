@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import OIL_TEMPERATURE, Range
-from .bench import Cells, decimal_points, read_cells
-from .raw import UNITS
+from .guess import UNITS
+from .table import Table, read_plain
 
 Array = NDArray[np.float64]
 KINDS = ("pump", "motor")
@@ -149,12 +149,11 @@ def read_unit(
     """
     factors: dict[str, float] = {}
 
-    def names(header: list[str]) -> list[str]:
-        known = list(map(_quantity, header))
-        factors.update(known)
-        return [name for name, _ in known]
+    def name_of(cell: str) -> str:
+        name, factors[name] = _quantity(cell)
+        return name
 
-    cells = _of_unit(read_cells(path, (), names), unit)
+    cells = _of_unit(read_plain(path, name_of=name_of), unit)
     given = {cell.strip().lower() for cell in cells.columns.get("kind", [])} | {kind} - {None}
     if len(given) != 1 or not given <= {*KINDS}:
         told = " and ".join(sorted(map(str, given))) or "missing"
@@ -187,7 +186,7 @@ def _quantity(cell: str) -> tuple[str, float]:
     return (plain if plain in ("kind", "unit") else cell.strip()), 1.0
 
 
-def _of_unit(cells: Cells, unit: str | None) -> Cells:
+def _of_unit(cells: Table, unit: str | None) -> Table:
     names = cells.columns.get("unit", [unit or ""] * len(cells.rows))
     there = ", ".join(dict.fromkeys(names))
     rows = [i for i, name in enumerate(names) if unit in (None, name)]
@@ -197,7 +196,7 @@ def _of_unit(cells: Cells, unit: str | None) -> Cells:
         name: [column[i] for i in rows] for name, column in cells.columns.items()})
 
 
-def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
+def _numbers(cells: Table, factors: Mapping[str, float]) -> dict[str, Array]:
     pair = _LOSSES if _LOSSES[0] in cells.columns else _EFFICIENCIES
     needed = ("displacement", "speed", "pressure", *pair)
     missing = [name for name in needed if name not in cells.columns]
@@ -206,7 +205,7 @@ def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
             f"{cells.source}: column {', '.join(missing)} is missing; there is "
             f"{', '.join(cells.columns)} (a unit may stand behind the name: pressure_bar)")
     names = [*needed, *({"displacement_ratio", "oil_temperature"} & cells.columns.keys())]
-    cells, values = decimal_points(cells, names), {}
+    values: dict[str, Array] = {}
     for name in names:
         values[name] = factors[name] * cells.numbers(name)
         if name == _EFFICIENCIES[1]:  # whatever stands there without pressure

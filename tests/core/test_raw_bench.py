@@ -6,7 +6,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core import read_raw_bench
-from hmcvt_core.files.raw import UNITS
+from hmcvt_core.files.guess import UNITS
 from hmcvt_core.transmission.ranges import RPM
 
 SHAFTS = {
