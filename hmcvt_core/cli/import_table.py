@@ -70,17 +70,17 @@ def command(
     common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
     chosen = choose_columns(raw, columns, header_row=header_row, sheet=sheet, guess=True)
-    guesses = chosen.guesses.items()
-    columns |= {quantity: f"{guess.column}:{guess.unit}" if guess.unit else guess.column
-                for quantity, guess in guesses}
+    guesses = {quantity: column for quantity, column in chosen.columns.items() if column.why}
+    columns |= {quantity: f"{column.name}:{column.unit}" if column.unit else column.name
+                for quantity, column in guesses.items()}
     options = {**columns, "header_row": header_row, "sheet": sheet}
     command = ["hmcvt", "import", raw, "--out", out]
     for name, value in options.items():
         command += [f"--{name.replace('_', '-')}", str(value)] * (value is not None)
     command += ["--averaged"] * averaged + ["--skip-bad"] * skip_bad
     told = [common.table(("quantity", "column", "unit", "told by"), [
-        (quantity, guess.column, guess.unit or "-", guess.why or "name")
-        for quantity, guess in guesses]), "", f"the same said: {shlex.join(command)}"]
+        (quantity, column.name, column.unit or "-", column.why)
+        for quantity, column in guesses.items()]), "", f"the same said: {shlex.join(command)}"]
     try:
         found = import_table(chosen, averaged=averaged,
                              skip_bad=skip_bad or bool(guesses and not yes))

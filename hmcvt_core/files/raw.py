@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,13 +30,9 @@ _RANGES = {
 # What tells the power of a side, and the speed that it is taken times.
 _INPUTS = {"engine_torque": "engine_speed", "engine_power": ""}
 _OUTPUTS = {"load_torque": "engine_speed", "output_torque": "output_speed", "output_power": ""}
-# A shaft that is not named, and what says the same as something better.
+# A shaft that is not named; and guesses that say no more than others, the worst first.
 _UNNAMED = {"any_speed": "engine_speed", "any_torque": "load_torque", "any_power": "output_power"}
-_DOUBLES = (
-    ({"efficiency"}, "engine_power"), ({"efficiency"}, "engine_torque"),
-    ({"engine_torque"}, "engine_power"), ({"output_torque", "output_speed"}, "load_torque"),
-    ({"output_torque", "output_speed"}, "output_power"), ({"load_torque"}, "output_power"),
-    ({"load_torque"}, "output_torque"), ({"output_power"}, "output_torque"))
+_SPARE = ("engine_power", "engine_torque", "output_power", "load_torque", "output_torque")
 _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = "; computed from torques and speeds of the shafts: check their columns and units"
 _MOST_TOLD = 20  # rows
@@ -45,20 +41,19 @@ _RECORDED, _STEP = 100, 1.0
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 
 
-class Guess(NamedTuple):
-    """A column and its unit for a quantity, and where the unit comes from."""
+class Column(NamedTuple):
+    """Where a quantity stands, its unit, and what told the unit where it was guessed, else `""`."""
 
-    column: str
+    name: str
     unit: str
-    why: str
+    why: str = ""
 
 
 class Chosen(NamedTuple):
-    """A table, column and unit of each quantity in it, and which of them were guessed."""
+    """A table, and the column of each quantity in it."""
 
     table: Table
-    columns: Mapping[str, tuple[str, str]]
-    guesses: Mapping[str, Guess]
+    columns: Mapping[str, Column]
 
 
 class Imported(NamedTuple):
@@ -101,9 +96,8 @@ def choose_columns(
         bare.append((name if colon and unit_of(unit) else text).strip())
     table = read_table(path, bare, header_row, sheet)
     chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
-    guesses = _guesses(table, chosen) if guess and _lacking(columns) else {}
-    return Chosen(table, chosen | {
-        quantity: (found.column, found.unit) for quantity, found in guesses.items()}, guesses)
+    return Chosen(table, chosen | _guesses(table, chosen) if guess and _lacking(columns)
+                  else chosen)
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
@@ -130,15 +124,15 @@ def import_table(
     table, columns = chosen.table, dict(chosen.columns)
     if lacking := _lacking(columns):
         raise InputError(lacking)
-    names = [name for name, _ in columns.values()]
-    for quantity, (name, _) in columns.items():
-        if names.count(name) > 1:
-            raise InputError(f"{quantity}: column {name!r} is named twice")
+    names = [column.name for column in columns.values()]
+    for quantity, column in columns.items():
+        if names.count(column.name) > 1:
+            raise InputError(f"{quantity}: column {column.name!r} is named twice")
     extra = {name if column_name(name) not in _KEPT else f"raw {name}": cells
              for name, cells in table.columns.items() if name not in names}
     if "stage" in columns:
-        extra["stage"] = table.columns[columns.pop("stage")[0]]
-    values = {quantity: _values(quantity, *column, table) for quantity, column in columns.items()}
+        extra["stage"] = table.columns[columns.pop("stage").name]
+    values = {quantity: _values(quantity, column, table) for quantity, column in columns.items()}
     if "stamp" not in values and not averaged:
         _refuse_recording(table)
     elif not averaged and _is_recording(values["stamp"]):
@@ -146,7 +140,7 @@ def import_table(
     notes = []
     for quantity in [name for name in _OPTIONAL if name in values]:
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
-            notes.append(f"column {columns.pop(quantity)[0]!r} is mostly empty and was left out")
+            notes.append(f"column {columns.pop(quantity).name!r} is mostly empty and was left out")
             del values[quantity]
     bad = _bad_rows(values, columns, table)
     into, out = _powers(values)
@@ -178,35 +172,41 @@ def _lacking(columns: Mapping[str, Any]) -> str:
     for same in (into, out, [*efficiency, *into] if out else []):
         if len(same) > 1:
             return f"{same[0]} and {same[1]} say the same twice: name one"
-    missing = [name for name in ("displacement_ratio", "engine_speed") if name not in columns]
-    if "output_torque" in out and "output_speed" not in columns:
-        missing.append("load_torque (or output_speed)")
-    elif not out and not (into and efficiency):
-        missing.append("load_torque (or output_power, or output_torque and output_speed)")
-    if not into and not efficiency:
-        missing.append("efficiency (or engine_torque or engine_power)")
+    missing = _missing({*columns})
     return f"no column is named for {', '.join(missing)}" if missing else ""
 
 
-def _column(quantity: str, text: str, table: Table) -> tuple[str, str]:
-    """Name and unit of `COLUMN` or `COLUMN:UNIT`; a column may hold a colon itself."""
+def _missing(columns: Set[str]) -> list[str]:
+    into, out = columns & _INPUTS.keys(), columns & _OUTPUTS.keys()
+    missing = [name for name in ("displacement_ratio", "engine_speed") if name not in columns]
+    if "output_torque" in out and "output_speed" not in columns:
+        missing.append("load_torque (or output_speed)")
+    elif not out and not (into and "efficiency" in columns):
+        missing.append("load_torque (or output_power, or output_torque and output_speed)")
+    if not into and "efficiency" not in columns:
+        missing.append("efficiency (or engine_torque or engine_power)")
+    return missing
+
+
+def _column(quantity: str, text: str, table: Table) -> Column:
+    """What `COLUMN` or `COLUMN:UNIT` names; a column may hold a colon itself."""
     units = list(UNITS.get(quantity, [""]))
     whole, (name, unit) = text.strip(), map(str.strip, text.rpartition(":")[::2])
     if whole in table.columns:
-        return whole, units[0]
+        return Column(whole, units[0])
     if name in table.columns:
         for known in units:
             if unit.casefold() == known.casefold():
-                return name, known
+                return Column(name, known)
         raise InputError(f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}")
     raise InputError(f"{table.source}: {quantity}: column {(name if ':' in whole else whole)!r} is "
                      f"missing; there is {', '.join(table.columns)}")
 
 
-def _guesses(table: Table, known: Mapping[str, tuple[str, str]]) -> dict[str, Guess]:
+def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
     """Columns and units of quantities that are not known, by names, rows of units and ranges."""
-    found: dict[str, Guess] = {}
-    named = {name for name, _ in known.values()}
+    found: dict[str, Column] = {}
+    named = {column.name for column in known.values()}
     for name in table.columns:
         below = table.units.get(name, "")
         quantity, unit = quantity_of(name, below) or ("", "")
@@ -217,30 +217,32 @@ def _guesses(table: Table, known: Mapping[str, tuple[str, str]]) -> dict[str, Gu
         untold = () if quantity == "pressure" else ("", "-")  # numbers do not tell bar from MPa
         if unit in (*untold, *UNITS.get(_UNNAMED.get(quantity, quantity), ())) and (
                 quantity == "stage" or np.isfinite(table.stamps(name)).any()):
-            found[quantity] = Guess(name, unit, why if unit else "")
+            found[quantity] = Column(name, unit, why if unit else "name")
     for unnamed, other in _UNNAMED.items():
         if (alone := found.pop(unnamed, None)) and other not in {*found, *known}:
             found[other] = alone
-    for better, worse in _DOUBLES:
-        if better <= {*found, *known}:
-            found.pop(worse, None)
-    for quantity, each in found.items():
-        if quantity != "stage" and each.unit not in UNITS[quantity]:
-            unit = likely_unit(quantity, table.stamps(each.column))
-            found[quantity] = each._replace(unit=unit, why="range")
+    for spare in _SPARE:
+        there = {*found, *known}
+        if spare in found and _missing(there - {spare}) == _missing(there):
+            del found[spare]
+    for quantity, column in found.items():
+        if quantity != "stage" and column.unit not in UNITS[quantity]:
+            unit = likely_unit(quantity, table.stamps(column.name))
+            found[quantity] = Column(column.name, unit, "range")
     # An output that turns slowly may look like rad/s; a bench has one unit for both shafts.
-    if (engine := found.get("engine_speed")) and "output_speed" in found and (
+    if "engine_speed" in found and "output_speed" in found and (
             found["output_speed"].why == "range"):
-        found["output_speed"] = found["output_speed"]._replace(unit=engine.unit)
+        found["output_speed"] = found["output_speed"]._replace(unit=found["engine_speed"].unit)
     return found
 
 
-def _values(quantity: str, name: str, unit: str, table: Table) -> Array:
+def _values(quantity: str, column: Column, table: Table) -> Array:
     """A column in SI units, NaN where a cell holds no number.
 
     Raises:
         InputError: its cells, or the row of units, say another unit than is taken.
     """
+    name, unit, _ = column
     sizes = {key: (size, _ZERO.get(key)) for key, size in UNITS[quantity].items()}
     below = unit_of(table.units.get(name, "")) or ("", "")
     numbers, units = table.readings(name)
@@ -257,7 +259,7 @@ def _values(quantity: str, name: str, unit: str, table: Table) -> Array:
 
 
 def _bad_rows(
-    values: Mapping[str, Array], chosen: Mapping[str, tuple[str, str]], table: Table
+    values: Mapping[str, Array], columns: Mapping[str, Column], table: Table
 ) -> dict[int, str]:
     """What is wrong with rows, by number."""
     bad = dict(table.broken)
@@ -267,7 +269,7 @@ def _bad_rows(
             bad[number] = f"{statistic!r} is no test"
         elif first.setdefault(row, number) != number:
             bad[number] = f"copies row {first[row]}"
-    for quantity, (name, unit) in chosen.items():
+    for quantity, (name, unit, _) in columns.items():
         for i in np.flatnonzero(np.isnan(values[quantity])).tolist():
             if (cell := table.columns[name][i]).lower() not in ("nan", "inf"):
                 bad.setdefault(table.rows[i], no_number(name, cell))

@@ -46,6 +46,8 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
 })
 _MEANT = {"stroke": "displacement_ratio", "volumetric": "volumetric_efficiency",
           "mechanical": "mechanical_efficiency"}
+_WRITTEN = {f"{name}_{unit}".lower().replace(" ", "_").rstrip("_"): (_MEANT.get(name, name), size)
+            for name, units in _UNITS.items() for unit, size in {"": 1.0, **units}.items()}
 _LOSSES = ("flow_loss", "torque_loss")
 _EFFICIENCIES = ("volumetric_efficiency", "mechanical_efficiency")
 _RANGES = {limits.name: limits for limits in (
@@ -179,11 +181,7 @@ def read_unit(
 def _quantity(cell: str) -> tuple[str, float]:
     """Name of a column of a table, and size of its unit in SI; others stay as they are."""
     plain = re.sub(r"[\s()\[\]:]+", "_", cell.strip()).strip("_").lower()
-    for name, units in _UNITS.items():
-        for unit, factor in {"": 1.0, **units}.items():
-            if plain == f"{name}_{unit}".lower().replace(" ", "_").rstrip("_"):
-                return _MEANT.get(name, name), factor
-    return (plain if plain in ("kind", "unit") else cell.strip()), 1.0
+    return _WRITTEN.get(plain, (plain if plain in ("kind", "unit") else cell.strip(), 1.0))
 
 
 def _of_unit(cells: Table, unit: str | None) -> Table:

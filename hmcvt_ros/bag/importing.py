@@ -105,7 +105,8 @@ def import_bag(
     settings = settings or ImportSettings()
     with Bag(path) as bag:
         topics = find_topics(bag, settings)
-        readings, clock, read, refused = record(bag, topics, settings.age_limit, progress)
+        readings, clock, read, refused = record(
+            bag, topics, settings.age_limit, settings.gap, progress)
     # An average stands alone, no matter when the next one comes.
     index = split_at_gaps(readings.time, -1.0 if settings.averaged else settings.gap)
     if out_of_order := len(readings.time) - sum(map(len, index)):
