@@ -72,7 +72,7 @@ _WORDS: Mapping[str, str] = {
               "motorleistung diesel ice ein an e 1 moteur entree ingresso mot vm dm",
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
-    "feed": "feed charge boost speise lade",  # not of the motor
+    "feed": "feed charge boost speise lade",  # as of the engine's oil: not over the motor
     "loss": "loss losses verlust fuel ambient room target set soll cmd demand limit coolant wasser",
     "stage": "stage gang fahrbereich stufe",
 }
@@ -139,7 +139,7 @@ def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
             return None
     if kind == "efficiency":
         return "efficiency_std" if "std" in means else kind, unit
-    if not kind or "std" in means or (kind == "pressure" and "feed" in means):
+    if not kind or "std" in means or (kind == "pressure" and means & {"feed", "engine"}):
         return None
     if kind in _ALONE:
         return _ALONE[kind], unit
