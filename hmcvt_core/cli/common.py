@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from functools import wraps
+from functools import reduce, wraps
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -116,25 +116,20 @@ noise_option = click.option(
          "column efficiency_std, else repeated points, else 1.12 % of the efficiency]")
 
 
-def add_options(function: Function, *options: Callable[[Function], Function]) -> Function:
-    """Add options that stand in --help in this order."""
-    for option in reversed(options):
-        function = option(function)
-    return function
+def options(*given: Callable[[Any], Any]) -> Callable[[Function], Function]:
+    """Return several options as one; they stand in --help in this order."""
+    return lambda function: reduce(lambda done, option: option(done), reversed(given), function)
 
 
-def model_options(function: Function) -> Function:
-    """Add what is identified: formulation, gear train, and gear efficiencies `gears` to compare."""
-    return add_options(
-        function,
-        click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
-                     show_default=True, help="Equations to use."),
-        click.option("--gear-efficiency", "gears", type=_fractions, multiple=True,
-                     metavar="0.98[,0.97...]", callback=lambda *given: list(chain(*given[-1])),
-                     help="Of every gear pair; several are compared and the best is kept."),
-        click.option("--transmission", metavar="T.yaml",
-                     help="Gear train; the paper's when left out."),
-        click.option("--stage", metavar="NAME", help="Stage of the transmission file."))
+# What is identified; `gears` are gear efficiencies to compare.
+model_options = options(
+    click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
+                 show_default=True, help="Equations to use."),
+    click.option("--gear-efficiency", "gears", type=_fractions, multiple=True,
+                 metavar="0.98[,0.97...]", callback=lambda *given: list(chain(*given[-1])),
+                 help="Of every gear pair; several are compared and the best is kept."),
+    click.option("--transmission", metavar="T.yaml", help="Gear train; the paper's when left out."),
+    click.option("--stage", metavar="NAME", help="Stage of the transmission file."))
 
 
 def _load(_: click.Context, __: click.Parameter, sources: tuple[str, ...]) -> None:
@@ -147,14 +142,11 @@ effects_option = click.option(
     help="Module or Python file with effects of your own, which is run.")
 
 
-def params_option(function: Function) -> Function:
-    """Add the model, and the effects that it may hold besides those of hmcvt."""
-    return add_options(
-        function,
-        click.option("--params", "params", metavar="P.yaml",
-                     help="Parameter file of the model; the shipped params/hm4.yaml when left "
-                          "out."),
-        effects_option)
+# The model, and the effects that it may hold besides those of hmcvt.
+params_option = options(
+    click.option("--params", metavar="P.yaml",
+                 help="Parameter file of the model; the shipped params/hm4.yaml when left out."),
+    effects_option)
 
 
 class Point(NamedTuple):
@@ -192,34 +184,24 @@ def ground_speed(text: str | float) -> float | str:
     return str(text) if str(text).strip().lower().endswith("km/h") else speed(text)
 
 
-_MEASURED = (
+# What meters show at either shaft.
+measured_options = options(
     click.option("--output-speed", type=ground_speed,
                  help="Of the output shaft: rad/s, 1200rpm; or 8km/h with the next two."),
     click.option("--tyre-radius", type=float, help="Rolling radius in m, for km/h."),
-    click.option("--final-drive", type=float,
-                 help="Output shaft speed / wheel speed, for km/h."),
+    click.option("--final-drive", type=float, help="Output shaft speed / wheel speed, for km/h."),
     click.option("--output-power", type=power, help="In W or like 40kW."),
     click.option("--output-torque", type=torque, help="Of the output shaft in N m."),
     click.option("--load-torque", type=torque, help="Output power / engine speed in N m."),
-    click.option("--engine-torque", type=torque, help="Of the engine in N m."),
-)
+    click.option("--engine-torque", type=torque, help="Of the engine in N m."))
 stage_option = click.option("--stage", metavar="NAME", help="Stage engaged, of several.")
-
-
-def measured_options(function: Function) -> Function:
-    """Add what meters show at either shaft."""
-    return add_options(function, *_MEASURED)
-
-
-def point_options(function: Function) -> Function:
-    """Add the options of one operating point, None where left out; see `point_from`."""
-    return add_options(
-        function,
-        click.option("--displacement-ratio", type=fraction,
-                     help="Pump stroke, -1 to 1 or in %; or give --output-speed."),
-        click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
-        *_MEASURED,
-        click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
+# One operating point, None where left out; see `point_from`.
+point_options = options(
+    click.option("--displacement-ratio", type=fraction,
+                 help="Pump stroke, -1 to 1 or in %; or give --output-speed."),
+    click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
+    measured_options,
+    click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
 
 
 def output_speed(given: Mapping[str, Any]) -> float | None:

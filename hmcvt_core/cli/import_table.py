@@ -28,12 +28,11 @@ _TEXTS = {
 }
 
 
-def _quantities(function: common.Function) -> common.Function:
-    return common.add_options(function, *(
-        click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
-                     help=" ".join(filter(None, (_TEXTS.get(quantity), units))))
-        for quantity, units in (*((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
-                                ("stage", ""))))
+_quantities = common.options(*(
+    click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
+                 help=" ".join(filter(None, (_TEXTS.get(quantity), units))))
+    for quantity, units in (*((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
+                            ("stage", ""))))
 
 
 @click.command("import", epilog="""\b
