@@ -161,10 +161,11 @@ class Point(NamedTuple):
 def _reader(name: str, example: str, units: Mapping[str, float]) -> Callable[[Any], float]:
     """Return what reads a number in the SI unit, or in one of the `units` written behind it.
 
-    A complaint says `name`, which stands in --help too, and `example`.
+    A decimal comma is taken where no point stands. A complaint says `name`, which stands in --help
+    too, and `example`.
     """
     def read(text: str | float) -> float:
-        value, unit = parsed(str(text).strip(), comma=True)
+        value, unit = parsed(str(text).strip(), comma="." not in str(text))
         if unit in ("", *units) and (value == value or "nan" in str(text).lower()):
             return units.get(unit, 1.0) * value
         raise click.BadParameter(f"{text!r} is not a {name}: write {example}")
@@ -218,7 +219,7 @@ def output_speed(given: Mapping[str, Any]) -> float | None:
         return None if value is None else float(value)
     if not all(size is not None and size > 0.0 for size in sizes):
         raise click.UsageError("--output-speed in km/h needs --tyre-radius and --final-drive")
-    driven, _ = parsed(value.lower().replace("km/h", "").strip(), comma=True)
+    driven, _ = parsed(value.lower().replace("km/h", "").strip(), comma="." not in value)
     if math.isnan(driven):
         raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
     return driven / 3.6 / sizes[0] * float(sizes[1])

@@ -39,6 +39,7 @@ _BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
 _COMMA = re.compile(
     r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?|[+-]?\d{1,3}(\.\d{3})+,\d+")
 _POINT = re.compile(r"[+-]?(\d*\.\d+|\d+\.)([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 STATISTIC = re.compile(
     r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|total|rms|"
     r"standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|standardabweichung|"
@@ -198,9 +199,16 @@ def _table(
 
 def _with_commas(columns: Mapping[str, Sequence[str]]) -> Collection[str]:
     """Columns in which a comma can be nothing but a decimal one, or is as in another column."""
-    pointed = {name for name, cells in columns.items() if any(map(_POINT.fullmatch, cells))}
-    told = [name for name, cells in columns.items() if any(map(_COMMA.fullmatch, cells))]
-    return columns.keys() - pointed if {*told} - pointed else ()
+    told = {name for name, cells in columns.items() if any(map(_COMMA.fullmatch, cells))}
+    pointed = {name for name, cells in columns.items() if _decimal_points(cells)}
+    return columns.keys() - pointed if told - pointed else ()
+
+
+def _decimal_points(cells: Sequence[str]) -> bool:
+    """Whether a column holds decimal points, not those between thousands as in 850, 1.200."""
+    dotted = [cell for cell in cells if _POINT.fullmatch(cell)]
+    grouped = all(map(_THOUSANDS.fullmatch, dotted)) and any(map(str.isdecimal, cells))
+    return bool(dotted) and not grouped
 
 
 def csv_text(columns: Mapping[str, Iterable[Any]]) -> str:
@@ -320,6 +328,8 @@ def parsed(cell: str, comma: bool) -> tuple[float, str]:
         cell: as text.
         comma: whether a comma is a decimal one; else it may set thousands apart.
     """
+    if comma and _THOUSANDS.fullmatch(cell):
+        cell = cell.replace(".", "")
     with suppress(ValueError):
         return float(cell.replace("_", "?")), ""  # Python reads 2_99 as 299
     hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
