@@ -193,6 +193,8 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
     """
     signals = {name: (_topic(bag, topic, settings.namespace, _NUMERIC, "a number"), size)
                for name, (topic, size) in settings.signals.items()}
+    if len({topic for topic, _ in signals.values()}) < len(signals):
+        raise InputError(f"{bag.path}: two signals name the same topic")
     bench = signals["engine_speed"][0] if signals else _topic(
         bag, settings.topic, settings.namespace, ".*/JointState", "JointState")
     notes: list[str] = []
