@@ -44,7 +44,7 @@ class ImportSettings:
             holds them all.
 
     Raises:
-        InputError: a time is not positive, or some signals are missing.
+        InputError: a time is not positive, some signals are missing, or all have a topic too.
     """
 
     topic: str = "bench_sample"
@@ -62,6 +62,9 @@ class ImportSettings:
         missing = [name for name in Shafts._fields if name not in self.signals]
         if self.signals and missing:
             raise InputError(f"no topic is named for {', '.join(missing)}")
+        if self.signals and self.topic != ImportSettings.topic:
+            raise InputError(f"topic = {self.topic!r} holds all signals, or each has one of its "
+                             "own: name one or the other")
 
 
 @dataclass(frozen=True)

@@ -116,6 +116,8 @@ def test_signals_with_topics_of_their_own_give_the_same_samples(hmcvt, workplace
         done = hmcvt("import-bag", "run3", "--out", "apart.csv", *named[:-1],
                      *[f"--signal={wrong}"] * bool(wrong))
         assert done.code == 2 and words in done.err, done
+    done = hmcvt("import-bag", "run3", "--out", "apart.csv", "--topic", "shafts", *named)
+    assert done.code == 2 and "topic = 'shafts' holds all signals" in done.err
 
 
 def test_out_is_needed_and_never_a_file_of_a_bag(hmcvt, workplace):
