@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .system import Array
+
 _ROUNDS, _SETTLED = 8, 2e-3
 
 
@@ -150,11 +151,6 @@ def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Arra
     return np.asarray(np.sum(np.where(np.isnan(signs), 0.0, each), axis=1))
 
 
-def log_mean(values: Sequence[float] | Array) -> float:
-    """log of the mean of exp(values)."""
-    return float(log_means(values))
-
-
-def log_means(values: Sequence[float] | Sequence[Array] | Array) -> Array:
-    """The same along the first axis."""
+def log_mean(values: Sequence[float] | Sequence[Array] | Array) -> Array:
+    """log of the mean of exp(values) along the first axis."""
     return np.asarray(np.logaddexp.reduce(values) - np.log(len(values)))

@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .hypothesis import REFUSED, Fit, Hypothesis, refit
-from .observations import FEW, LARGE, Observations, replicate_groups
-from .regions import scaled_to_extent
-from .system import System
-
-Array = NDArray[np.float64]
+from .observations import FEW, LARGE, Observations, replicate_groups, scaled_to_extent
+from .system import Array, System
 
 LEAST_SAMPLES = 5
 _MOST_REFUSED = 0.25  # part of the samples at which the model may have no answer
@@ -52,14 +49,14 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
                      f"{listed_samples(observed, impossible)}")
         base = _without(base, impossible)
     observed = base.observed
-    slips, first = outliers(observed, base.whitened), observed.readings[0]
+    slips, read = outliers(observed, base.whitened), observed.channels[0].name
     if len(slips) > _NAMED and len(observed) > LARGE:
         notes.append(f"{len(slips)} samples stand alone against their neighbours and were left "
                      f"out: {listed_samples(observed, slips)}")
         base = _without(base, slips)
     elif len(slips):
-        notes += [f"{observed.describe(i)}, {first.channel.name} {first.measured[i]:.4g}, stands "
-                  "alone against its neighbours and was left out: measure it again" for i in slips]
+        notes += [f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
+                  "against its neighbours and was left out: measure it again" for i in slips]
         base = _without(base, slips)
     _check(system, base.observed)
     if len(base.observed) > LARGE:

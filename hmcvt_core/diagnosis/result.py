@@ -8,14 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from .advice import Advice, NextTest
-from .gap_field import GapField
-from .system import Axis, Channel
-
-Array = NDArray[np.float64]
+from .ranking import GapField
+from .system import Array, Axis, Channel
 
 GAP_SIGNIFICANCE = 0.02
 """A gap counts when chance alone would show as much in one campaign of fifty."""
@@ -156,7 +153,7 @@ class ShrinkageSummary:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Outcome of a diagnosis; `report.Diagnosis` adds how it is told.
+    """Outcome of a diagnosis; `words.Diagnosis` adds how it is told.
 
     Attributes:
         gap, where, causes, sets, shrinkage, delivered, next_tests, advice: see the classes above
@@ -212,7 +209,7 @@ class Outcome:
     @property
     def channel(self) -> Channel:
         """The one in which the gap is measured."""
-        return self.field.base.observed.readings[0].channel
+        return self.field.base.observed.channels[0]
 
     def gap_at(self, *place: Array | float, **named: Array | float) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at any operating point.

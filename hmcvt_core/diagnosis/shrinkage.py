@@ -20,8 +20,8 @@ from .evidence import evidence, gram
 from .observations import Observations, replicate_groups
 from .result import ShrinkageSummary
 from .rivals import Linear
+from .system import Array
 
-Array = NDArray[np.float64]
 FOLDS = 12
 DEALS = 8
 _DRAWS = 999
@@ -56,7 +56,7 @@ def cross_validated_errors(
             left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
                                  for part in parts])
             found = evidence(gram(rival.columns, rival.target) - left_out, count,
-                             np.tile(rival.spread, (len(parts), 1)), observed.trusts, rival.signs)
+                             np.tile(rival.spread, (len(parts), 1)), observed.trust, rival.signs)
             for i in np.flatnonzero(found.log > best).tolist():
                 best[i], part, mean = found.log[i], parts[i], found.mean[i]
                 for size in np.flatnonzero(rival.signs * mean < 0.0):
@@ -64,7 +64,7 @@ def cross_validated_errors(
                     along = found.covariance[i, :, size]
                     mean = mean - along * mean[size] / along[size]
                 own[part] = rival.target[0, part] - rival.columns[0, part] @ mean
-    errors *= observed.scale[0]
+    errors *= observed.deviation[0]
     return np.asarray(np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0)))
 
 

@@ -15,8 +15,8 @@ from .campaigns import campaign, measure, random_points
 
 
 def _observed(samples, trust=1e8):
-    observed = observe(samples, 0.01)
-    return replace(observed, readings=(replace(observed.readings[0], trust=trust),))
+    observed = observe(replace(samples, output_speed=None), 0.01)
+    return replace(observed, trust=np.array([trust]))
 
 
 def _linear(observed, columns, target, spread, signs=np.nan):
