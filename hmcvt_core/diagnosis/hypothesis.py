@@ -199,7 +199,8 @@ def refit(
         hypothesis: what is assumed.
         observed: the bench.
         start: theta to start from, or its base part; None for the middle of the prior.
-        slopes: `Fit.jacobian` there, nearly: for the first step.
+        slopes: `Fit.jacobian` there, nearly; the steps mend it (Broyden 1965), and it is taken anew
+            only where they lead nowhere. None: at every step.
     """
     from scipy.optimize import lsq_linear
 
@@ -207,49 +208,50 @@ def refit(
     theta = middle.copy()
     if start is not None:
         theta[:len(start)] = start
-    fit = linearise(hypothesis, observed, theta.clip(*bounds), slopes=slopes)
+    theta = theta.clip(*bounds)
+    here = _whitened(hypothesis, observed, theta)
+    jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
     prior = np.eye(hypothesis.shared, len(theta)) / hypothesis.system.base.spread[:, None]
     for _ in range(_PASSES):
-        root = np.sqrt(fit.noise)[:, None]
+        root = np.sqrt(_noise(observed, here, len(theta)))[:, None]
 
-        def missed(theta: Array, here: Array, root: Array = root) -> Array:
+        def missed(here: Array, theta: Array, root: Array = root) -> Array:
             return np.append(here / root, prior @ (middle - theta))
 
-        columns = np.concatenate([(fit.jacobian / root[..., None]).reshape(-1, len(theta)), prior])
-        left, before = missed(fit.theta, fit.whitened), fit.theta
-        aim = lsq_linear(columns, left + columns @ before, bounds, "bvls").x
+        columns = np.concatenate([(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
+        left, before, whitened = missed(here, theta), theta, here
+        aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
         for part in _PARTS:
             theta = before + part * (aim - before)
-            here = _whitened(hypothesis, observed, theta)
-            if np.sum(missed(theta, here) ** 2) <= np.sum(left**2):
+            here = _whitened(hypothesis, observed, theta) if part else whitened
+            if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
                 break
-        # At the end of a small step predictions are nearly linear: exact slopes still hold.
-        last = slopes is None and bool(np.linalg.norm(columns @ (theta - before)) < _SMALL)
-        slopes, given = None, fit.jacobian if last else None
-        fit = linearise(hypothesis, observed, theta, slopes=given)
-        if last:
+        step, stuck = theta - before, slopes is not None and part == 0.0
+        if np.linalg.norm(columns @ step) < _SMALL and not stuck:  # the slopes still hold
             break
-    return fit
+        if slopes is None or stuck:
+            slopes, jacobian = None, _jacobian(hypothesis, observed, theta, here)
+        else:
+            along = columns.T @ columns @ step
+            jacobian = jacobian + (whitened - here - jacobian @ step)[..., None] * along / (
+                step @ along)
+    return Fit(hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta)))
 
 
 def linearise(
-    hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array | None = None,
-    slopes: Array | None = None,
+    hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array
 ) -> Fit:
-    """Return a fit as it stands at given parameters, also at points it was not fitted to.
-
-    Args:
-        hypothesis, observed, theta: as in `Fit`.
-        noise: the same; None for what residuals and statement say.
-        slopes: the jacobian, where it is known.
-    """
+    """Return a fit as it stands at given parameters, also at points it was not fitted to."""
     here = _whitened(hypothesis, observed, theta)
-    if noise is None:
-        trust, n = observed.trust, len(observed)
-        used = min(len(theta), n - 1) / len(trust)
-        noise = (trust + np.sum(here**2, axis=1)) / (trust + max(n - used, 1.0))
-    jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
-    return Fit(hypothesis, observed, theta, here, jacobian, noise)
+    return Fit(hypothesis, observed, theta, here, _jacobian(hypothesis, observed, theta, here),
+               noise)
+
+
+def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:
+    """Variance of each channel from its residuals and what was stated."""
+    trust, n = observed.trust, len(observed)
+    used = min(parameters, n - 1) / len(trust)
+    return np.asarray((trust + np.sum(whitened**2, axis=1)) / (trust + max(n - used, 1.0)))
 
 
 def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> Array:

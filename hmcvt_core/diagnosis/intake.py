@@ -35,7 +35,6 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     Raises:
         InputError: what remains cannot carry a diagnosis.
     """
-    _check(system, observed)
     notes = []
     base = refit(Hypothesis(system), observed)
     impossible = np.flatnonzero(base.whitened[0] == REFUSED)
@@ -50,13 +49,13 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         base = _without(base, impossible)
     observed = base.observed
     slips, read = outliers(observed, base.whitened), observed.channels[0].name
-    if len(slips) > _NAMED and len(observed) > LARGE:
+    if len(slips) > _NAMED:
         notes.append(f"{len(slips)} samples stand alone against their neighbours and were left "
                      f"out: {listed_samples(observed, slips)}")
-        base = _without(base, slips)
-    elif len(slips):
+    else:
         notes += [f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
                   "against its neighbours and was left out: measure it again" for i in slips]
+    if len(slips):
         base = _without(base, slips)
     _check(system, base.observed)
     if len(base.observed) > LARGE:
@@ -101,7 +100,7 @@ def _check(system: System, observed: Observations) -> None:
     if n < least:
         raise InputError(f"{source}: {n} samples (rows that differ) {against}; at least {least} "
                          "are needed")
-    points = len(np.unique(replicate_groups(observed.axes, observed.points)))
+    points = replicate_groups(observed.axes, observed.points).max() + 1
     if points <= free:
         raise InputError(f"{source}: {points} distinct operating points {against}")
 

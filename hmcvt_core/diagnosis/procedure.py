@@ -33,7 +33,6 @@ _TWIN = math.log(FOUND / (1.0 - FOUND))  # evidence, forms aside: less does not 
 _MOST_REGIONS = 5
 _RIVALS = 12
 _TOLD_SETS = 5
-_ZERO = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,33 +127,29 @@ def diagnose_system(
     tell("step 2 of 3, refits with sets of effects")
     study = _Study(rank(base, boxes), boxes, found, seed)
     tell("step 3 of 3, how far the gap shrinks")
-    ranking, noise = study.ranking, study.noise
-    before = after = study.before
-    held_out: list[str] = []
-    judged, residuals = observed, study.before
-    if study.significant:
-        after = study.errors([ranking.bare, *(
-            rival for rival, _ in list(ranking.sets.values())[:_RIVALS])])
+    ranking, residuals, real = study.ranking, study.before, study.significant
     verdict, why = _verdict(study)
-    left = study.errors([study.leading[0]]) if verdict in NAMING else before
-    delivered = result.Delivered(_rms(before), _rms(left))
+    left = study.errors([study.leading[0]]) if verdict in NAMING else residuals
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
+    else:
+        rivals = [rival for rival, _ in list(ranking.sets.values())[:_RIVALS]] if real else []
+        before, after = residuals, study.errors([ranking.bare, *rivals])
+        noise, judged, held_out = study.noise, observed, []
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
-                       seed, study.significant)
+                       seed, real)
     gap = result.Gap(len(residuals), _rms(residuals), study.scatter, observed.usual_noise,
-                     observed.noise_source, found.p_value, study.significant)
+                     observed.noise_source, found.p_value, real)
     advice = advise(ranking, system.candidates(observed.points, base.base))
     field = ranking.field
     expected = field.at()[0]
     return Diagnosis(
         gap, _where(study, expected), verdict, _causes(study, verdict),
-        _sets(study) if study.significant else (), shrunk, delivered, advice.next_tests,
-        advice, ranking.unlisted if study.significant else 0.0,
-        ranking.misfit if study.significant else 0.0,
-        _lost_power(study, verdict, expected), tuple(warnings),
+        _sets(study) if real else (), shrunk, result.Delivered(_rms(residuals), _rms(left)),
+        advice.next_tests, advice, ranking.unlisted if real else 0.0,
+        ranking.misfit if real else 0.0, _lost_power(study, verdict, expected), tuple(warnings),
         (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
-         *_at_zero(base), *why),
+         *why),
         _model_of(base), field, observed.samples, residuals, judged.samples, before, after)
 
 
@@ -238,8 +233,7 @@ def _errors_on(
     notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
              f"{listed_samples(held, stalled)}"] if len(stalled) else []
     held = held.select(np.flatnonzero(usable))
-    noise = (np.full(len(held), study.scatter) if held.assumed
-             else held.deviation[0])
+    noise = np.full(len(held), study.scatter) if held.assumed else held.deviation[0]
     return before[usable], after[usable], noise, held, notes
 
 
@@ -322,13 +316,6 @@ def _where(study: _Study, expected: Array) -> tuple[result.Region, ...]:
         float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
         float(found.region_p[i]), observed.channels[found.region_channel[i]].name)
         for i in chosen)
-
-
-def _at_zero(fit: Fit) -> list[str]:
-    base = fit.hypothesis.system.base
-    return [f"the refit puts {name} at zero: something else takes its place"
-            for name, value, low in zip(base.names, base.values(fit.base), base.values(base.low),
-                                        strict=True) if low == 0.0 and value <= _ZERO]
 
 
 def _on_noise(study: _Study) -> list[str]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from .hypothesis import Fit, Signature
 from .regions import Regions
-from .rivals import Proposal, Rival, fields, local, misfitting, nothing, screen
+from .rivals import Proposal, Rival, exact, fields, local, misfitting, nothing, screen
 from .system import Array, Points
 
 PRIOR_NO_GAP = 0.5
@@ -34,7 +34,8 @@ No model is exact: that is nearly as likely as a single cause.
 PRIOR_UNLISTED = 0.10
 """Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
 
-_KINDS = 12  # single effects refitted
+_KINDS = 12  # single effects refitted, and sets refitted exactly at the end
+_HOPELESS = 10.0  # nats behind the best
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
 _SAMPLES_EACH = 16  # for each cause of a set: three causes need about 48
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
@@ -153,7 +154,7 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
     found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
     wrong = _distinct(screen(base, library, opposite=True))
-    turned = [replace(rival := each.refit(opposite=True), log=rival.log + each.price)
+    turned = [replace(rival := exact(each.refit(opposite=True)), log=rival.log + each.price)
               for each in wrong[:_OPPOSITE] if each.gain > 0.0]
     for family, count in ((fields(bare), 0), (local(bare, boxes), 0), (turned, len(wrong))):
         found += _shared(family, math.log(PRIOR_UNLISTED / 3.0), count)
@@ -209,6 +210,10 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
             for rival, price in (found[names] for names in leaders(size, _LEADERS))
             for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
             key=lambda each: -each.gain))[:2 * _SETS])
+    best = max(map(weight, found))
+    for names in sorted(found, key=weight, reverse=True)[:_KINDS]:
+        if weight(names) > best - _HOPELESS:
+            found[names] = exact(found[names][0]), found[names][1]
     return [(rival, weight(names)) for names, (rival, _) in found.items()], len(
         {each.effects[0].name for each in alone})
 

@@ -258,6 +258,11 @@ def explanation(fit: Fit) -> Rival:
     return Rival(fit, tried[best], plain, float(log_mean(logs.ravel())))
 
 
+def exact(rival: Rival) -> Rival:
+    """Weigh a rival at its refit with slopes taken there, not mended on the way."""
+    return explanation(refit(rival.fit.hypothesis, rival.fit.observed, rival.fit.theta))
+
+
 # --- what nobody listed ---------------------------------------------------------------------------
 
 
