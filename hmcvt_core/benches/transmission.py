@@ -23,6 +23,7 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
 from ..physics.effects.base import Effect
+from ..transmission import ranges
 from ..transmission.parameters import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     PARAMETER_NAMES,
@@ -33,23 +34,13 @@ from ..transmission.parameters import (
     from_scaled,
     to_scaled,
 )
-from ..transmission.ranges import (
-    BENCH_COLUMNS,
-    EFFICIENCY,
-    EFFICIENCY_STD,
-    ENGINE_SPEED_LIMITS,
-    LOAD_TORQUE,
-    REQUIRED_COLUMNS,
-    RPM,
-    OperatingPoints,
-)
 from ..transmission.stage import Stage
 
 AXES = (
     Axis("displacement_ratio", "-", "displacement ratio", "stroke", 2, 0.001, graded=False,
          told="stroke {0:+.2f}"),
-    Axis("engine_speed", "rad/s", "engine speed", "speed [rad/s]", 1, RPM,
-         told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / RPM),
+    Axis("engine_speed", "rad/s", "engine speed", "speed [rad/s]", 1, ranges.RPM,
+         told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / ranges.RPM),
     Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, told="{0:.0f} N m"),
 )
 OIL_TEMPERATURE = Axis("oil_temperature", "deg C", "oil temperature", "oil [deg C]", 0, 1.0,
@@ -134,7 +125,7 @@ class Transmission:
         known: dict[str, Any] = {**points}
         if STAGE.name in known:
             known["stage"] = np.array(list(self.model.stages))[known["stage"].astype(int)]
-        found = self._refitted(base, effects).readings_at(OperatingPoints(**known))
+        found = self._refitted(base, effects).readings_at(ranges.OperatingPoints(**known))
         if len(base) > 4:
             gain, zero = self.base.values(base)[4:].tolist()
             found[2] = found[2] * (1.0 + gain) + zero
@@ -145,10 +136,10 @@ class Transmission:
         measured = points["engine_speed"]
         stroke, speed, part = (axis.ravel() for axis in np.meshgrid(
             np.linspace(-1.0, 1.0, _GRID[0]),
-            np.linspace(min(ENGINE_SPEED_LIMITS[0], measured.min()),
-                        max(ENGINE_SPEED_LIMITS[1], measured.max()), _GRID[1]),
+            np.linspace(min(ranges.ENGINE_SPEED_LIMITS[0], measured.min()),
+                        max(ranges.ENGINE_SPEED_LIMITS[1], measured.max()), _GRID[1]),
             np.linspace(0.0, 1.0, _GRID[2]), indexing="ij"))
-        lowest = np.maximum(_LEAST_POWER / speed, LOAD_TORQUE.low)
+        lowest = np.maximum(_LEAST_POWER / speed, ranges.LOAD_TORQUE.low)
         highest = max(points["load_torque"].max(), 2.0 * _LEAST_POWER / speed.min())
         torque = lowest + part * (highest - lowest)
         possible = {name: np.full(len(speed), np.median(points[name])) for name in points}
@@ -158,7 +149,7 @@ class Transmission:
             possible = {name: np.tile(row, len(stages)) for name, row in possible.items()}
             possible["stage"] = np.repeat(stages, len(speed))
         # NaN is no answer, and is not contained.
-        usable = EFFICIENCY.contains(self.predict(base, (), possible)[0])
+        usable = ranges.EFFICIENCY.contains(self.predict(base, (), possible)[0])
         return {name: values[usable] for name, values in possible.items()}
 
     def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
@@ -205,7 +196,7 @@ def observe(
         InputError: `noise` is out of range.
     """
     if noise is not None:
-        noise = float(EFFICIENCY_STD.check(noise, "noise"))
+        noise = float(ranges.EFFICIENCY_STD.check(noise, "noise"))
     axes = AXES if samples.oil_temperature is None else (*AXES, OIL_TEMPERATURE)
     points = {axis.name: getattr(samples, axis.name) for axis in axes}
     if len(stages) > 1:
@@ -298,20 +289,16 @@ def _distinct(
     samples: BenchSamples, noise: float | None, stages: Sequence[str], notes: list[str]
 ) -> Observations:
     """Observations without rows that copy another one, which are noted."""
-    told = zip(_rows(samples, [item.name for item in BENCH_COLUMNS]), *samples.extra.values(),
-               strict=True)
+    rows = zip(_rows(samples, [column.name for column in ranges.BENCH_COLUMNS]),
+               *samples.extra.values(), strict=True)
     # The first of equal rows. A copy says nothing new, least of all about the noise, as readings
     # repeated at one point do.
     first: dict[object, int] = {}
-    for i, row in enumerate(told):
-        first.setdefault(row, i)
-    return _observed(samples, list(first.values()), noise, stages, notes,
-                     "rows copy another one in every column")
-
-
-def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
-    columns = [getattr(samples, name) for name in names]
-    return list(zip(*(each.tolist() for each in columns if each is not None), strict=True))
+    kept = [i for i, row in enumerate(rows) if first.setdefault(row, i) == i]
+    if len(kept) < len(samples):
+        notes.append(f"{len(samples) - len(kept)} of {len(samples)} rows copy another one in every "
+                     "column and were left out")
+    return replace(observe(samples.select(kept), noise, stages), number=np.array(kept))
 
 
 def _fresh(
@@ -321,22 +308,20 @@ def _fresh(
     if holdout.oil_temperature is None and samples.oil_temperature is not None:
         raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
                          "has it")
-    seen = set(_rows(samples, REQUIRED_COLUMNS))
-    kept = [i for i, row in enumerate(_rows(holdout, REQUIRED_COLUMNS)) if row not in seen]
+    seen = set(_rows(samples, ranges.REQUIRED_COLUMNS))
+    kept = [i for i, row in enumerate(_rows(holdout, ranges.REQUIRED_COLUMNS)) if row not in seen]
     if not kept:
         raise InputError(f"{holdout.source}: every sample held out is among those diagnosed; a "
                          "holdout is measured apart, or leave it out for cross-validation")
-    return _observed(holdout, kept, None, stages, notes,
-                     "samples held out are among those diagnosed")
+    if len(kept) < len(holdout):
+        notes.append(f"{len(holdout) - len(kept)} of {len(holdout)} samples held out are among "
+                     "those diagnosed and were left out")
+    return replace(observe(holdout.select(kept), stages=stages), number=np.array(kept))
 
 
-def _observed(
-    samples: BenchSamples, kept: Sequence[int], noise: float | None, stages: Sequence[str],
-    notes: list[str], others: str,
-) -> Observations:
-    if len(kept) < len(samples):
-        notes.append(f"{len(samples) - len(kept)} of {len(samples)} {others} and were left out")
-    return replace(observe(samples.select(kept), noise, stages), number=np.array(kept))
+def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
+    columns = [getattr(samples, name) for name in names]
+    return list(zip(*(each.tolist() for each in columns if each is not None), strict=True))
 
 
 def separable(
@@ -378,8 +363,8 @@ def read_plan(
         InputError: as `read_bench`, or the model has no answer at a point.
     """
     known, extra, found = read_columns(path, _POINT)
-    points = OperatingPoints(
-        **{axis: known[axis] for axis in OperatingPoints._fields if axis in known},
+    points = ranges.OperatingPoints(
+        **{axis: known[axis] for axis in ranges.OperatingPoints._fields if axis in known},
         stage=np.array(extra["stage"]) if "stage" in extra else None)
     expected = dict(zip((item.name for item in CHANNELS), model.readings_at(points), strict=True))
     stalled = np.flatnonzero(np.isnan(expected["efficiency"]))

@@ -278,18 +278,14 @@ def _causes(found: Outcome) -> list[str]:
 
 
 def _tests(found: Outcome) -> list[str]:
-    if not found.next_tests:
-        return []
-    gain = (" (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
-            "halves the choice)") if found.next_tests[0].point else ""
-    return [f"next tests{gain}", *(f"  {_test(found, test)}" for test in found.next_tests)]
-
-
-def _test(found: Outcome, test: NextTest) -> str:
-    told = "tells " + " from ".join(test.separates)
-    if not test.point:
-        return f"{test.measure}: {told}"
-    return f"{point_of(test, found.axes)}: {told}, gain {test.gain:.1f}"
+    lines = []
+    for test in found.next_tests:
+        told = f"tells {' from '.join(test.separates)}"
+        lines.append(f"  {point_of(test, found.axes)}: {told}, gain {test.gain:.1f}" if test.point
+                     else f"  {test.measure}: {told}")
+    head = (" (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
+            "halves the choice)") if lines and found.next_tests[0].point else ""
+    return [f"next tests{head}", *lines] if lines else []
 
 
 def _fields(value: Any) -> dict[str, Any]:
