@@ -209,7 +209,7 @@ class UnitDiagnosis:
     def errors(self) -> tuple[float, float]:
         """Standard errors: of log10 of the leakage [-], and of the damping [N m s/rad]."""
         system, names = self.model.system, tuple(sorted(each.name for each in self.model.effects))
-        variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.field.alive
+        variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.alive.entries
                          if rival.names == names), system.base.spread**2)
         decades, damping = np.sqrt(variance[:2]).tolist()
         return decades, damping * system.displacement / _SIZE

@@ -28,7 +28,7 @@ SETTLED = 0.95
 """Probability at which an explanation stands."""
 _NO_TEST = "cannot be settled by tests"
 
-_MOST = 8  # explanations weighed
+_MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
 _DECISIVE = 9.0  # squared deviations: three standard deviations
 _MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
 _WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
@@ -111,13 +111,12 @@ class Advice:
         }
 
 
-def advise(ranking: Ranking, possible: Points, most: int = 4) -> Advice:
-    """Choose the next tests.
+def advise(ranking: Ranking, possible: Points) -> Advice:
+    """Choose the next tests, each knowing of those before it.
 
     Args:
         ranking: of the explanations.
         possible: the tests that can be run, by axis.
-        most: tests to choose, each knowing of those before it.
     """
     labels, base = _labels(ranking), ranking.bare.fit
     alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
@@ -151,7 +150,7 @@ def advise(ranking: Ranking, possible: Points, most: int = 4) -> Advice:
         if remedy:
             return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)))
     tests = []
-    for _ in range(most):
+    for _ in range(_TESTS):
         distance = _distances(rivals)
         information = -np.einsum("k,kn->n", p, np.log(np.einsum("j,kjn->kn", p, np.exp(-distance))))
         best = int(np.argmax(information))

@@ -65,7 +65,7 @@ def evidence(
     Args:
         grams: of [columns, target], shape (m, channels, p + 1, p + 1).
         count: samples per channel; shape (m, 1) where the models have different ones.
-        spread: prior standard deviations of the coefficients, shape (m, p).
+        spread: prior standard deviations of the coefficients, shape (p,) or (m, p).
         trust: worth of the stated noise in samples, shape (channels,).
         signs: of coefficients that are sizes of effects, see `size_odds`; NaN for the others and
             by default, shape (p,) or (m, p).
@@ -91,7 +91,7 @@ def evidence(
     _, logdet = np.linalg.slogdet(matrix)
     log = -0.5 * (
         np.sum((count + trust) * np.log(noise) + (trust + residual) / noise, axis=1)
-        + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=1)
+        + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=-1)
     )
     if signs is not None:
         log += size_odds(mean, np.diagonal(covariance, axis1=1, axis2=2), spread, signs)

@@ -74,15 +74,12 @@ class Isolability:
         return [other for other, level in zip(self.effects, row, strict=True)
                 if other != effect and level < DECISIVE]
 
-    @property
-    def _channels(self) -> list[str]:
-        return [channel.name for channel in self.plan.channels]
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
             "samples": len(self.plan), "noise": self.plan.usual_noise,
-            "noise_source": self.plan.noise_source, "channels": self._channels,
+            "noise_source": self.plan.noise_source,
+            "channels": [channel.name for channel in self.plan.channels],
             "threshold": DECISIVE,
             "effects": [{
                 "effect": name, "detectability": float(self.detectability[i]),
@@ -107,7 +104,8 @@ class Isolability:
                 hidden.append(name + runs)
             elif not self.twins(name):
                 told.append(name)
-        lines = [f"{len(self.plan)} points; read: {', '.join(self._channels)}",
+        read = ", ".join(channel.name for channel in self.plan.channels)
+        lines = [f"{len(self.plan)} points; read: {read}",
                  f"noise of the {plain(first.name)}: {first.factor * self.plan.usual_noise:.2g} "
                  f"{first.unit}, {self.plan.noise_source}", "",
                  _listed("told from all others: ", told)]

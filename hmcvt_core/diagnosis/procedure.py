@@ -141,8 +141,8 @@ def diagnose_system(
     gap = result.Gap(len(residuals), _rms(residuals), study.scatter, observed.usual_noise,
                      observed.noise_source, found.p_value, real)
     advice = advise(ranking, system.candidates(observed.points, base.base))
-    field = ranking.field
-    expected = field.at()[0]
+    alive = ranking.alive
+    expected = alive.gap_at()[0]
     return Diagnosis(
         gap, _where(study, expected), verdict, _causes(study, verdict),
         _sets(study) if real else (), shrunk, result.Delivered(_rms(residuals), _rms(left)),
@@ -150,7 +150,7 @@ def diagnose_system(
         ranking.misfit if real else 0.0, _lost_power(study, verdict, expected), tuple(warnings),
         (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *why),
-        _model_of(base), field, observed.samples, residuals, judged.samples, before, after)
+        _model_of(base), alive, observed.samples, residuals, judged.samples, before, after)
 
 
 def next_test(

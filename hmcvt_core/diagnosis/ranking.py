@@ -90,43 +90,28 @@ class Ranking:
         return next(rival for names, (rival, _) in self.sets.items() if name in names)
 
     @property
-    def field(self) -> GapField:
-        """What the rivals that matter foretell."""
+    def alive(self) -> Ranking:
+        """The rivals that matter, their probabilities summing to 1 again."""
         kept = [(rival, p) for rival, p in self.entries if p >= ALIVE]
         total = sum(p for _, p in kept)
-        return GapField(self.bare.fit, tuple((rival, p / total) for rival, p in kept))
+        return replace(self, entries=tuple((rival, p / total) for rival, p in kept))
 
-
-@dataclass(frozen=True, eq=False)
-class GapField:
-    """The gap at any operating point.
-
-    What each rival foretells beyond the refitted base model, averaged by their probabilities
-    (Bayesian model averaging; Hoeting et al. 1999, Statistical Science 14), losses that nobody
-    listed among them.
-
-    Attributes:
-        base: the refitted base model.
-        alive: rivals and their probabilities given that there is a gap; they sum to 1.
-    """
-
-    base: Fit
-    alive: tuple[tuple[Rival, float], ...]
-
-    def at(self, points: Points | None = None) -> tuple[Array, Array]:
+    def gap_at(self, points: Points | None = None) -> tuple[Array, Array]:
         """Mean and standard deviation of the gap at n points, those of the campaign if None, (n,).
 
-        Measured minus refitted base in the unit of the first channel; NaN where the base model has
-        no answer.
+        What each rival foretells beyond the refitted base model, averaged by their probabilities
+        (Bayesian model averaging; Hoeting et al. 1999, Statistical Science 14), losses that nobody
+        listed among them: measured minus refitted base in the unit of the first channel; NaN where
+        the base model has no answer.
         """
-        there, start = self.base.observed, self.base.whitened[0]
+        there, start = self.bare.fit.observed, self.bare.fit.whitened[0]
         if points is not None:
-            there, start = self.base.as_measured(points), np.zeros(1)
-        told = [rival.at(there) for rival, _ in self.alive]
+            there, start = self.bare.fit.as_measured(points), np.zeros(1)
+        told = [rival.at(there) for rival, _ in self.entries]
         means = there.deviation[0] * np.array([start + each.mean[0] for each in told])
         variances = there.deviation[0] ** 2 * np.array([each.spread[:, 0, 0] for each in told])
         # Who has no answer at a point has no say there.
-        weight = np.isfinite(means) * np.array([[p] for _, p in self.alive])
+        weight = np.isfinite(means) * np.array([[p] for _, p in self.entries])
         with np.errstate(invalid="ignore"):
             weight /= weight.sum(axis=0)
         means = np.nan_to_num(means)
@@ -180,6 +165,7 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
         are to choose from.
     """
     found: dict[Names, tuple[Rival, float]] = {}
+    refined = set[Names]()
 
     def weight(names: Names) -> float:
         return found[names][0].log + found[names][1]
@@ -189,6 +175,13 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
             rival = each.refit()
             if rival.names not in found or rival.log + each.price > weight(rival.names):
                 found[rival.names] = rival, each.price
+                refined.discard(rival.names)
+
+    def refine(names: Names) -> tuple[Rival, float]:
+        if names not in refined:
+            found[names] = exact(found[names][0]), found[names][1]
+            refined.add(names)
+        return found[names]
 
     def leaders(size: int, count: int) -> list[Names]:
         sized = [names for names in found if len(names) == size]
@@ -207,13 +200,13 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
         refitted(_distinct(sorted((
             each._replace(gain=rival.log + each.gain, price=each.price + price)
-            for rival, price in (found[names] for names in leaders(size, _LEADERS))
+            for rival, price in map(refine, leaders(size, _LEADERS))
             for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
             key=lambda each: -each.gain))[:2 * _SETS])
     best = max(map(weight, found))
     for names in sorted(found, key=weight, reverse=True)[:_KINDS]:
         if weight(names) > best - _HOPELESS:
-            found[names] = exact(found[names][0]), found[names][1]
+            refine(names)
     return [(rival, weight(names)) for names, (rival, _) in found.items()], len(
         {each.effects[0].name for each in alone})
 

@@ -215,9 +215,8 @@ def screen(
     signs = np.append(hypothesis.signs, added.signs[hypothesis.shared:])[which]
     spread = np.append(hypothesis.system.base.spread, np.full(len(fit.sizes), _SCREENED_SPREAD))
     without, = weigh(observed, fit.jacobian, fit.target, spread[None], hypothesis.signs)
-    found = [evidence(grams, len(observed), np.tile(np.append(spread, np.full(count, scale)),
-                                                    (len(which), 1)), observed.trust, signs)
-             for scale in SIZE_SPREADS]
+    found = [evidence(grams, len(observed), np.append(spread, np.full(count, scale)),
+                      observed.trust, signs) for scale in SIZE_SPREADS]
     log = log_mean([each.log for each in found]) - without.log
     theta = found[-1].mean + np.append(hypothesis.prior_mean, np.zeros(count))
     # Members of one set come in the order of the library.

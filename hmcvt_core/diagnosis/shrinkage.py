@@ -55,8 +55,8 @@ def cross_validated_errors(
         for rival in rivals:
             left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
                                  for part in parts])
-            found = evidence(gram(rival.columns, rival.target) - left_out, count,
-                             np.tile(rival.spread, (len(parts), 1)), observed.trust, rival.signs)
+            found = evidence(gram(rival.columns, rival.target) - left_out, count, rival.spread,
+                             observed.trust, rival.signs)
             for i in np.flatnonzero(found.log > best).tolist():
                 best[i], part, mean = found.log[i], parts[i], found.mean[i]
                 for size in np.flatnonzero(rival.signs * mean < 0.0):

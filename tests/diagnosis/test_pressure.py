@@ -50,7 +50,7 @@ def test_any_of_the_channels_may_be_read(read):
     predicted = system.predict(truth, (), observed.points)
     assert predicted.shape == (len(CHANNELS), 40)
     assert [item.name for item in observed.channels] == list(read)
-    whitened = linearise(Hypothesis(system), observed, truth).whitened
+    whitened = linearise(Hypothesis(system), observed, truth, np.ones(len(read))).whitened
     assert whitened.shape == (len(read), 40)
     assert np.abs(whitened).max() < 0.01
 
