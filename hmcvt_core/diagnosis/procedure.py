@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from . import result
 from .advice import Advice, advise
+from .evidence import cross_validated_errors, deals
 from .hypothesis import Fit, refit
 from .intake import admitted, listed_samples
 from .observations import FEW, Observations
@@ -22,7 +23,6 @@ from .ranking import Ranking, rank
 from .regions import Regions, Significance, covering, regions, significance
 from .result import GAP_SIGNIFICANCE, NAMING, Cause, CauseSet
 from .rivals import Rival
-from .shrinkage import cross_validated_errors, deals, shrinkage
 from .system import Array, Effect, Points, System
 from .words import Diagnosis
 
@@ -33,6 +33,7 @@ _TWIN = math.log(FOUND / (1.0 - FOUND))  # evidence, forms aside: less does not 
 _MOST_REGIONS = 5
 _RIVALS = 12
 _TOLD_SETS = 5
+_DRAWS, _TAIL = 999, 0.025
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +167,40 @@ def next_test(
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)
     return advise(rank(base, regions(base.observed.place)), possible)
+
+
+def shrinkage(
+    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True
+) -> result.ShrinkageSummary:
+    r"""Say how far the gap shrinks, on data not used for the fit.
+
+    .. math:: G^2 = \overline{e^2} - \sigma^2, \qquad S = 1 - G^2_{after} / G^2_{before}
+
+    e are errors of prediction at the same points, sigma is the noise.
+
+    Args:
+        before, after: errors of the first channel, shape (n,).
+        noise: standard deviation of the first channel at each, shape (n,) or scalar.
+        on: where the errors come from.
+        seed: of the bootstrap over points.
+        real: whether there is a gap at all; without one `fraction` is None.
+    """
+    squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
+        np.square(noise), before.shape)[:, None]
+    mean = squares.mean(axis=0)
+    fraction, interval = None, None
+    if real and mean[0] > 0.0:
+        rng, n = np.random.default_rng(seed), len(squares)
+        drawn = np.stack([mean, *(squares[rng.integers(0, n, n)].mean(axis=0)
+                                  for _ in range(_DRAWS))])
+        drawn = drawn[drawn[:, 0] > 0.0]
+        # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
+        fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()
+        if others:
+            low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
+            interval = low, high
+    gap = np.sqrt(np.maximum(mean, 0.0)).tolist()
+    return result.ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
 
 
 def _rms(values: Array) -> float:

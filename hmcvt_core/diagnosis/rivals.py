@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .evidence import evidence, gram, log_mean, respread
+from .evidence import Linear, evidence, gram, log_mean, respread, weigh
 from .hypothesis import REFUSED, Fit, Hypothesis, Signature, linearise, refit
 from .observations import SMOOTH_DEGREE, Observations, smooth_functions
 from .regions import Regions
@@ -31,42 +31,6 @@ _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
 _SCREENED_SPREAD = 1.5  # in typical sizes
-
-
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """One hypothesis as a linear model.
-
-    Attributes:
-        columns: of the prediction / deviation, shape (channels, n, p); base, sizes, then its own.
-        target: what the coefficients should reproduce, shape (channels, n).
-        spread: prior standard deviations, shape (p,).
-        signs: as `evidence` takes them, shape (p,).
-        log: log evidence.
-        mean: posterior, of the coefficients, shape (p,).
-        covariance: the same, shape (p, p).
-        noise: variance of each channel, shape (channels,).
-    """
-
-    columns: Array
-    target: Array
-    spread: Array
-    signs: Array
-    log: float
-    mean: Array
-    covariance: Array
-    noise: Array
-
-
-def weigh(
-    observed: Observations, columns: Array, target: Array, spreads: Array, signs: Array
-) -> list[Linear]:
-    """Weigh the same columns under several priors, spreads of shape (m, p)."""
-    one = gram(columns, target)
-    found = evidence(np.broadcast_to(one, (len(spreads), *one.shape)), len(observed), spreads,
-                     observed.trust, signs)
-    return [Linear(columns, target, spread, signs, float(log), mean, covariance, noise)
-            for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

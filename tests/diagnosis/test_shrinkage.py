@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import observe
+from hmcvt_core.diagnosis.evidence import cross_validated_errors, deals, weigh
 from hmcvt_core.diagnosis.observations import replicate_groups
-from hmcvt_core.diagnosis.rivals import weigh
-from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, deals, shrinkage
+from hmcvt_core.diagnosis.procedure import shrinkage
 
 from .campaigns import campaign, measure, random_points
 
