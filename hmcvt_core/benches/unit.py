@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, diagnose_system, next_test
-from ..diagnosis.observations import TRUST_ASSUMED, TRUST_STATED, Observations, Reading
+from ..diagnosis.observations import TRUST_ASSUMED, TRUST_STATED, Observations
 from ..diagnosis.result import NAMING
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..errors import InputError
@@ -169,9 +169,9 @@ def observe_unit(system: HydrostaticUnit, samples: UnitSamples) -> Observations:
     axes = tuple(axis for axis in _AXES if axis.name in points
                  and (axis is not STROKE or np.ptp(samples.displacement_ratio) > STROKE.held))
     assumed = samples.noise is None
-    readings = tuple(Reading(*each, TRUST_ASSUMED if assumed else TRUST_STATED) for each in zip(
-        system.channels, samples.losses, samples.deviation, strict=True))
-    return Observations(axes, points, readings, samples, np.arange(len(samples)),
+    trust = np.full(len(system.channels), TRUST_ASSUMED if assumed else TRUST_STATED)
+    return Observations(axes, points, system.channels, samples.losses, samples.deviation, trust,
+                        samples, np.arange(len(samples)),
                         "assumed, ISO 4409 class A" if assumed else "given", assumed)
 
 
@@ -208,7 +208,7 @@ class UnitDiagnosis:
     def errors(self) -> tuple[float, float]:
         """Standard errors: of log10 of the leakage [-], and of the damping [N m s/rad]."""
         system, names = self.model.system, tuple(sorted(each.name for each in self.model.effects))
-        variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.field.alive
+        variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.alive.entries
                          if rival.names == names), system.base.spread**2)
         decades, damping = np.sqrt(variance[:2]).tolist()
         return decades, damping * system.displacement / _SIZE
