@@ -90,11 +90,13 @@ def unspanned():
     system = Transmission(BASE)
     base = np.append(to_scaled(BASE.parameters.to_array()), np.zeros(len(system.base) - 3))
     fit = linearise(Hypothesis(system), bench, base, np.ones(2))
-    here = bench.whiten(system.predict(base, (), bench.points))
+
+    def predicted(*effects):
+        read = system.predict(base, effects, bench.points)[:len(bench.channels)]
+        return read / bench.deviation
 
     def signature(effect):
-        there = bench.whiten(system.predict(base, (effect,), bench.points))
-        return fit.left((here - there)[None])[0]
+        return fit.left((predicted(effect) - predicted())[None])[0]
 
     found = {}
     for name, published in PUBLISHED.items():
