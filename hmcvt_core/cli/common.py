@@ -17,8 +17,8 @@ import click
 
 from ..files import data_path, plain
 from ..files.bench import BenchSamples
+from ..model.agreement import LOADS, STROKES, operating_point
 from ..model.domain import AXES
-from ..model.measured import LOADS, STROKES, operating_point
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import Effect, load_effects

@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from ..errors import HmcvtError
+from ..model.agreement import LOADS
 from ..model.engine import load_engine
-from ..model.measured import LOADS
 from ..model.model import EfficiencyModel
 from ..model.optimum import HOLDS
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ..files.bench import read_bench
-from ..model.agreement import mean_error, predicted_at
+from ..model.agreement import mean_error
 from ..model.model import DRAGGED, EfficiencyModel
 from . import common
 from .common import point_from, point_options, stage_option
@@ -77,7 +77,7 @@ def _predict_file(model: EfficiencyModel, bench: str, as_json: bool) -> None:
         common.print_json(records)
         return
     click.echo(common.sample_table(records))
-    error = mean_error(predicted_at(model, samples), samples.efficiency)
+    error = mean_error(model.efficiency(*samples.points), samples.efficiency)
     if not math.isnan(error):
         click.echo(f"mean |error|  {100 * error:.2f} %")
     if none := sum(math.isnan(entry["predicted"]) for entry in records):

@@ -8,7 +8,7 @@ import textwrap
 from dataclasses import fields
 from typing import Any
 
-from ..files import drawing, preformatted
+from ..files import picture, preformatted
 from . import words
 from .advice import NextTest
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Outcome
@@ -118,7 +118,7 @@ class Diagnosis(Outcome):
 
     def plot(self) -> Any:
         """Return a matplotlib figure of the residuals before and after."""
-        return drawing().drawn(lambda figure: drawing().draw_residuals(figure, self))
+        return picture(self)
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())

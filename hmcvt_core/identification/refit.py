@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import carried_at, gear_train_remarks, mean_error, predicted_at
+from ..model.agreement import carried_at, gear_train_remarks, mean_error
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_NAMES, to_scaled
@@ -145,7 +145,7 @@ def refit(
                   model.standard_errors, np.asarray(model.correlation)),
         *([] if held_back is not None else [
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
-    errors = [mean_error(predicted_at(each, samples), measured) for each in (served, model)]
+    errors = [mean_error(each.efficiency(*samples.points), measured) for each in (served, model)]
     provenance = {
         **{name: told for name, told in served.provenance.items() if name == "units"},
         **origin("refit", samples, seed),

@@ -48,7 +48,7 @@ class Breakdown:
 
 
 class BalanceSolver(ArraySolver):
-    """The steady state with effects, each acting at its own place; as `ArraySolver`."""
+    """The steady state with effects, each acting at its own place; without any, `ArraySolver`."""
 
     def __init__(
         self, stage: Stage, parameters: Parameters, effects: Sequence[Effect] = ()
@@ -68,6 +68,8 @@ class BalanceSolver(ArraySolver):
 
     def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
         """What a bench reads in one quadrant, through its meters."""
+        if not self._effects:
+            return super().solve_in(part, points)
         return Solution(*self._readings(part, points)[:3])
 
     def _readings(self, part: tuple[int, int], points: OperatingPoints) -> tuple[Array, ...]:
@@ -148,8 +150,11 @@ class BalanceSolver(ArraySolver):
 
     def held_in(self, part: tuple[int, int], *columns: Array) -> tuple[Array, Array]:
         """As `held`, in one quadrant; by a search and a look at where it leads."""
+        first, exact = super().held_in(part, *columns)
+        if not self._effects:
+            return first, exact
         speed, output, torque = columns
-        points = OperatingPoints(super().held_in(part, *columns)[0], speed, torque)
+        points = OperatingPoints(first, speed, torque)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, *part)
         stroke = shafts.stroke_for(output)
         _, reached, given = self.solve_in(part, points._replace(displacement_ratio=stroke))
