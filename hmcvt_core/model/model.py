@@ -184,17 +184,13 @@ class EfficiencyModel:
             inside = inside | self.domain.contains(*point)
         return Prediction(*map(_plain, (here, error, inside)))
 
-    def sensitivity(
-        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
-    ) -> tuple[Any, Array]:
+    def sensitivity(self, *point: Any) -> tuple[Any, Array]:
         """Efficiency, and its change by one standard error of each parameter, shape (..., 3).
 
-        The shape is (..., 0) where the model does not know its errors.
+        The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
         """
-        here, *there = (model.efficiency(
-            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
-            for model in (self, *(model for _, model in self._neighbours)))
+        here, *there = (model.efficiency(*point)
+                        for model in (self, *(model for _, model in self._neighbours)))
         slopes = np.empty((*np.shape(here), len(there)))
         for i, ((steps, _), answer) in enumerate(zip(self._neighbours, there, strict=True)):
             slopes[..., i] = (answer - here) * steps

@@ -37,9 +37,8 @@ Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
-_SCAN, _ZOOMS = 49, 3
-_RESTING = 1e-12  # part of the speed beside a standing motor
-_BESIDE = 1e-9  # the same along a line of states, where it is the engine that is slower or faster
+_SCAN, _ZOOMS = 33, 4
+_BESIDE = 1e-9  # part of the speed at which the motor rests
 _EDGE = 1e-9  # of the stroke
 _CLOSE = 0.01  # of the best: stages that the first grid cannot tell apart
 _LIMIT_SLACK = 1e-5  # of the width between two limits
@@ -161,7 +160,7 @@ def _at_engine_speed(
 def _best_on_grid(solver: ArraySolver, speed: float, torque: float) -> float:
     """Best displacement ratio at one engine speed and load torque; NaN where none will do."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
-    beside = speed * solver.mechanical_ratio * np.array([1.0 - _RESTING, 1.0 + _RESTING])
+    beside = speed * solver.mechanical_ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
     rest, _ = solver.held(np.array(speed), beside, np.array(torque))
     # Next to the stall a motor need not rest between the two.
     first, last = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0)).tolist()
