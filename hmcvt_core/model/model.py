@@ -146,26 +146,28 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
         """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
-        point = displacement_ratio, engine_speed, load_torque
-        return self._answer(point, oil_temperature, stage)[0]
+        return self._answer(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[0]
 
     def output_speed(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
-        point = displacement_ratio, engine_speed, load_torque
-        return self._answer(point, oil_temperature, stage)[1]
+        return self._answer(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[1]
 
     def _answer(
-        self, point: tuple[Any, Any, Any], oil_temperature: ArrayLike | None,
-        stage: ArrayLike | None,
+        self, displacement_ratio: Any, engine_speed: Any, load_torque: Any, oil_temperature: Any,
+        stage: Any,
     ) -> Sequence[Any]:
-        if (oil_temperature is None and stage is None and is_plain(*point)
+        if (oil_temperature is None and stage is None
+                and is_plain(displacement_ratio, engine_speed, load_torque)
                 and self._point_solver is not None):
             # What a control loop asks for at every message, without the cost of arrays.
-            return self._point_solver.solve(*point)
-        points = OperatingPoints.checked(point, oil_temperature, stage)
+            return self._point_solver.solve(displacement_ratio, engine_speed, load_torque)
+        points = OperatingPoints.checked(
+            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)
         return [*map(_plain, self.solution_at(points))]
 
     def predict(
@@ -215,8 +217,8 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Any:
         """Engine power less output power [W], at any load: zero and overrun (negative) included."""
-        point = displacement_ratio, engine_speed, load_torque
-        torque = self.without_meters()._answer(point, oil_temperature, stage)[2]
+        torque = self.without_meters()._answer(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[2]
         return _plain(np.multiply(engine_speed, np.subtract(torque, load_torque)))
 
     def refusal(
@@ -224,8 +226,8 @@ class EfficiencyModel:
         oil_temperature: float | None = None, stage: str | None = None,
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
-        point = displacement_ratio, engine_speed, load_torque
-        efficiency, _, torque = self._answer(point, oil_temperature, stage)
+        efficiency, _, torque = self._answer(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
         if np.isfinite(efficiency).all():
             return None
         if self.formulation == "published":

@@ -30,6 +30,7 @@ from ..transmission.ranges import (
     OperatingPoints,
     Range,
 )
+from ..transmission.stage import speed_ratio
 from .engine import Engine
 
 Array = NDArray[np.float64]
@@ -37,7 +38,8 @@ Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
-_SCAN, _ZOOMS = 33, 4
+_SCAN, _ZOOMS = 65, 3
+_SLIP = 0.5  # part of the kinematic ratio that a stage may lose, or gain in overrun
 _BESIDE = 1e-9  # part of the speed at which the motor rests
 _EDGE = 1e-9  # of the stroke
 _CLOSE = 0.01  # of the best: stages that the first grid cannot tell apart
@@ -266,6 +268,13 @@ class Line:
                 cost = np.where(torque <= highest, cost, np.nan)
         return np.where(np.isnan(cost), np.inf, cost)
 
+    def reaches(self, low: float, high: float) -> bool:
+        """Whether engine speeds between two limits may give the output."""
+        ends = math.copysign(1.0, self.output_speed) * speed_ratio(
+            self.solver.stage, np.array([-1.0, 1.0]))
+        slowest, fastest = ends.min() * (1.0 - _SLIP) * low, ends.max() * (1.0 + _SLIP) * high
+        return bool(slowest <= abs(self.output_speed) <= fastest)
+
     def search(self, low: float, high: float) -> Search:
         """Search along engine speeds, on either side of that at which the motor rests.
 
@@ -274,7 +283,7 @@ class Line:
         ratio, ends = self.solver.mechanical_ratio, [low, high]
         if ratio:
             rest = self.output_speed / ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
-            ends = [low, *np.clip(np.nan_to_num(rest), low, high).tolist(), high]
+            ends = [low, *np.clip(rest, low, high).tolist(), high]
         return Search(self.cost, [
             (a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b])
 
@@ -334,8 +343,9 @@ def _best(
     hysteresis: float = 0.0,
 ) -> DriveOptimum:
     """Best working point on the lines of several stages; see `drive_optimum`."""
-    found = {name: line.search(low, high) for name, line in lines.items()}
-    promising = min(each.cost for each in found.values()) * (1.0 + _CLOSE)
+    found = {name: line.search(low, high) for name, line in lines.items()
+             if line.reaches(low, high)}
+    promising = min((each.cost for each in found.values()), default=math.inf) * (1.0 + _CLOSE)
     found = {name: each.closer(_ZOOMS) for name, each in found.items()
              if math.isfinite(each.cost) and (each.cost <= promising or name == engaged)}
     if not found:
