@@ -10,12 +10,11 @@ from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..diagnosis import Advice, Diagnosis, Isolability, diagnose_system, isolability
 from ..diagnosis import next_test as next_test_of_system
-from ..diagnosis.observations import TRUST_ASSUMED, Observations, Reading, reading_of
-from ..diagnosis.system import Axis, BaseParameters, Channel, Points
+from ..diagnosis.observations import TRUST_ASSUMED, Observations, noise_of
+from ..diagnosis.system import Array, Axis, BaseParameters, Channel, Points
 from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples, read_columns
@@ -24,6 +23,7 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
 from ..physics.effects.base import Effect
+from ..transmission import ranges
 from ..transmission.parameters import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     PARAMETER_NAMES,
@@ -34,25 +34,13 @@ from ..transmission.parameters import (
     from_scaled,
     to_scaled,
 )
-from ..transmission.ranges import (
-    BENCH_COLUMNS,
-    EFFICIENCY,
-    EFFICIENCY_STD,
-    ENGINE_SPEED_LIMITS,
-    LOAD_TORQUE,
-    REQUIRED_COLUMNS,
-    RPM,
-    OperatingPoints,
-)
 from ..transmission.stage import Stage
-
-Array = NDArray[np.float64]
 
 AXES = (
     Axis("displacement_ratio", "-", "displacement ratio", "stroke", 2, 0.001, graded=False,
          told="stroke {0:+.2f}"),
-    Axis("engine_speed", "rad/s", "engine speed", "speed [rad/s]", 1, RPM,
-         told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / RPM),
+    Axis("engine_speed", "rad/s", "engine speed", "speed [rad/s]", 1, ranges.RPM,
+         told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / ranges.RPM),
     Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, told="{0:.0f} N m"),
 )
 OIL_TEMPERATURE = Axis("oil_temperature", "deg C", "oil temperature", "oil [deg C]", 0, 1.0,
@@ -84,6 +72,10 @@ _POINT = tuple(axis.name for axis in AXES)
 # and zero of the pressure [Pa]. Six times that is another machine.
 _TOLERANCES = {"gear_loss": 0.0006, "pressure_gain": 0.01, "pressure_zero": 1e5}
 _FURTHEST = 6.0
+
+# What is lost without a column.
+_UNREAD = {"output_speed": "losses of flow and of torque look alike",
+           "oil_temperature": "viscosity cannot be judged"}
 
 # Possible tests: strokes, speeds and loads.
 _GRID = (9, 6, 6)
@@ -133,7 +125,7 @@ class Transmission:
         known: dict[str, Any] = {**points}
         if STAGE.name in known:
             known["stage"] = np.array(list(self.model.stages))[known["stage"].astype(int)]
-        found = self._refitted(base, effects).readings_at(OperatingPoints(**known))
+        found = self._refitted(base, effects).readings_at(ranges.OperatingPoints(**known))
         if len(base) > 4:
             gain, zero = self.base.values(base)[4:].tolist()
             found[2] = found[2] * (1.0 + gain) + zero
@@ -144,10 +136,10 @@ class Transmission:
         measured = points["engine_speed"]
         stroke, speed, part = (axis.ravel() for axis in np.meshgrid(
             np.linspace(-1.0, 1.0, _GRID[0]),
-            np.linspace(min(ENGINE_SPEED_LIMITS[0], measured.min()),
-                        max(ENGINE_SPEED_LIMITS[1], measured.max()), _GRID[1]),
+            np.linspace(min(ranges.ENGINE_SPEED_LIMITS[0], measured.min()),
+                        max(ranges.ENGINE_SPEED_LIMITS[1], measured.max()), _GRID[1]),
             np.linspace(0.0, 1.0, _GRID[2]), indexing="ij"))
-        lowest = np.maximum(_LEAST_POWER / speed, LOAD_TORQUE.low)
+        lowest = np.maximum(_LEAST_POWER / speed, ranges.LOAD_TORQUE.low)
         highest = max(points["load_torque"].max(), 2.0 * _LEAST_POWER / speed.min())
         torque = lowest + part * (highest - lowest)
         possible = {name: np.full(len(speed), np.median(points[name])) for name in points}
@@ -157,7 +149,7 @@ class Transmission:
             possible = {name: np.tile(row, len(stages)) for name, row in possible.items()}
             possible["stage"] = np.repeat(stages, len(speed))
         # NaN is no answer, and is not contained.
-        usable = EFFICIENCY.contains(self.predict(base, (), possible)[0])
+        usable = ranges.EFFICIENCY.contains(self.predict(base, (), possible)[0])
         return {name: values[usable] for name, values in possible.items()}
 
     def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
@@ -176,12 +168,8 @@ class Transmission:
 
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
         """Say what missing columns cost."""
-        remarks = []
-        if samples.output_speed is None:
-            remarks.append("without column output_speed, losses of flow and of torque look alike")
-        if samples.oil_temperature is None:
-            remarks.append("without column oil_temperature, viscosity cannot be judged")
-        return tuple(remarks)
+        return tuple(f"without column {name}, {lost}" for name, lost in _UNREAD.items()
+                     if getattr(samples, name) is None)
 
 
 def _base_values(base: Array) -> Array:
@@ -208,7 +196,7 @@ def observe(
         InputError: `noise` is out of range.
     """
     if noise is not None:
-        noise = float(EFFICIENCY_STD.check(noise, "noise"))
+        noise = float(ranges.EFFICIENCY_STD.check(noise, "noise"))
     axes = AXES if samples.oil_temperature is None else (*AXES, OIL_TEMPERATURE)
     points = {axis.name: getattr(samples, axis.name) for axis in axes}
     if len(stages) > 1:
@@ -221,14 +209,16 @@ def observe(
         axes = (*axes, replace(STAGE, labels=tuple(stages)))
         points["stage"] = np.array([stages.index(name) for name in samples.points.stage], float)
     stated = samples.efficiency_std
-    first, source = reading_of(
+    first, trust, source = noise_of(
         EFFICIENCY_CHANNEL, samples.efficiency, noise,
         None if stated is None else np.maximum(stated, _LEAST_DEVIATION), axes, points)
-    others = [Reading(channel, values, channel.deviation(values), TRUST_ASSUMED)
-              for channel in CHANNELS[1:]
-              if (values := getattr(samples, channel.name)) is not None]
-    return Observations(axes, points, (first, *others), samples, np.arange(len(samples)),
-                        source or _ASSUMED, source is None, channels=CHANNELS)
+    channels, measured = zip(*((channel, row) for channel in CHANNELS
+                               if (row := getattr(samples, channel.name)) is not None), strict=True)
+    others = [channel.deviation(row) for channel, row in zip(channels, measured, strict=True)][1:]
+    return Observations(
+        axes, points, channels, np.stack(measured), np.stack([first, *others]),
+        np.array([trust, *(TRUST_ASSUMED for _ in others)]), samples, np.arange(len(samples)),
+        source or _ASSUMED, source is None)
 
 
 def diagnose(
@@ -258,15 +248,14 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    pressure = pressure_remark(model, samples)
     notes: list[str] = []
-    stages = list(model.stages)
-    observed = _distinct(samples, noise, notes, stages)
-    held = None if holdout is None else _fresh(holdout, samples, notes, stages)
-    return diagnose_system(Transmission(model, samples.pressure is not None), observed, held,
-                           warnings=[*gear_train_remarks(model, samples),
-                                     *([] if pressure is None else [pressure])],
-                           notes=notes, seed=seed, progress=progress)
+    stages, pressure = list(model.stages), pressure_remark(model, samples)
+    return diagnose_system(
+        Transmission(model, samples.pressure is not None),
+        _distinct(samples, noise, stages, notes),
+        None if holdout is None else _fresh(holdout, samples, stages, notes),
+        warnings=[*gear_train_remarks(model, samples), *filter(None, [pressure])],
+        notes=notes, seed=seed, progress=progress)
 
 
 def next_test(
@@ -287,7 +276,7 @@ def next_test(
         InputError: as `diagnose`.
     """
     stages, points = list(model.stages), None
-    observed = _distinct(samples, noise, [], stages)
+    observed = _distinct(samples, noise, stages, [])
     if possible is not None:  # what a plan leaves out stays as it mostly was
         plan = observe(possible, noise, stages).points
         points = {name: plan.get(name, np.full(len(possible), np.median(row)))
@@ -297,43 +286,42 @@ def next_test(
 
 
 def _distinct(
-    samples: BenchSamples, noise: float | None, notes: list[str], stages: Sequence[str]
+    samples: BenchSamples, noise: float | None, stages: Sequence[str], notes: list[str]
 ) -> Observations:
     """Observations without rows that copy another one, which are noted."""
-    told = list(zip(_rows(samples, [item.name for item in BENCH_COLUMNS]),
-                    *samples.extra.values(), strict=True))
+    rows = zip(_rows(samples, [column.name for column in ranges.BENCH_COLUMNS]),
+               *samples.extra.values(), strict=True)
     # The first of equal rows. A copy says nothing new, least of all about the noise, as readings
     # repeated at one point do.
-    first = {row: i for i, row in reversed(list(enumerate(told)))}
-    rows = np.array(sorted(first.values()))
-    if len(rows) < len(samples):
-        notes.append(f"{len(samples) - len(rows)} of {len(samples)} rows copy another one in every "
+    first: dict[object, int] = {}
+    kept = [i for i, row in enumerate(rows) if first.setdefault(row, i) == i]
+    if len(kept) < len(samples):
+        notes.append(f"{len(samples) - len(kept)} of {len(samples)} rows copy another one in every "
                      "column and were left out")
-    return replace(observe(samples.select(rows), noise, stages), number=rows)
-
-
-def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
-    columns = [getattr(samples, name) for name in names]
-    return list(zip(*(each.tolist() for each in columns if each is not None), strict=True))
+    return replace(observe(samples.select(kept), noise, stages), number=np.array(kept))
 
 
 def _fresh(
-    holdout: BenchSamples, samples: BenchSamples, notes: list[str], stages: Sequence[str]
+    holdout: BenchSamples, samples: BenchSamples, stages: Sequence[str], notes: list[str]
 ) -> Observations:
     """Leave out what the diagnosis has seen already, and note so."""
     if holdout.oil_temperature is None and samples.oil_temperature is not None:
         raise InputError(f"{holdout.source}: column oil_temperature is missing; {samples.source} "
                          "has it")
-    seen = set(_rows(samples, REQUIRED_COLUMNS))
-    kept = np.array([i for i, row in enumerate(_rows(holdout, REQUIRED_COLUMNS))
-                     if row not in seen], dtype=np.intp)
-    if not len(kept):
+    seen = set(_rows(samples, ranges.REQUIRED_COLUMNS))
+    kept = [i for i, row in enumerate(_rows(holdout, ranges.REQUIRED_COLUMNS)) if row not in seen]
+    if not kept:
         raise InputError(f"{holdout.source}: every sample held out is among those diagnosed; a "
                          "holdout is measured apart, or leave it out for cross-validation")
     if len(kept) < len(holdout):
         notes.append(f"{len(holdout) - len(kept)} of {len(holdout)} samples held out are among "
                      "those diagnosed and were left out")
-    return replace(observe(holdout.select(kept), stages=stages), number=kept)
+    return replace(observe(holdout.select(kept), stages=stages), number=np.array(kept))
+
+
+def _rows(samples: BenchSamples, names: Iterable[str]) -> list[tuple[object, ...]]:
+    columns = [getattr(samples, name) for name in names]
+    return list(zip(*(each.tolist() for each in columns if each is not None), strict=True))
 
 
 def separable(
@@ -375,8 +363,8 @@ def read_plan(
         InputError: as `read_bench`, or the model has no answer at a point.
     """
     known, extra, found = read_columns(path, _POINT)
-    points = OperatingPoints(
-        **{axis: known[axis] for axis in OperatingPoints._fields if axis in known},
+    points = ranges.OperatingPoints(
+        **{axis: known[axis] for axis in ranges.OperatingPoints._fields if axis in known},
         stage=np.array(extra["stage"]) if "stage" in extra else None)
     expected = dict(zip((item.name for item in CHANNELS), model.readings_at(points), strict=True))
     stalled = np.flatnonzero(np.isnan(expected["efficiency"]))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, diagnose_system, next_test
-from ..diagnosis.observations import TRUST_ASSUMED, TRUST_STATED, Observations, Reading
+from ..diagnosis.observations import TRUST_ASSUMED, TRUST_STATED, Observations
 from ..diagnosis.result import NAMING
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..errors import InputError
@@ -27,7 +27,6 @@ from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
 from ..physics.effects.base import Effect, EffectParameter, ShaftState, Value
-from ..physics.effects.unit import OF_ANY_SIZE, sized
 from ..transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
 from .transmission import AXES, OIL_TEMPERATURE
 
@@ -50,7 +49,7 @@ FRICTION = 0.01
 """c_fp = c_fm of the paper [-]."""
 _SIZE = 55e-6 / (2.0 * np.pi)  # m3/rad, of which the priors of the paper's pair are
 _REFERENCE, _FEWEST = "reference_displacement", 3
-_WHOLE = frozenset(("displacement_error", "oil_temperature"))  # they reckon by no displacement
+_STROKE_HOOKS, _OIL_HOOK = ("true_displacement_ratio", "stroke_lag"), "viscosity_ratio"
 _STEADY = 0.75  # part of the deals that must lead to the same set
 
 
@@ -86,7 +85,7 @@ class HydrostaticUnit:
         # on the shaft is one of the constant torques.
         varied = np.ptp(samples.displacement_ratio) > STROKE.held
         self.library: tuple[Any, ...] = tuple(
-            sized(effect, size, self.kind) for effect in library(units=True)
+            effect.in_unit(self.kind, size) for effect in library(units=True)
             if effect.name != "charge_pump" and effect.form != "gain"
             and (varied or effect.name != "displacement_error"))
 
@@ -170,9 +169,9 @@ def observe_unit(system: HydrostaticUnit, samples: UnitSamples) -> Observations:
     axes = tuple(axis for axis in _AXES if axis.name in points
                  and (axis is not STROKE or np.ptp(samples.displacement_ratio) > STROKE.held))
     assumed = samples.noise is None
-    readings = tuple(Reading(*each, TRUST_ASSUMED if assumed else TRUST_STATED) for each in zip(
-        system.channels, samples.losses, samples.deviation, strict=True))
-    return Observations(axes, points, readings, samples, np.arange(len(samples)),
+    trust = np.full(len(system.channels), TRUST_ASSUMED if assumed else TRUST_STATED)
+    return Observations(axes, points, system.channels, samples.losses, samples.deviation, trust,
+                        samples, np.arange(len(samples)),
                         "assumed, ISO 4409 class A" if assumed else "given", assumed)
 
 
@@ -209,7 +208,7 @@ class UnitDiagnosis:
     def errors(self) -> tuple[float, float]:
         """Standard errors: of log10 of the leakage [-], and of the damping [N m s/rad]."""
         system, names = self.model.system, tuple(sorted(each.name for each in self.model.effects))
-        variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.field.alive
+        variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.alive.entries
                          if rival.names == names), system.base.spread**2)
         decades, damping = np.sqrt(variance[:2]).tolist()
         return decades, damping * system.displacement / _SIZE
@@ -373,11 +372,13 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
     def inside(effect: Effect) -> bool:
         # The stroke is the pump's, and one oil serves both.
         return not (effect.component == "sensor"
-                    or (effect.component == "actuator" and kind == "motor")
-                    or (effect.component == "oil" and effect.name in before & _WHOLE))
+                    or (effect.acts_at(*_STROKE_HOOKS) and kind == "motor")
+                    or (effect.acts_at(_OIL_HOOK) and effect.name in before))
 
     def scaled(effect: Effect, item: EffectParameter) -> float:
-        factor = (1.0 if effect.name in _WHOLE else part if item.unit in OF_ANY_SIZE else larger)
+        # What acts on stroke or oil reckons by no displacement.
+        factor = (1.0 if effect.acts_at(*_STROKE_HOOKS, _OIL_HOOK) else
+                  larger if item.grows else part)
         return factor * effect.values()[item.name]
 
     new_effects = [replace(effect, part=kind, **{

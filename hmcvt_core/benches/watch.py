@@ -94,7 +94,6 @@ class ChangeTest:
 
     Attributes:
         samples: taken so far.
-        starts: first samples of the openings that are still thought of.
         evidence: logarithm of the sum of the weighted likelihood ratios, the largest so far.
     """
 
@@ -109,50 +108,51 @@ class ChangeTest:
         self._squares: float = _WORTH  # of innovations, in units of the noise stated
         self._covariance, self._state = np.array(prior), np.zeros(len(prior))
         self._sizes = np.square(spreads)[:, None]
-        self.starts = np.empty(0, dtype=int)
-        # Of each opening: what the filter makes of a step of one, and two sums over innovations.
-        self._steps, self._sums = np.empty((0, len(prior))), np.empty((2, 0))
+        # Openings that are still thought of: number of the first sample and its place, two sums
+        # over innovations, and what the filter makes of a step of one.
+        self._openings = np.empty((0, 5 + len(prior)))
 
-    def take(self, residual: float, deviation: float, row: Array) -> None:
-        """Take the next residual, the deviation of its noise, and its slopes (p,)."""
+    def take(
+        self, residual: float, deviation: float, row: Array, place: tuple[float, float]
+    ) -> None:
+        """Take the next residual, the deviation of its noise, its slopes (p,), and its place."""
         self.samples += 1
-        self.starts = np.append(self.starts, self.samples)
-        self._steps = np.vstack([self._steps, np.zeros(len(row))])
-        self._sums = np.column_stack([self._sums, np.zeros(2)])
+        new = [self.samples, *place, *np.zeros(2 + len(row))]
+        self._openings = np.vstack([self._openings, new])
+        starts, steps = self._openings[:, 0], self._openings[:, 5:]
         larger = max(1.0, self._squares / (_WORTH + self.samples - 1))
         gain = self._covariance @ row
         scale = np.sqrt(larger * deviation**2 + row @ gain)
         innovation = np.clip((residual - row @ self._state) / scale, -MOST, MOST)
         self._squares += float(larger * innovation**2)
-        signature = (1.0 - self._steps @ row) / scale
-        self._sums += signature * innovation, signature**2
+        signature = (1.0 - steps @ row) / scale
+        self._openings[:, 3:5] += np.column_stack([signature * innovation, signature**2])
         self._state += gain / scale * innovation
-        self._steps += np.outer(signature, gain / scale)
+        steps += np.outer(signature, gain / scale)
         self._covariance -= np.outer(gain, gain) / scale**2
-        ratios = self._log_ratios()
-        weighted = ratios - np.log(self.starts * (self.starts + 1.0))
+        weighted = self._log_ratios() - np.log(starts * (starts + 1.0))
         self.evidence = max(self.evidence, float(np.logaddexp.reduce(weighted)))
-        if len(ratios) > _KEPT:  # among the older half, the one that nothing speaks for
-            self._drop(int(np.argmin(weighted[:_KEPT // 2])))
+        if len(starts) > _KEPT:  # among the older half, the one that nothing speaks for
+            self._openings = np.delete(
+                self._openings, np.argmin(weighted[:_KEPT // 2]), axis=0)
 
-    def since(self) -> tuple[int, int, int]:
-        """Most likely first sample with a gap, and those that hold 95 % (first and last)."""
+    def since(self) -> Array:
+        """Most likely first sample with a gap, and those that hold 95 % (first and last).
+
+        Returns:
+            Of each its number and its place, shape (3, 3).
+        """
         ratios = self._log_ratios()
         weights = np.exp(ratios - ratios.max())
         order = np.argsort(-weights)
         held = order[:1 + int(np.searchsorted(np.cumsum(weights[order]), _LEVEL * weights.sum()))]
-        return int(self.starts[order[0]]), *self.starts[[held.min(), held.max()]].tolist()
+        return self._openings[[order[0], held.min(), held.max()], :3]
 
     def _log_ratios(self) -> Array:
-        along, square = self._sums
+        along, square = self._openings[:, 3:5].T
         grown = 1.0 + self._sizes * square
         logs = 0.5 * (self._sizes * along**2 / grown - np.log(grown))
         return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(len(logs)))
-
-    def _drop(self, i: int) -> None:
-        self.starts = np.delete(self.starts, i)
-        self._steps = np.delete(self._steps, i, axis=0)
-        self._sums = np.delete(self._sums, i, axis=1)
 
 
 def step_size(
@@ -220,8 +220,6 @@ class Watch:
         self._test = ChangeTest(self._prior, EFFICIENCY_CHANNEL.field_spreads)
         # Of the last samples with an answer: residual, deviation, stamp, slopes.
         self._rows: deque[Array] = deque(maxlen=_SIZED)
-        # Of those that may begin a gap: number among all samples, and stamp.
-        self._told: dict[int, tuple[int, float]] = {}
         self._taken, self._noticed, self._source = 0, 0, "assumed, 1.12 % (paper, eq. (3))"
 
     def take(self, samples: BenchSamples) -> None:
@@ -235,10 +233,7 @@ class Watch:
             if not np.isfinite(row).all():
                 continue
             self._rows.append(row.copy())
-            self._test.take(row[0], row[1], row[3:])
-            self._told[self._test.samples] = self._taken, float(row[2])
-            if len(self._told) > 2 * _KEPT:
-                self._told = {start: self._told[start] for start in self._test.starts.tolist()}
+            self._test.take(row[0], row[1], row[3:], (self._taken, row[2]))
             if not self._noticed and self._test.evidence >= -np.log(self._false_alarms):
                 self._noticed = self._taken
 
@@ -266,15 +261,13 @@ class Watch:
             "false_alarms": self._false_alarms, "noise": self._source, "open": bool(self._noticed)}
         if not self._noticed:
             return Opening(**told)
-        start, first, last = self._test.since()
+        (start, since, stamp), (_, first, _), (_, last, _) = self._test.since().tolist()
         rows = np.array(self._rows)
         size, deviation = step_size(rows[:, 0], rows[:, 1], rows[:, 3:], self._prior,
-                                    start - self._test.samples + len(rows))
-        since, stamp = self._told[start]
+                                    int(start) - self._test.samples + len(rows))
         return Opening(
-            **told, noticed=self._noticed, since=since,
-            since_interval=(self._told[first][0], self._told[last][0]),
-            since_stamp=stamp or None, size=size,
+            **told, noticed=self._noticed, since=int(since),
+            since_interval=(int(first), int(last)), since_stamp=stamp or None, size=size,
             interval=(size - _QUANTILE * deviation, size + _QUANTILE * deviation))
 
 

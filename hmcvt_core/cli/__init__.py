@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The command line: thin commands over the core, one module each.
+"""The command line: thin commands over the core.
 
-A command is a module here with a `command` in it and a line in `COMMANDS`. Other packages add
+A command has a line in `COMMANDS` and returns its answer (`common.answers`). Other packages add
 theirs through the entry-point group `hmcvt.commands`: name = module:click_command.
 
 Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted;
@@ -10,7 +10,6 @@ Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failu
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 from importlib.metadata import EntryPoint, entry_points
@@ -22,20 +21,22 @@ from ..errors import HmcvtError
 from ..version import __version__
 
 COMMANDS = {
-    "identify": "identify the hydraulic parameters from bench samples",
-    "predict": "predict the efficiency at a point or at every sample of a file",
-    "optimum": "find the displacement ratio that wastes least",
-    "map": "write the efficiency over displacement ratio, engine speed and load",
-    "breakdown": "show where the watts go",
-    "diagnose": "diagnose the gap between model and bench",
-    "next": "choose the bench test that tells most about a gap",
-    "watch": "tell whether a gap has opened, since when and how large",
-    "fleet": "identify and diagnose every bench log of a folder",
-    "unit": "diagnose a single pump or motor, from its tests or a maker's table",
-    "separable": "tell which effects a test plan can tell apart",
-    "import": "turn the table of your bench (CSV, Excel) into bench samples",
-    "import-csv": "the older name of import",
+    "identify": ("identify:command", "identify the hydraulic parameters from bench samples"),
+    "predict": ("point:predict", "predict the efficiency at a point or at every sample of a file"),
+    "optimum": ("point:optimum", "find the displacement ratio that wastes least"),
+    "map": ("map:command", "write the efficiency over displacement ratio, engine speed and load"),
+    "breakdown": ("point:breakdown", "show where the watts go"),
+    "diagnose": ("gap:diagnose", "diagnose the gap between model and bench"),
+    "next": ("gap:next_test", "choose the bench test that tells most about a gap"),
+    "watch": ("gap:watch", "tell whether a gap has opened, since when and how large"),
+    "fleet": ("fleet:command", "identify and diagnose every bench log of a folder"),
+    "unit": ("gap:unit", "diagnose a single pump or motor, from its tests or a maker's table"),
+    "separable": ("gap:separable", "tell which effects a test plan can tell apart"),
+    "import": ("import_table:command",
+               "turn the table of your bench (CSV, Excel) into bench samples"),
+    "import-csv": ("import_table:command", "the older name of import"),
 }
+"""Of each command its place, module:name, and what it does."""
 
 GROUP = "hmcvt.commands"
 
@@ -73,8 +74,8 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
-            name = "import_table" if cmd_name.startswith("import") else cmd_name
-            command: click.Command = importlib.import_module(f"{__name__}.{name}").command
+            place = f"{__name__}.{COMMANDS[cmd_name][0]}"
+            command: click.Command = EntryPoint(cmd_name, place, GROUP).load()
             return command
         entry = _installed().get(cmd_name)
         return None if entry is None else _load(entry)
@@ -83,7 +84,7 @@ class _Commands(click.Group):
         others = [(name, _load(entry).get_short_help_str(formatter.width))
                   for name, entry in _installed().items()]
         with formatter.section("Commands"):
-            formatter.write_dl([*COMMANDS.items(), *others])
+            formatter.write_dl([*((name, does) for name, (_, does) in COMMANDS.items()), *others])
 
 
 @click.group(cls=_Commands, invoke_without_command=True, epilog="""\b

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What the commands share: options, output, progress."""
+"""What the commands share: options, answers, progress."""
 
 from __future__ import annotations
 
@@ -9,29 +9,63 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from functools import reduce, wraps
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import click
 
+from ..benches.unit import UnitDiagnosis
+from ..diagnosis import Diagnosis
 from ..files import data_path, plain
 from ..files.bench import BenchSamples
+from ..files.guess import UNITS
+from ..files.table import parsed
 from ..model.agreement import LOADS, STROKES, operating_point
 from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
-from ..physics.effects import Effect, load_effects
-from ..transmission.ranges import RPM
+from ..physics.effects import load_effects
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
 
 
+class Answer(NamedTuple):
+    """What a command found: plain data for --json, lines for people, and its exit code."""
+
+    value: Any
+    lines: Sequence[str] = ()
+    code: int = 0
+
+
+def answers(function: Callable[..., Answer]) -> Callable[..., int]:
+    """Add --json to a command, and print what it returns."""
+    @json_option
+    @wraps(function)
+    def command(*, as_json: bool, **given: Any) -> int:
+        found = function(**given)
+        if as_json:
+            print_json(found.value)
+        elif found.lines:
+            click.echo("\n".join(found.lines))
+        return found.code
+
+    return command
+
+
 class OutputFile(click.ParamType):  # type: ignore[type-arg]
-    """A file to write, refused before the work rather than after it when that cannot be done."""
+    """A file to write, refused before the work rather than after it when that cannot be done.
+
+    `check` refuses paths besides.
+    """
 
     name = "file"
+
+    def __init__(self, check: Callable[[str], object] = str) -> None:
+        self.check = check
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -43,15 +77,8 @@ class OutputFile(click.ParamType):  # type: ignore[type-arg]
         made = path.is_file() or not path.exists()  # not such as /dev/null
         if made and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
             self.fail(f"{value}: {path.parent} is not a folder that can be written", param, ctx)
+        self.check(str(value))
         return str(value)
-
-
-def _check_picture(_: click.Context, __: click.Parameter, path: str | None) -> str | None:
-    if path is not None:
-        from ..report.style import picture_format
-
-        picture_format(path)
-    return path
 
 
 def _fractions(text: str) -> list[float]:
@@ -61,9 +88,23 @@ def _fractions(text: str) -> list[float]:
         raise click.BadParameter(f"{text!r} is not a list of numbers such as 0.98,0.97") from None
 
 
+def _picture_format(path: str) -> None:
+    from ..report.style import picture_format
+
+    picture_format(path)
+
+
+def _check_drawable(_: str) -> None:
+    from ..report import check_drawable
+
+    check_drawable()
+
+
 picture_option = click.option(
-    "--picture", type=OutputFile(), callback=_check_picture, metavar="FILE",
+    "--picture", type=OutputFile(_picture_format), metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
+report_option = click.option(
+    "--report", type=OutputFile(_check_drawable), metavar="R.html", help="Write the report page.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value and nothing else on stdout.")
 seed_option = click.option(
@@ -75,25 +116,20 @@ noise_option = click.option(
          "column efficiency_std, else repeated points, else 1.12 % of the efficiency]")
 
 
-def add_options(function: Function, *options: Callable[[Function], Function]) -> Function:
-    """Add options that stand in --help in this order."""
-    for option in reversed(options):
-        function = option(function)
-    return function
+def options(*given: Callable[[Any], Any]) -> Callable[[Function], Function]:
+    """Return several options as one; they stand in --help in this order."""
+    return lambda function: reduce(lambda done, option: option(done), reversed(given), function)
 
 
-def model_options(function: Function) -> Function:
-    """Add what is identified: formulation, gear train, and gear efficiencies `gears` to compare."""
-    return add_options(
-        function,
-        click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
-                     show_default=True, help="Equations to use."),
-        click.option("--gear-efficiency", "gears", type=_fractions, multiple=True,
-                     metavar="0.98[,0.97...]", callback=lambda *given: list(chain(*given[-1])),
-                     help="Of every gear pair; several are compared and the best is kept."),
-        click.option("--transmission", metavar="T.yaml",
-                     help="Gear train; the paper's when left out."),
-        click.option("--stage", metavar="NAME", help="Stage of the transmission file."))
+# What is identified; `gears` are gear efficiencies to compare.
+model_options = options(
+    click.option("--formulation", type=click.Choice(FORMULATIONS), default="power_balance",
+                 show_default=True, help="Equations to use."),
+    click.option("--gear-efficiency", "gears", type=_fractions, multiple=True,
+                 metavar="0.98[,0.97...]", callback=lambda *given: list(chain(*given[-1])),
+                 help="Of every gear pair; several are compared and the best is kept."),
+    click.option("--transmission", metavar="T.yaml", help="Gear train; the paper's when left out."),
+    click.option("--stage", metavar="NAME", help="Stage of the transmission file."))
 
 
 def _load(_: click.Context, __: click.Parameter, sources: tuple[str, ...]) -> None:
@@ -106,14 +142,11 @@ effects_option = click.option(
     help="Module or Python file with effects of your own, which is run.")
 
 
-def params_option(function: Function) -> Function:
-    """Add the model, and the effects that it may hold besides those of hmcvt."""
-    return add_options(
-        function,
-        click.option("--params", "params", metavar="P.yaml",
-                     help="Parameter file of the model; the shipped params/hm4.yaml when left "
-                          "out."),
-        effects_option)
+# The model, and the effects that it may hold besides those of hmcvt.
+params_option = options(
+    click.option("--params", metavar="P.yaml",
+                 help="Parameter file of the model; the shipped params/hm4.yaml when left out."),
+    effects_option)
 
 
 class Point(NamedTuple):
@@ -125,32 +158,26 @@ class Point(NamedTuple):
     oil_temperature: float | None = None
 
 
-def _reader(name: str, example: str, **units: float) -> Callable[[str | float], float]:
+def _reader(name: str, example: str, units: Mapping[str, float]) -> Callable[[Any], float]:
     """Return what reads a number in the SI unit, or in one of the `units` written behind it.
 
-    A unit that ends like another stands before it; a complaint says `name`, which stands in --help
-    too, and `example`. A decimal comma is taken where no point stands.
+    A decimal comma is taken where no point stands. A complaint says `name`, which stands in --help
+    too, and `example`.
     """
     def read(text: str | float) -> float:
-        given = str(text).strip().lower()
-        unit = next(filter(given.endswith, units), "")
-        number = given.removesuffix(unit).strip()
-        try:
-            return units.get(unit, 1.0) * float(
-                number if "." in number else number.replace(",", "."))
-        except ValueError:
-            raise click.BadParameter(f"{text!r} is not a {name}: write {example}") from None
+        value, unit = parsed(str(text).strip(), comma="." not in str(text))
+        if unit in ("", *units) and (value == value or "nan" in str(text).lower()):
+            return units.get(unit, 1.0) * value
+        raise click.BadParameter(f"{text!r} is not a {name}: write {example}")
 
     read.__name__ = name
     return read
 
 
-speed = _reader("speed", "146.6 (rad/s) or 1400rpm", **{"rpm": RPM, "r/min": RPM, "rad/s": 1.0})
-torque = _reader("torque", "200 (N m) or 1.2kNm", **{
-    "knm": 1e3, "kn m": 1e3, "nm": 1.0, "n m": 1.0})
-power = _reader("power", "40000 (W) or 40kW", kw=1e3, w=1.0)
-fraction = _reader("fraction", "0.5 or 50%", **{"%": 0.01})
-_driven = _reader("speed", "8km/h", **{"km/h": 1.0 / 3.6})
+speed = _reader("speed", "146.6 (rad/s) or 1400rpm", UNITS["engine_speed"])
+torque = _reader("torque", "200 (N m) or 1.2kNm", UNITS["engine_torque"])
+power = _reader("power", "40000 (W) or 40kW", UNITS["engine_power"])
+fraction = _reader("fraction", "0.5 or 50%", UNITS["efficiency"])
 
 
 def ground_speed(text: str | float) -> float | str:
@@ -158,34 +185,24 @@ def ground_speed(text: str | float) -> float | str:
     return str(text) if str(text).strip().lower().endswith("km/h") else speed(text)
 
 
-_MEASURED = (
+# What meters show at either shaft.
+measured_options = options(
     click.option("--output-speed", type=ground_speed,
                  help="Of the output shaft: rad/s, 1200rpm; or 8km/h with the next two."),
     click.option("--tyre-radius", type=float, help="Rolling radius in m, for km/h."),
-    click.option("--final-drive", type=float,
-                 help="Output shaft speed / wheel speed, for km/h."),
+    click.option("--final-drive", type=float, help="Output shaft speed / wheel speed, for km/h."),
     click.option("--output-power", type=power, help="In W or like 40kW."),
     click.option("--output-torque", type=torque, help="Of the output shaft in N m."),
     click.option("--load-torque", type=torque, help="Output power / engine speed in N m."),
-    click.option("--engine-torque", type=torque, help="Of the engine in N m."),
-)
+    click.option("--engine-torque", type=torque, help="Of the engine in N m."))
 stage_option = click.option("--stage", metavar="NAME", help="Stage engaged, of several.")
-
-
-def measured_options(function: Function) -> Function:
-    """Add what meters show at either shaft."""
-    return add_options(function, *_MEASURED)
-
-
-def point_options(function: Function) -> Function:
-    """Add the options of one operating point, None where left out; see `point_from`."""
-    return add_options(
-        function,
-        click.option("--displacement-ratio", type=fraction,
-                     help="Pump stroke, -1 to 1 or in %; or give --output-speed."),
-        click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
-        *_MEASURED,
-        click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
+# One operating point, None where left out; see `point_from`.
+point_options = options(
+    click.option("--displacement-ratio", type=fraction,
+                 help="Pump stroke, -1 to 1 or in %; or give --output-speed."),
+    click.option("--engine-speed", type=speed, help="In rad/s, or like 1400rpm."),
+    measured_options,
+    click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
 
 
 def output_speed(given: Mapping[str, Any]) -> float | None:
@@ -202,7 +219,10 @@ def output_speed(given: Mapping[str, Any]) -> float | None:
         return None if value is None else float(value)
     if not all(size is not None and size > 0.0 for size in sizes):
         raise click.UsageError("--output-speed in km/h needs --tyre-radius and --final-drive")
-    return _driven(value) / sizes[0] * float(sizes[1])
+    driven, _ = parsed(value.lower().replace("km/h", "").strip(), comma="." not in value)
+    if math.isnan(driven):
+        raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
+    return driven / 3.6 / sizes[0] * float(sizes[1])
 
 
 def point_from(given: Mapping[str, Any], model: EfficiencyModel) -> Point:
@@ -242,8 +262,7 @@ def stage_from(path: str | None, stage: str | None) -> EfficiencyModel:
 
 def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None = None) -> None:
     """Say on stderr that a temperature given does nothing, or that one is assumed."""
-    used = any(type(effect).viscosity_ratio is not Effect.viscosity_ratio
-               for effect in model.effects)
+    used = any(effect.acts_at("viscosity_ratio") for effect in model.effects)
     if oil_temperature is not None and not used:
         click.echo("note: this model has no effect of the oil temperature; --oil-temperature "
                    "changes nothing", err=True)
@@ -257,16 +276,23 @@ def inside_domain(model: EfficiencyModel, point: Point) -> bool | None:
     return None if model.domain is None else not model.domain.departures(*point[:3])
 
 
-def print_domain(model: EfficiencyModel, point: Point, which: str = "") -> None:
+def domain_lines(model: EfficiencyModel, point: Point, which: str = "") -> list[str]:
     """Say where a point leaves the data that the model comes from."""
     if model.domain is None:
-        click.echo("the model does not say what range of data it comes from")
-        return
-    left = model.domain.departures(*point[:3])
-    if left:
-        click.echo(f"{which}outside the range of the data that the model was identified from:")
-    for departure in left:
-        click.echo(f"  {departure}")
+        return ["the model does not say what range of data it comes from"]
+    left = [f"  {departure}" for departure in model.domain.departures(*point[:3])]
+    return left and [
+        f"{which}outside the range of the data that the model was identified from:", *left]
+
+
+def report_written(found: Diagnosis | UnitDiagnosis, path: str | None) -> list[str]:
+    """Write the page of a diagnosis where asked, and say so."""
+    if path is None:
+        return []
+    from ..report import write_html
+
+    write_html(found, path)
+    return [f"report written to {path}"]
 
 
 def print_json(value: Any) -> None:
@@ -320,7 +346,7 @@ def sample_table(records: Sequence[dict[str, Any]]) -> str:
         domain[entry["inside_domain"]]) for entry in records])
 
 
-class Progress:
+class Progress(AbstractContextManager["Progress"]):
     """A line on stderr for work that takes over two seconds.
 
     On a terminal only, unless `every` so many seconds a line is told elsewhere too.
@@ -343,6 +369,9 @@ class Progress:
         elif time.monotonic() - self.told > self.every:
             self.told = time.monotonic()
             click.echo(f"{self.what}: {text}", err=True)
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Clear the line."""

@@ -14,8 +14,7 @@ import click
 
 from ..files import data_path
 from ..fleet.executors import on_cluster, on_processes
-from ..fleet.run import run
-from ..fleet.study import Settings
+from ..fleet.run import Settings, run
 from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
 from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect

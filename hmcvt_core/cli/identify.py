@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
-from typing import Any
-
 import click
 import numpy as np
 
@@ -19,6 +16,7 @@ from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
 from ..transmission.stage import Stage
 from . import common
+from .common import Answer
 
 _MOST_SAMPLES = 1_000_000
 
@@ -63,12 +61,12 @@ Examples:
 @click.option("--out", type=common.OutputFile(), metavar="P.yaml", help="Write the parameter file.")
 @common.picture_option
 @common.seed_option
-@common.json_option
+@common.answers
 def command(
     bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
     gears: list[float], transmission: str | None, stage: str | None, params: str | None,
-    refine: bool, out: str | None, picture: str | None, seed: int, as_json: bool,
-) -> None:
+    refine: bool, out: str | None, picture: str | None, seed: int,
+) -> Answer:
     """Identify leakage and dampings from bench samples.
 
     Improved simulated annealing looks for the valley, a local search finishes it.
@@ -83,8 +81,7 @@ def command(
     if refine:
         if params is None or fit or hold_back or gears or picture is not None:
             raise click.UsageError("--refine goes with --params, --out, --seed and --json alone")
-        _refined(samples, common.model_from(params), out, seed, as_json)
-        return
+        return _refined(samples, common.model_from(params), out, seed)
     if fit is None:
         held_count = 0 if hold_back is None else min(
             len(samples) - 1, max(1, round(hold_back * len(samples))))
@@ -99,7 +96,7 @@ def command(
         [load_stage(transmission or data_path("params/transmission.yaml"), stage)]
         if params is None else
         [each.stage for each in common.model_from(params).stages.values()])
-    with closing(common.Progress("annealing")) as progress:
+    with common.Progress("annealing") as progress:
         def show(run: AnnealingRun) -> None:
             progress(f"step {len(run.history)}, objective {run.value:.6g}")
 
@@ -107,9 +104,8 @@ def command(
                           validation=held, seed=seed, progress=show)
                  for value in gears or (None,)]
 
-    def predicted(item: Identification) -> list[dict[str, Any]]:
-        return [] if held is None else common.sample_records(item.model, held, rest)
-
+    records = [[] if held is None else common.sample_records(item.model, held, rest)
+               for item in found]
     best = min(found, key=lambda item: item.objective)
     if out is not None:
         best.save(out)
@@ -117,24 +113,20 @@ def command(
         from ..report import draw_fit, save
 
         save(lambda figure: draw_fit(figure, best, held), picture)
-    if as_json:
-        tried = [{**item.to_dict(), "held_back": predicted(item)} for item in found]
-        common.print_json(tried[0] if len(tried) == 1
-                          else {"best": tried[found.index(best)], "tried": tried})
-        return
-    if len(found) > 1:
-        click.echo(_comparison(found))
-    click.echo(best.report(fit))
+    lines = [best.report(fit)] if len(found) == 1 else [_comparison(found), best.report(fit)]
     if held is not None:
-        click.echo("held back:")
-        click.echo(common.sample_table(predicted(best)))
+        lines += ["held back:", common.sample_table(records[found.index(best)])]
     if out is not None:
-        click.echo(f"written to {out}")
+        lines.append(f"written to {out}")
+    tried = [{**item.to_dict(), "held_back": each}
+             for item, each in zip(found, records, strict=True)]
+    return Answer({"best": tried[found.index(best)], "tried": tried} if tried[1:] else tried[0],
+                  lines)
 
 
 def _refined(
-    samples: BenchSamples, prior: EfficiencyModel, out: str | None, seed: int, as_json: bool
-) -> None:
+    samples: BenchSamples, prior: EfficiencyModel, out: str | None, seed: int
+) -> Answer:
     """Refit a model to samples with itself as prior, and tell."""
     found = refit(samples, prior, prior, seed=seed)
     if out is not None:
@@ -143,17 +135,13 @@ def _refined(
         save_model(found.model, out)
     parameters = found.model.parameters.to_mapping(found.model.standard_errors)
     notes = [*found.kept, *found.warnings, *filter(None, [found.refused])]
-    if as_json:
-        common.print_json({"parameters": parameters, "error_before": found.error_before,
-                           "error_after": found.error_after, "refused": found.refused or None,
-                           "notes": notes})
-        return
-    for name, entry in parameters.items():
-        click.echo("{} = {value:.4g} +- {standard_error:.2g} {unit}".format(name, **entry))
-    click.echo(f"mean error {100 * found.error_before:.2f} % before, "
-               f"{100 * found.error_after:.2f} % refined")
-    for note in notes:
-        click.echo(f"note: {note}")
+    return Answer(
+        {"parameters": parameters, "error_before": found.error_before,
+         "error_after": found.error_after, "refused": found.refused or None, "notes": notes},
+        [*("{} = {value:.4g} +- {standard_error:.2g} {unit}".format(name, **entry)
+           for name, entry in parameters.items()),
+         f"mean error {100 * found.error_before:.2f} % before, "
+         f"{100 * found.error_after:.2f} % refined", *(f"note: {note}" for note in notes)])
 
 
 def _comparison(found: list[Identification]) -> str:

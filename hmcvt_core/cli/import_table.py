@@ -10,9 +10,11 @@ import click
 
 from ..errors import InputError
 from ..files.bench import write_bench
-from ..files.raw import UNITS, Imported, guess_table, import_table
+from ..files.guess import UNITS
+from ..files.raw import choose_columns, import_table
 from ..transmission.ranges import BENCH_COLUMNS
 from . import common
+from .common import Answer
 
 _TEXTS = {
     "displacement_ratio": "Pump stroke.",
@@ -26,12 +28,11 @@ _TEXTS = {
 }
 
 
-def _quantities(function: common.Function) -> common.Function:
-    return common.add_options(function, *(
-        click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
-                     help=" ".join(filter(None, (_TEXTS.get(quantity), units))))
-        for quantity, units in (*((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
-                                ("stage", ""))))
+_quantities = common.options(*(
+    click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
+                 help=" ".join(filter(None, (_TEXTS.get(quantity), units))))
+    for quantity, units in (*((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
+                            ("stage", ""))))
 
 
 @click.command("import", epilog="""\b
@@ -53,11 +54,11 @@ Examples:
 @click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test.")
 @click.option("--averaged", is_flag=True,
               help="Each row is a steady test, however fast the stamps rise.")
-@common.json_option
+@common.answers
 def command(
     raw: str, out: str, header_row: int | None, sheet: str | None, yes: bool, skip_bad: bool,
-    averaged: bool, as_json: bool, **given: str | None,
-) -> None:
+    averaged: bool, **given: str | None,
+) -> Answer:
     """Turn the table of your bench (CSV, Excel) into bench samples.
 
     Each option names a column of TABLE and its unit, the first in brackets when left out. What is
@@ -67,51 +68,45 @@ def command(
     """
     common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
-    guesses = guess_table(raw, columns, header_row, sheet)
-    columns |= {quantity: f"{guess.column}:{guess.unit}" if guess.unit else guess.column
-                for quantity, guess in guesses.items()}
+    chosen = choose_columns(raw, columns, header_row=header_row, sheet=sheet, guess=True)
+    guesses = {quantity: column for quantity, column in chosen.columns.items() if column.why}
+    columns |= {quantity: f"{column.name}:{column.unit}" if column.unit else column.name
+                for quantity, column in guesses.items()}
+    options = {**columns, "header_row": header_row, "sheet": sheet}
     command = ["hmcvt", "import", raw, "--out", out]
-    for quantity, text in columns.items():
-        command += [f"--{quantity.replace('_', '-')}", text]
-    for option, value in (("--header-row", header_row), ("--sheet", sheet)):
-        command += [option, str(value)] * (value is not None)
+    for name, value in options.items():
+        command += [f"--{name.replace('_', '-')}", str(value)] * (value is not None)
     command += ["--averaged"] * averaged + ["--skip-bad"] * skip_bad
     told = [common.table(("quantity", "column", "unit", "told by"), [
-        (quantity, guess.column, guess.unit or "-", guess.why or "name")
-        for quantity, guess in guesses.items()]), "", f"the same said: {shlex.join(command)}"]
+        (quantity, column.name, column.unit or "-", column.why)
+        for quantity, column in guesses.items()]), "", f"the same said: {shlex.join(command)}"]
     try:
-        found = import_table(raw, columns, header_row=header_row, sheet=sheet, averaged=averaged,
+        found = import_table(chosen, averaged=averaged,
                              skip_bad=skip_bad or bool(guesses and not yes))
     except InputError as error:
-        if guesses:
-            click.echo("\n".join(told), err=True)
-            raise InputError(f"{error}; this was guessed: name the column and unit that are "
-                             "wrong") from None
-        raise
-    if guesses and not yes:
-        told += [f"without {line}" for line in found.left_out]
-        click.echo("\n".join([*told, *found.notes, f"{len(found.samples)} bench samples would be "
-                              "written; --yes takes the guess, an option corrects it"
-                              + "; --skip-bad leaves the rows above out" * bool(found.left_out)]))
-        return
-    write_bench(out, found.samples)
-    _tell(found, out, columns, as_json)
-
-
-def _tell(found: Imported, out: str, columns: dict[str, str], as_json: bool) -> None:
+        if not guesses:
+            raise
+        click.echo("\n".join(told), err=True)
+        raise InputError(f"{error}; this was guessed: name the column and unit that are "
+                         "wrong") from None
     samples = found.samples
+    if guesses and not yes:
+        return Answer({"samples": len(samples), "out": None, "left_out": found.left_out,
+                       "notes": found.notes, "from": columns}, [
+            *told, *(f"without {line}" for line in found.left_out), *found.notes,
+            f"{len(samples)} bench samples would be written; --yes takes the guess, an option "
+            "corrects it" + "; --skip-bad leaves the rows above out" * bool(found.left_out)])
+    write_bench(out, samples)
     kept: list[tuple[Any, Any]] = [
         (column, values) for column in BENCH_COLUMNS
         if (values := getattr(samples, column.name)) is not None]
-    if as_json:
-        common.print_json({"samples": len(samples), "out": out, "left_out": found.left_out,
-                           "notes": found.notes, "from": columns, "columns": {
-                               column.name: {"unit": column.unit, "low": values.min(),
-                                             "high": values.max()} for column, values in kept}})
-        return
-    click.echo(common.table(("column", "unit", "lowest", "highest"), [
-        (column.name, column.unit, f"{values.min():.4g}", f"{values.max():.4g}")
-        for column, values in kept]))
-    for line in (*(f"left out: {each}" for each in found.left_out), *found.notes):
-        click.echo(line)
-    click.echo(f"{len(samples)} bench samples written to {out}")
+    return Answer(
+        {"samples": len(samples), "out": out, "left_out": found.left_out, "notes": found.notes,
+         "from": columns, "columns": {
+             column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
+             for column, values in kept}},
+        [common.table(("column", "unit", "lowest", "highest"), [
+            (column.name, column.unit, f"{values.min():.4g}", f"{values.max():.4g}")
+            for column, values in kept]),
+         *(f"left out: {each}" for each in found.left_out), *found.notes,
+         f"{len(samples)} bench samples written to {out}"])

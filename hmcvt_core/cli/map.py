@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.bench import read_bench
-from ..model.domain import EfficiencyMap
+from ..files.table import csv_text
 from ..model.engine import load_engine
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import (
@@ -23,10 +23,13 @@ from ..transmission.ranges import (
     ENGINE_SPEED_LIMITS,
     LOAD_TORQUE,
     OUTPUT_SPEED,
+    POINT_RANGES,
     RPM,
 )
 from . import common
+from .common import Answer
 
+POINT = tuple(limits.name for limits in POINT_RANGES)
 _MOST_POINTS = 2_000_000
 _PICTURE_POWER, _DRIVE_POWER = 40_000.0, 100_000.0
 
@@ -58,32 +61,30 @@ Examples:
 @click.option("--bench", metavar="BENCH.csv", help="Bench tests to mark in the picture.")
 @common.stage_option
 @common.params_option
-@common.json_option
+@common.answers
 def command(
     steps: tuple[int, int, int], engine_speed_limits: tuple[float, float],
     load_torque_limits: tuple[float, float], out: str | None, picture: str | None,
     power: float | None, bench: str | None, stage: str | None, params: str | None,
-    as_json: bool, output_speed: float | None, engine: str | None,
-) -> None:
+    output_speed: float | None, engine: str | None,
+) -> Answer:
     """Write the efficiency over displacement ratio, engine speed and load torque.
 
     The picture shows it over engine speed and output speed / engine speed at one output power.
     With --output-speed: the best working points of the drive line over output speed and power.
     """
+    common.keep_inputs([bench, params, engine], [out, picture])
     if output_speed is not None:
         if stage is not None or bench is not None:
             raise click.UsageError("--stage and --bench are not of the drive line: leave out "
                                    "--output-speed")
-        common.keep_inputs([params, engine], [out, picture])
         OUTPUT_SPEED.check(output_speed, "--output-speed")
-        _drive_line(common.model_from(params), engine, (output_speed, power or _DRIVE_POWER),
-                    steps[:2], engine_speed_limits, out, picture, as_json)
-        return
+        return _drive_line(common.model_from(params), engine, (output_speed, power or _DRIVE_POWER),
+                           steps[:2], engine_speed_limits, out, picture)
     if engine is not None:
         raise click.UsageError("--engine is of the drive line: --output-speed is needed")
     if picture is None and (bench is not None or power is not None):
         raise click.UsageError("--power and --bench are of a picture: --picture is needed")
-    common.keep_inputs([bench, params], [out, picture])
     points = math.prod(steps)
     if points > _MOST_POINTS:
         raise InputError(f"--steps gives {points} points; at most {_MOST_POINTS}")
@@ -103,27 +104,26 @@ def command(
                                  f"torque of {shown / speed:.4g} N m; allowed {LOAD_TORQUE}")
         save(lambda figure: draw_surface(figure, model, shown, engine_speed_limits, samples),
              picture)
-        if out is None and not as_json:
-            click.echo(f"written to {picture}")
-            return
     found = model.efficiency_map(
         np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed_limits, steps[1]),
         np.linspace(*load_torque_limits, steps[2]))
-    if out is not None:
-        write_atomically(Path(out), _csv(found))
-    if as_json:
-        common.print_json({"displacement_ratio": found.displacement_ratio,
-                           "engine_speed": found.engine_speed, "load_torque": found.load_torque,
-                           "efficiency": found.efficiency, "inside_domain": found.inside_domain})
-    elif out is None:
-        click.echo(_csv(found), nl=False)
+    axes = found.displacement_ratio, found.engine_speed, found.load_torque
+    value = dict(zip(POINT, axes, strict=True)) | {
+        "efficiency": found.efficiency, "inside_domain": found.inside_domain}
+    columns = {name: [f"{each:.6g}" for each in grid.ravel()] for name, grid in zip(
+        POINT, np.meshgrid(*axes, indexing="ij"), strict=True)}
+    # An empty cell: the load cannot be carried there.
+    columns["efficiency"] = [f"{each:.6f}" if np.isfinite(each) else ""
+                             for each in found.efficiency.ravel()]
+    columns["inside_domain"] = [""] * points if found.inside_domain is None else [
+        str(each).lower() for each in found.inside_domain.ravel()]
+    return _written(value, columns, out, picture)
 
 
 def _drive_line(
     model: EfficiencyModel, engine: str | None, highest: tuple[float, float],
     steps: tuple[int, int], limits: tuple[float, float], out: str | None, picture: str | None,
-    as_json: bool,
-) -> None:
+) -> Answer:
     """Best working points over output speeds and powers up to the highest."""
     with_engine = None if engine is None else load_engine(engine)
     speeds, powers = (np.linspace(top / count, top, count) for top, count in zip(
@@ -137,30 +137,19 @@ def _drive_line(
     rows = [{"output_speed": speed, "output_power": power, **asdict(point)}
             for power, row in zip(powers.tolist(), best, strict=True)
             for speed, point in zip(speeds.tolist(), row, strict=True)]
-    buffer = io.StringIO()
-    table = csv.DictWriter(buffer, list(rows[0]), lineterminator="\n")
-    table.writeheader()
     # An empty cell: nothing holds the demand there.
-    table.writerows({name: "" if value != value else value for name, value in row.items()}
-                    for row in rows)
-    if out is not None:
-        write_atomically(Path(out), buffer.getvalue())
-    if as_json:
-        common.print_json(rows)
-    elif out is None and picture is None:
-        click.echo(buffer.getvalue(), nl=False)
-    elif out is None:
-        click.echo(f"written to {picture}")
+    return _written(rows, {name: ["" if row[name] != row[name] else row[name] for row in rows]
+                           for name in rows[0]}, out, picture)
 
 
-def _csv(found: EfficiencyMap) -> str:
-    lines = ["displacement_ratio,engine_speed,load_torque,efficiency,inside_domain"]
-    inside = found.inside_domain
-    for i, j, k in np.ndindex(found.efficiency.shape):
-        # An empty cell: the load cannot be carried there.
-        value = found.efficiency[i, j, k]
-        lines.append(f"{found.displacement_ratio[i]:.6g},{found.engine_speed[j]:.6g},"
-                     f"{found.load_torque[k]:.6g},"
-                     + (f"{value:.6f}," if np.isfinite(value) else ",")
-                     + ("" if inside is None else str(inside[i, j, k]).lower()))
-    return "\n".join(lines) + "\n"
+def _written(
+    value: Any, columns: Mapping[str, Sequence[Any]], out: str | None, picture: str | None
+) -> Answer:
+    """Write a map as CSV, or say where its picture is, or show the CSV."""
+    if out is None and picture is not None:
+        return Answer(value, [f"written to {picture}"])
+    text = csv_text(columns)
+    if out is None:
+        return Answer(value, [text.rstrip("\n")])
+    write_atomically(Path(out), text)
+    return Answer(value)

@@ -4,8 +4,8 @@
 from .advice import Advice, NextTest
 from .plans import Isolability, isolability
 from .procedure import diagnose_system, next_test
-from .report import Diagnosis
 from .result import Cause, CauseSet, Gap, Region, ShrinkageSummary
+from .words import Diagnosis
 
 __all__ = [
     "Advice", "Cause", "CauseSet", "Diagnosis", "Gap", "Isolability", "NextTest", "Region",

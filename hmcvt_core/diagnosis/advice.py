@@ -15,25 +15,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .gap_field import as_measured
-from .hypothesis import Fit
-from .observations import Observations
-from .ranking import Names, Ranking
-from .rivals import Rival
-from .system import Axis, Points
-
-Array = NDArray[np.float64]
+from .ranking import ALIVE, Names, Ranking
+from .rivals import Foretold, Rival
+from .system import Array, Axis, Points
 
 SETTLED = 0.95
 """Probability at which an explanation stands."""
+_NO_TEST = "cannot be settled by tests"
 
-_ALIVE = 0.01
-_MOST = 8  # explanations weighed
+_MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
 _DECISIVE = 9.0  # squared deviations: three standard deviations
 _MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
 _WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
@@ -42,40 +37,6 @@ _WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no t
 def named(effects: Names | None) -> str:
     """Return a set of effects in words."""
     return " + ".join(effects or ()).replace("_", " ") or "something unlisted"
-
-
-class Foretold(NamedTuple):
-    """One explanation on possible tests, linear in its free parameters.
-
-    Attributes:
-        mean: in deviations of the readings, shape (points, channels).
-        columns: shape (points, channels, p).
-        covariance: of the free parameters, shape (p, p).
-    """
-
-    mean: Array
-    columns: Array
-    covariance: Array
-
-    @property
-    def variance(self) -> Array:
-        """Covariance of a reading, shape (points, channels, channels)."""
-        own = np.einsum("icp,pq,ieq->ice", self.columns, self.covariance, self.columns)
-        return np.asarray(own + np.eye(own.shape[-1]))
-
-    def measured(self, index: int) -> Foretold:
-        """Return the same when a point has been read, whatever the reading (Kalman update)."""
-        own = self.columns[index]
-        gain = self.covariance @ own.T @ np.linalg.inv(self.variance[index])
-        return self._replace(covariance=self.covariance - gain @ own @ self.covariance)
-
-    def against(self, other: Foretold) -> float:
-        """Squared deviations that all points leave between two once this one has adapted."""
-        miss = (other.mean - self.mean).ravel()
-        columns = self.columns.reshape(len(miss), -1)
-        inner = np.linalg.pinv(self.covariance, hermitian=True) + columns.T @ columns
-        cross = columns.T @ miss
-        return float(miss @ miss - cross @ np.linalg.solve(inner, cross))
 
 
 @dataclass(frozen=True)
@@ -102,27 +63,31 @@ class Advice:
     """What to measure next.
 
     Attributes:
-        stop: whether no further test is worth making.
-        reason: `settled`, `cannot be settled by tests`, `no gap worth a test`, or None.
+        reason: to stop, `settled`, `cannot be settled by tests` or `no gap worth a test`; None
+            where a further test is worth making.
         tests: the next one, and what may be made along with it; empty where none helps.
-        channels: to be read there.
         measure: what settles it where no test can, or None.
+        tests_expected: how many more, by the first; 0 where no test helps.
+        channels: to be read there.
         alive: effects and probability of each explanation, best first; the one without a name is an
             unlisted loss, and `no_gap` that of none.
         no_gap: probability that there is none, or none larger than a base that is a little off.
-        tests_expected: how many more, by the first; 0 where no test helps.
         axes: of the tests.
     """
 
-    stop: bool
-    reason: str | None
-    tests: tuple[NextTest, ...]
-    channels: tuple[str, ...]
-    measure: str | None
-    alive: tuple[tuple[Names, float], ...]
-    no_gap: float
-    tests_expected: int
-    axes: tuple[Axis, ...]
+    reason: str | None = None
+    tests: tuple[NextTest, ...] = ()
+    measure: str | None = None
+    tests_expected: int = 0
+    channels: tuple[str, ...] = ()
+    alive: tuple[tuple[Names, float], ...] = ()
+    no_gap: float = 0.0
+    axes: tuple[Axis, ...] = ()
+
+    @property
+    def stop(self) -> bool:
+        """Whether no further test is worth making."""
+        return self.reason is not None
 
     @property
     def next_tests(self) -> tuple[NextTest, ...]:
@@ -146,94 +111,81 @@ class Advice:
         }
 
 
-def advise(base: Fit, ranking: Ranking, possible: Points, most: int = 4) -> Advice:
-    """Choose the next tests.
+def advise(ranking: Ranking, possible: Points) -> Advice:
+    """Choose the next tests, each knowing of those before it.
 
     Args:
-        base: the refitted base model.
         ranking: of the explanations.
         possible: the tests that can be run, by axis.
-        most: tests to choose, each knowing of those before it.
     """
-    labels = _labels(ranking)
+    labels, base = _labels(ranking), ranking.bare.fit
     alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
-    no_gap = labels[None][1]
-    channels = tuple(reading.channel.name for reading in base.observed.readings)
-
-    def answer(reason: str | None, tests: Sequence[NextTest] = (), measure: str | None = None,
-               expected: int = 0) -> Advice:
-        return Advice(reason is not None, reason, tuple(tests), channels, measure, alive, no_gap,
-                      expected, base.observed.steered)
-
-    if no_gap >= SETTLED:
+    answer = partial(
+        Advice, channels=tuple(channel.name for channel in base.observed.channels), alive=alive,
+        no_gap=labels[None][1], axes=base.observed.steered)
+    if labels[None][1] >= SETTLED:
         return answer("no gap worth a test")
     if alive[0][1] >= SETTLED:
         return answer("settled", measure=None if alive[0][0] else "look at the regions")
-    pool = as_measured(base, possible)
-    rivals = [_foretold(rival, pool) for rival, _ in labels.values()]
-    able = np.isfinite([each.mean for each in rivals]).all(axis=(0, 2))  # all can carry the load
+    pool = base.as_measured(possible)
+    rivals = [rival.at(pool) for rival, _ in labels.values()]
+    able = np.isfinite([each.mean for each in rivals]).all(axis=(0, 1))  # all can carry the load
     if not able.any():
-        return answer("cannot be settled by tests", measure="none of the tests can be carried")
-    pool = as_measured(base, {name: row[able] for name, row in pool.points.items()})
-    rivals = [each._replace(mean=each.mean[able], columns=each.columns[able]) for each in rivals]
+        return answer(_NO_TEST, measure="none of the tests can be carried")
+    place = {name: row[able] for name, row in pool.points.items()}
+    rivals = [each._replace(mean=each.mean[:, able], columns=each.columns[:, able])
+              for each in rivals]
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
     names = list(labels)
-    order = np.argsort(-p)
-    first, *others = order.tolist()
+    first, *others = np.argsort(-p).tolist()
     # A larger set of the same effects gives way to more samples, and so does an unlisted loss.
     twin = next((i for i in others if names[i] and not set(names[first]) < set(names[i])),
                 None) if names[first] else None
     if twin is not None and max(
             rivals[first].against(rivals[twin]),
-            rivals[twin].against(rivals[first])) * _MANY / len(pool) < _DECISIVE:
+            rivals[twin].against(rivals[first])) * _MANY / able.sum() < _DECISIVE:
         remedy = [effect.remedy for i in (first, twin)
                   for effect in labels[names[i]][0].fit.effects if effect.remedy]
         if remedy:
-            return answer("cannot be settled by tests", measure="; or ".join(dict.fromkeys(remedy)))
+            return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)))
     tests = []
-    for _ in range(most):
+    for _ in range(_TESTS):
         distance = _distances(rivals)
         information = -np.einsum("k,kn->n", p, np.log(np.einsum("j,kjn->kn", p, np.exp(-distance))))
         best = int(np.argmax(information))
         weight = p[:, None] * p * (1.0 - np.exp(-distance[:, :, best]))
-        pair = np.unravel_index(int(np.argmax(weight)), weight.shape)
+        one, other = np.unravel_index(int(np.argmax(weight)), weight.shape)
         tests.append(NextTest(
-            {axis.name: float(pool.points[axis.name][best]) for axis in pool.steered},
-            (named(names[int(pair[0])]), named(names[int(pair[1])])), float(information[best]),
-            setting={axis.name: axis.labels[int(pool.points[axis.name][best])]
+            {axis.name: float(place[axis.name][best]) for axis in pool.steered},
+            (named(names[one]), named(names[other])), float(information[best]),
+            setting={axis.name: axis.labels[int(place[axis.name][best])]
                      for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
     short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
-    return answer(None, tests, None, math.ceil(max(1.0, short / max(
-        2.0 * tests[0].gain, _WORTH))))
+    expected = math.ceil(max(1.0, short / max(2.0 * tests[0].gain, _WORTH)))
+    return answer(tests=tuple(tests), tests_expected=expected)
 
 
 def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
     """The likeliest rival of each explanation and its probability; () unlisted, None no gap."""
     found: dict[Names | None, tuple[Rival, float]] = {}
-    here = 1.0 - ranking.no_gap
-    for rival, p in ranking.entries():
-        label = rival.names if rival.listed else None if ranking.is_misfit(rival) else ()
+    for rival, p in ranking.entries:
+        label = rival.names if rival.listed else None if rival.of_base else ()
         first, total = found.get(label, (rival, 0.0))
-        found[label] = first, total + here * p
+        found[label] = first, total + (1.0 - ranking.no_gap) * p
     _, misfit = found.pop(None, (ranking.bare, 0.0))
-    kept = sorted(((names, item) for names, item in found.items() if item[1] >= _ALIVE),
+    kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),
                   key=lambda entry: -entry[1][1])[:_MOST]
     if not kept:  # the likeliest, however improbable
         kept = sorted(found.items(), key=lambda entry: -entry[1][1])[:1]
     return {**dict(kept), None: (ranking.bare, ranking.no_gap + misfit)}
 
 
-def _foretold(rival: Rival, pool: Observations) -> Foretold:
-    shift, columns = rival.at(pool)
-    return Foretold(shift.T, np.moveaxis(columns, 0, 1), rival.plain.covariance)
-
-
 def _distances(rivals: Sequence[Foretold]) -> Array:
     """Bhattacharyya distances at each point, shape (k, k, points)."""
-    mean, variance = np.stack([each.mean for each in rivals]), np.stack(
-        [each.variance for each in rivals])
+    mean = np.stack([each.mean.T for each in rivals])
+    variance = np.stack([each.spread for each in rivals]) + np.eye(mean.shape[-1])
     log = np.linalg.slogdet(variance)[1]
     middle = (variance[:, None] + variance) / 2.0
     miss = mean[:, None] - mean

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""Evidence of linear models with Gaussian priors and unknown noise of each channel.
+r"""Linear models with Gaussian priors and unknown noise of each channel: evidence and errors.
 
 Near its refit every hypothesis is linear: y = J t + e with t ~ N(0, S) and e_c ~ N(0, phi_c I) in
 channel c. The noise variances phi_c have inverse-gamma priors around what was stated and are set
@@ -16,12 +16,16 @@ the same samples cost one product each. See MacKay, *Bayesian interpolation* (19
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .observations import Observations, replicate_groups
+from .system import Array
+
+FOLDS, DEALS = 12, 8
 _ROUNDS, _SETTLED = 8, 2e-3
 
 
@@ -64,7 +68,7 @@ def evidence(
     Args:
         grams: of [columns, target], shape (m, channels, p + 1, p + 1).
         count: samples per channel; shape (m, 1) where the models have different ones.
-        spread: prior standard deviations of the coefficients, shape (m, p).
+        spread: prior standard deviations of the coefficients, shape (p,) or (m, p).
         trust: worth of the stated noise in samples, shape (channels,).
         signs: of coefficients that are sizes of effects, see `size_odds`; NaN for the others and
             by default, shape (p,) or (m, p).
@@ -90,7 +94,7 @@ def evidence(
     _, logdet = np.linalg.slogdet(matrix)
     log = -0.5 * (
         np.sum((count + trust) * np.log(noise) + (trust + residual) / noise, axis=1)
-        + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=1)
+        + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=-1)
     )
     if signs is not None:
         log += size_odds(mean, np.diagonal(covariance, axis1=1, axis2=2), spread, signs)
@@ -150,11 +154,86 @@ def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Arra
     return np.asarray(np.sum(np.where(np.isnan(signs), 0.0, each), axis=1))
 
 
-def log_mean(values: Sequence[float] | Array) -> float:
-    """log of the mean of exp(values)."""
-    return float(log_means(values))
-
-
-def log_means(values: Sequence[float] | Sequence[Array] | Array) -> Array:
-    """The same along the first axis."""
+def log_mean(values: Sequence[float] | Sequence[Array] | Array) -> Array:
+    """log of the mean of exp(values) along the first axis."""
     return np.asarray(np.logaddexp.reduce(values) - np.log(len(values)))
+
+
+# --- models of a campaign -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """One hypothesis as a linear model.
+
+    Attributes:
+        columns: of the prediction / deviation, shape (channels, n, p); base, sizes, then its own.
+        target: what the coefficients should reproduce, shape (channels, n).
+        spread: prior standard deviations, shape (p,).
+        signs: as `evidence` takes them, shape (p,).
+        log: log evidence.
+        mean: posterior, of the coefficients, shape (p,).
+        covariance: the same, shape (p, p).
+        noise: variance of each channel, shape (channels,).
+    """
+
+    columns: Array
+    target: Array
+    spread: Array
+    signs: Array
+    log: float
+    mean: Array
+    covariance: Array
+    noise: Array
+
+
+def weigh(
+    observed: Observations, columns: Array, target: Array, spreads: Array, signs: Array
+) -> list[Linear]:
+    """Weigh the same columns under several priors, spreads of shape (m, p)."""
+    one = gram(columns, target)
+    found = evidence(np.broadcast_to(one, (len(spreads), *one.shape)), len(observed), spreads,
+                     observed.trust, signs)
+    return [Linear(columns, target, spread, signs, float(log), mean, covariance, noise)
+            for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)]
+
+
+def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
+    """Deal the samples to folds several times; once where every point is left out alone.
+
+    Each fold is the part left out; repeated points stay together.
+    """
+    group = replicate_groups(observed.axes, observed.points)
+    points = int(group.max()) + 1
+    orders = [np.random.default_rng(seed + 1000 * i).permutation(points)
+              for i in range(1 if points <= FOLDS else DEALS)]
+    return [[np.flatnonzero(np.isin(group, part))
+             for part in np.array_split(order, min(FOLDS, points))] for order in orders]
+
+
+def cross_validated_errors(
+    rivals: Sequence[Linear], observed: Observations, dealt: Sequence[Sequence[NDArray[np.intp]]]
+) -> Array:
+    """Errors of the first channel at samples left out, (n,).
+
+    Base parameters are refitted in every fold, and the rival is chosen on the others: choosing it
+    on all samples first would promise too much. How samples are dealt to the folds is chance: over
+    several deals the root of the mean square at each sample, with the sign of the mean.
+    """
+    n, errors = len(observed), np.empty((len(dealt), len(observed)))
+    for parts, own in zip(dealt, errors, strict=True):
+        best, count = np.full(len(parts), -np.inf), np.array([[n - len(part)] for part in parts])
+        for rival in rivals:
+            left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
+                                 for part in parts])
+            found = evidence(gram(rival.columns, rival.target) - left_out, count, rival.spread,
+                             observed.trust, rival.signs)
+            for i in np.flatnonzero(found.log > best).tolist():
+                best[i], part, mean = found.log[i], parts[i], found.mean[i]
+                for size in np.flatnonzero(rival.signs * mean < 0.0):
+                    # The others as they are once it is known to be zero.
+                    along = found.covariance[i, :, size]
+                    mean = mean - along * mean[size] / along[size]
+                own[part] = rival.target[0, part] - rival.columns[0, part] @ mean
+    errors *= observed.deviation[0]
+    return np.asarray(np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0)))

@@ -9,17 +9,16 @@ Parameters are theta = (base, sizes): scaled base parameters, and sizes in typic
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .observations import Observations
-from .system import Effect, Points, System, forms_of
+from .system import Array, Channel, Effect, Points, System, forms_of
 
-Array = NDArray[np.float64]
 Signature = tuple[Effect, Array]
 """A form, and the change of prediction / deviation by one typical size, shape (channels, n)."""
 
@@ -33,8 +32,7 @@ _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _PASSES = 12
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
-# Standard deviations: of a last step, and of one at the end of which slopes are taken anew.
-_SMALL, _NEAR = 0.3, 1.0
+_SMALL = 0.3  # standard deviations: a last step
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 
 
@@ -89,10 +87,14 @@ class Hypothesis:
         return tuple(effect.with_values({item.name: value * item.typical}) for effect, item, value
                      in zip(self.effects, self._sizes, scaled.tolist(), strict=True))
 
-    def predict(self, theta: Array, points: Points) -> Array:
-        """Return every channel, shape (channels, n)."""
+    def predict(
+        self, theta: Array, points: Points, channels: Sequence[Channel] = ()
+    ) -> Array:
+        """Return some channels, or every one, shape (channels, n)."""
         effects = self.with_sizes(theta[self.shared:])
-        return self.system.predict(theta[:self.shared], effects, points)
+        found = self.system.predict(theta[:self.shared], effects, points)
+        names = [channel.name for channel in self.system.channels]
+        return found[[names.index(channel.name) for channel in channels]] if channels else found
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,13 +154,13 @@ class Fit:
     @cached_property
     def signatures(self) -> list[Signature]:
         """Every form of the library that can show beside the base model."""
-        observed, system, found = self.observed, self.hypothesis.system, list[Signature]()
+        system, found = self.hypothesis.system, list[Signature]()
         # The refit leaves little of an effect: the slope that counts is that of a small one.
         theta = np.append(self.base, _SCREENED_SIZE)
         for form in (form for kind in system.library for form in forms_of(kind)):
-            there = observed.whiten(Hypothesis(system, (form,)).predict(theta, observed.points))
-            change = np.nan_to_num((self.whitened - there) / _SCREENED_SIZE)
+            there = _whitened(Hypothesis(system, (form,)), self.observed, theta)
             # Where the typical size cannot be carried it says nothing.
+            change = np.where(there == REFUSED, 0.0, self.whitened - there) / _SCREENED_SIZE
             if np.abs(change).max() >= _UNSEEN:
                 found.append((form, change))
         return found
@@ -174,6 +176,16 @@ class Fit:
             np.broadcast_to(prior, (len(readings), len(self.theta)))], axis=1)
         return np.asarray(whole - whole @ self.absorbed @ self.absorbed.T)
 
+    def as_measured(self, points: Points) -> Observations:
+        """Other points as if read there: what is foretold, with the noise of the campaign."""
+        observed = self.observed
+        found = self.hypothesis.predict(self.theta, points, observed.channels)
+        deviation = np.stack([channel.deviation(row) for channel, row in zip(
+            observed.channels, found, strict=True)])
+        deviation[0] = np.median(observed.deviation[0])
+        return replace(observed, points=points, measured=found, number=np.arange(found.shape[1]),
+                       deviation=deviation * np.sqrt(self.noise)[:, None])
+
 
 def refit(
     hypothesis: Hypothesis, observed: Observations, start: Array | None = None,
@@ -188,45 +200,40 @@ def refit(
         observed: the bench.
         start: theta to start from, or its base part; None for the middle of the prior.
         slopes: `Fit.jacobian` there, nearly; the steps mend it (Broyden 1965), and it is taken anew
-            only where they lead nowhere. None: it is, near the end too.
+            only where they lead nowhere. None: at every step.
     """
     from scipy.optimize import lsq_linear
 
-    theta, bounds = hypothesis.prior_mean, hypothesis.bounds
+    middle, bounds = hypothesis.prior_mean, hypothesis.bounds
+    theta = middle.copy()
     if start is not None:
         theta[:len(start)] = start
     theta = theta.clip(*bounds)
-    here, exact = _whitened(hypothesis, observed, theta), True
+    here = _whitened(hypothesis, observed, theta)
     jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
     prior = np.eye(hypothesis.shared, len(theta)) / hypothesis.system.base.spread[:, None]
     for _ in range(_PASSES):
-        noise = _noise(observed, here, len(theta))
-        root = np.sqrt(noise)[:, None]
+        root = np.sqrt(_noise(observed, here, len(theta)))[:, None]
 
         def missed(here: Array, theta: Array, root: Array = root) -> Array:
-            return np.append(here / root, prior @ (hypothesis.prior_mean - theta))
+            return np.append(here / root, prior @ (middle - theta))
 
         columns = np.concatenate([(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
         left, before, whitened = missed(here, theta), theta, here
         aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
         for part in _PARTS:
-            theta = aim if part == 1.0 else before + part * (aim - before)
+            theta = before + part * (aim - before)
             here = _whitened(hypothesis, observed, theta) if part else whitened
             if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
                 break
-        step = theta - before
-        if part == 0.0 and slopes is not None:  # those handed in do not hold here
-            slopes, jacobian = None, _jacobian(hypothesis, observed, theta, here)
-            continue
-        size = np.linalg.norm(columns @ step)
-        if exact and size < _SMALL:  # predictions are nearly linear: the slopes still hold
+        step, stuck = theta - before, slopes is not None and part == 0.0
+        if np.linalg.norm(columns @ step) < _SMALL and not stuck:  # the slopes still hold
             break
-        exact = slopes is not None or bool(size < _NEAR)
-        if slopes is None and exact:
-            jacobian = _jacobian(hypothesis, observed, theta, here)
+        if slopes is None or stuck:
+            slopes, jacobian = None, _jacobian(hypothesis, observed, theta, here)
         else:
             along = columns.T @ columns @ step
-            jacobian = jacobian + ((whitened - here) - jacobian @ step)[..., None] * along / (
+            jacobian = jacobian + (whitened - here - jacobian @ step)[..., None] * along / (
                 step @ along)
     return Fit(hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta)))
 
@@ -240,9 +247,16 @@ def linearise(
                noise)
 
 
+def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:
+    """Variance of each channel from its residuals and what was stated."""
+    trust, n = observed.trust, len(observed)
+    used = min(parameters, n - 1) / len(trust)
+    return np.asarray((trust + np.sum(whitened**2, axis=1)) / (trust + max(n - used, 1.0)))
+
+
 def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> Array:
-    found = observed.whiten(hypothesis.predict(theta, observed.points))
-    return np.where(np.isnan(found), REFUSED, found)
+    found = hypothesis.predict(theta, observed.points, observed.channels)
+    return np.nan_to_num((observed.measured - found) / observed.deviation, nan=REFUSED)
 
 
 def _jacobian(
@@ -259,10 +273,3 @@ def _jacobian(
         jacobian[..., i] = np.where((there == REFUSED) == (here == REFUSED), here - there, 0.0) / (
             moved[i] - theta[i])
     return jacobian
-
-
-def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:
-    """Variance of each channel from its residuals and what was stated."""
-    trust, n = observed.trusts, whitened.shape[1]
-    used = min(parameters, n - 1) / len(trust)
-    return np.asarray((trust + np.sum(whitened**2, axis=1)) / (trust + max(n - used, 1.0)))

@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .hypothesis import REFUSED, Fit, Hypothesis, refit
-from .observations import FEW, LARGE, Observations, replicate_groups
-from .regions import scaled_to_extent
-from .system import System
-
-Array = NDArray[np.float64]
+from .observations import FEW, LARGE, Observations, replicate_groups, scaled_to_extent
+from .system import Array, System
 
 LEAST_SAMPLES = 5
 _MOST_REFUSED = 0.25  # part of the samples at which the model may have no answer
@@ -38,7 +35,6 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     Raises:
         InputError: what remains cannot carry a diagnosis.
     """
-    _check(system, observed)
     notes = []
     base = refit(Hypothesis(system), observed)
     impossible = np.flatnonzero(base.whitened[0] == REFUSED)
@@ -52,14 +48,14 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
                      f"{listed_samples(observed, impossible)}")
         base = _without(base, impossible)
     observed = base.observed
-    slips, first = outliers(observed, base.whitened), observed.readings[0]
-    if len(slips) > _NAMED and len(observed) > LARGE:
+    slips, read = outliers(observed, base.whitened), observed.channels[0].name
+    if len(slips) > _NAMED:
         notes.append(f"{len(slips)} samples stand alone against their neighbours and were left "
                      f"out: {listed_samples(observed, slips)}")
-        base = _without(base, slips)
-    elif len(slips):
-        notes += [f"{observed.describe(i)}, {first.channel.name} {first.measured[i]:.4g}, stands "
-                  "alone against its neighbours and was left out: measure it again" for i in slips]
+    else:
+        notes += [f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
+                  "against its neighbours and was left out: measure it again" for i in slips]
+    if len(slips):
         base = _without(base, slips)
     _check(system, base.observed)
     if len(base.observed) > LARGE:
@@ -104,7 +100,7 @@ def _check(system: System, observed: Observations) -> None:
     if n < least:
         raise InputError(f"{source}: {n} samples (rows that differ) {against}; at least {least} "
                          "are needed")
-    points = len(np.unique(replicate_groups(observed.axes, observed.points)))
+    points = replicate_groups(observed.axes, observed.points).max() + 1
     if points <= free:
         raise InputError(f"{source}: {points} distinct operating points {against}")
 

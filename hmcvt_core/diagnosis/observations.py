@@ -1,20 +1,19 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What the bench measured, channel by channel, with what is known of its noise."""
+"""What the bench measured, channel by channel and where, with what is known of its noise."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from .regions import smooth_functions
-from .system import Axis, Channel, Points
-
-Array = NDArray[np.float64]
+from .system import Array, Axis, Channel, Points
 
 FEW = 16
 """Below this many samples scatter has no shape to be judged by; only its size is left."""
@@ -40,58 +39,46 @@ _REPLICATES_NEEDED = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
-    """One channel as it was read.
-
-    Attributes:
-        channel: what it is.
-        measured: shape (n,), in its unit.
-        deviation: standard deviation stated or assumed, shape (n,), same unit.
-        trust: how many samples the statement of `deviation` is worth; the data tell the rest.
-    """
-
-    channel: Channel
-    measured: Array
-    deviation: Array
-    trust: float
-
-    @property
-    def unit_loss(self) -> Array:
-        """One unit of an unlisted loss, in deviations, shape (n,)."""
-        return (self.measured if self.channel.relative else 1.0) / self.deviation
-
-
-@dataclass(frozen=True, eq=False)
 class Observations:
-    """Channels at n operating points.
+    """Channels read at n operating points.
 
     Attributes:
         axes: of the points.
         points: values by axis.
-        readings: of some of the channels.
+        channels: those read, the one in which the gap is measured first.
+        measured: shape (channels, n), each in its unit.
+        deviation: standard deviations stated or assumed, same shape and units.
+        trust: how many samples the statement of `deviation` is worth, shape (channels,); the data
+            tell the rest.
         samples: the system's own record, with a length, `source` (for messages) and
             `select(index)`.
         number: of each sample in what was handed in, shape (n,).
         noise_source: where the noise of the first channel comes from, in words.
         assumed: whether nobody stated it.
-        channels: all that the system predicts, in its order; empty where all of them are read.
     """
 
     axes: tuple[Axis, ...]
     points: Points
-    readings: tuple[Reading, ...]
+    channels: tuple[Channel, ...]
+    measured: Array
+    deviation: Array
+    trust: Array
     samples: Any
     number: NDArray[np.intp]
     noise_source: str
     assumed: bool = False
-    channels: tuple[Channel, ...] = ()
 
     def __len__(self) -> int:
         return len(self.number)
 
     @property
+    def steered(self) -> tuple[Axis, ...]:
+        """The axes that a test can set."""
+        return tuple(axis for axis in self.axes if axis.steered)
+
+    @property
     def place(self) -> Array:
-        """Values along the axes that a test can set, shape (axes, n)."""
+        """Values along them, shape (axes, n)."""
         return np.stack([self.points[axis.name] for axis in self.steered])
 
     @cached_property
@@ -100,49 +87,27 @@ class Observations:
         return smooth_functions(self.place, SMOOTH_DEGREE)
 
     @property
-    def steered(self) -> tuple[Axis, ...]:
-        """The axes of `place`."""
-        return tuple(axis for axis in self.axes if axis.steered)
-
-    @property
-    def scale(self) -> Array:
-        """Deviations, shape (channels, n)."""
-        return np.stack([reading.deviation for reading in self.readings])
-
-    @property
-    def trusts(self) -> Array:
-        """Worth of the stated noise, shape (channels,)."""
-        return np.array([reading.trust for reading in self.readings])
+    def unit_loss(self) -> Array:
+        """One unit of an unlisted loss, in deviations, shape (channels, n)."""
+        relative = np.array([[channel.relative] for channel in self.channels])
+        return np.where(relative, self.measured, 1.0) / self.deviation
 
     @property
     def usual_noise(self) -> float:
         """Root of the mean square of the noise stated of the first channel."""
-        return float(np.sqrt(np.mean(self.readings[0].deviation ** 2)))
-
-    def whiten(self, predicted: Array) -> Array:
-        """(Measured - predicted) / deviation, (channels read, n), of every channel predicted."""
-        return np.stack([(reading.measured - row) / reading.deviation
-                         for reading, row in zip(self.readings, self.read(predicted), strict=True)])
-
-    def read(self, predicted: Array) -> Array:
-        """The rows of what is predicted, (channels, ...), that are read."""
-        names = [channel.name for channel in self.channels]
-        return predicted[[names.index(item.channel.name) for item in self.readings]] if names \
-            else predicted[:len(self.readings)]
+        return float(np.sqrt(np.mean(self.deviation[0] ** 2)))
 
     def select(self, index: NDArray[np.intp]) -> Observations:
         """Return a subset of samples, with the same noise."""
-        readings = tuple(replace(reading, measured=reading.measured[index],
-                                 deviation=reading.deviation[index]) for reading in self.readings)
         return replace(self, points={name: row[index] for name, row in self.points.items()},
-                       readings=readings, samples=self.samples.select(index),
-                       number=self.number[index])
+                       measured=self.measured[:, index], deviation=self.deviation[:, index],
+                       samples=self.samples.select(index), number=self.number[index])
 
     def stating(self, noise: float) -> Observations:
         """Return the same as if somebody had stated the noise of the first channel."""
-        first, *others = self.readings
-        stated, _ = reading_of(first.channel, first.measured, noise, None, (), {})
-        return replace(self, readings=(stated, *others), noise_source="given", assumed=False)
+        first, trust, _ = noise_of(self.channels[0], self.measured[0], noise, None, (), {})
+        return replace(self, deviation=np.vstack([first, self.deviation[1:]]),
+                       trust=np.append(trust, self.trust[1:]), noise_source="given", assumed=False)
 
     def describe(self, i: int) -> str:
         """Return one sample by number and operating point."""
@@ -151,11 +116,11 @@ class Observations:
         return f"sample {self.number[i] + 1} ({place})"
 
 
-def reading_of(
+def noise_of(
     channel: Channel, measured: Array, given: float | None, column: Array | None,
     axes: Sequence[Axis], points: Points,
-) -> tuple[Reading, str | None]:
-    """Return a reading with its noise as it is stated: given, by sample, or by repeated points.
+) -> tuple[Array, float, str | None]:
+    """Return the noise of a channel as it is stated: given, by sample, or by repeated points.
 
     Args:
         channel, measured: what was read, shape (n,).
@@ -164,8 +129,8 @@ def reading_of(
         axes, points: where.
 
     Returns:
-        The reading, and who states its noise; None where nobody does and `channel.uncertainty`
-        stands in.
+        Standard deviations, shape (n,), how many samples that is worth, and who states it; None
+        where nobody does and `channel.uncertainty` stands in.
     """
     n, trust, source = len(measured), TRUST_STATED, None
     if given is not None:
@@ -178,7 +143,7 @@ def reading_of(
         deviation, trust = channel.deviation(measured), TRUST_ASSUMED
     if n < FEW:  # so few cannot correct a statement: it has to be believed
         trust = max(trust, _TRUST_FEW_ASSUMED if source is None else _TRUST_FEW)
-    return Reading(channel, measured, deviation, trust), source
+    return deviation, trust, source
 
 
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:
@@ -199,26 +164,53 @@ def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] 
 
 
 def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
-    """Number the distinct operating points, shape (n,); repeated points share a number.
+    """Number the distinct operating points by their place, shape (n,).
 
-    The sample with most neighbours gathers them, then the next: a slow sweep, in which every
-    sample is close to the next one, falls into pieces instead of becoming one point.
+    Repeated points share a number; no two further apart than one tolerance do, so that a slow
+    sweep, in which every sample is close to the next one, does not become one point.
     """
-    from scipy.spatial import cKDTree
+    from scipy.cluster.hierarchy import fclusterdata
 
     # In tolerances: a bench never sets a point twice to the last digit.
     scaled = np.stack([points[axis.name] / max(REPEATED * float(np.ptp(points[axis.name])),
                                                axis.held) for axis in axes], axis=1)
-    if len(scaled) > LARGE:  # pairs of neighbours are too many: what a lattice does not part
-        return np.unique(np.round(scaled), axis=0, return_inverse=True)[1].ravel()
-    near = cKDTree(scaled).query_ball_point(scaled, 1.0, p=np.inf)
-    count = np.array([len(indices) for indices in near])
-    leader = np.full(len(scaled), -1)
-    # Ties by place, so that the order of the rows does not matter.
-    for i in np.lexsort((*scaled.T[::-1], -count)):
-        if leader[i] < 0:
-            members = np.array(near[i])
-            leader[members[leader[members] < 0]] = i
-    # Numbered by place, as their leaders are.
-    rank = np.argsort(np.lexsort(scaled.T[::-1]))
-    return np.unique(rank[leader], return_inverse=True)[1]
+    if 1 < len(scaled) <= LARGE:
+        label = fclusterdata(scaled, 1.0, "distance", metric="chebyshev", method="complete")
+    else:  # pairs of neighbours are too many: what a lattice does not part
+        label = np.unique(np.round(scaled), axis=0, return_inverse=True)[1].ravel()
+    order = np.lexsort(scaled.T[::-1])
+    _, first, group = np.unique(label[order], return_index=True, return_inverse=True)
+    number = np.empty(len(scaled), dtype=np.intp)
+    number[order] = np.argsort(np.argsort(first))[group]
+    return number
+
+
+def scaled_to_extent(place: Array, within: Array | None = None) -> Array:
+    """Places scaled to -1 .. 1 by the extent of a campaign (their own), same shape; none beyond."""
+    within = place if within is None else within
+    low, high = within.min(axis=1, keepdims=True), within.max(axis=1, keepdims=True)
+    return np.asarray((2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0).clip(-1.0, 1.0))
+
+
+def smooth_functions(
+    place: Array, degree: int, within: Array | None = None
+) -> tuple[Array, NDArray[np.intp]]:
+    """Products of Legendre polynomials up to a total degree.
+
+    Args:
+        place: where, shape (axes, n).
+        degree: the highest.
+        within: the places of the campaign by which each axis is scaled, those above if None.
+
+    Returns:
+        Values of shape (n, m), each of mean square about 1, and the degree of each, shape (m,).
+        The constant comes first.
+    """
+    # Along each axis, by order; the factor makes the mean square one.
+    along = np.sqrt(2.0 * np.arange(degree + 1) + 1.0) * legendre.legvander(
+        scaled_to_extent(place, within), degree)
+    powers = sorted((p for p in itertools.product(range(degree + 1), repeat=len(place))
+                     if sum(p) <= degree), key=sum)
+    columns = [np.prod([along[axis, :, order] for axis, order in enumerate(power)], axis=0)
+               for power in powers]
+    return np.stack(columns, axis=1), np.array([sum(power) for power in powers])

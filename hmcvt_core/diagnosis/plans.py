@@ -13,25 +13,20 @@ deviations) it is not.
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .hypothesis import Hypothesis, linearise
 from .observations import Observations
-from .system import System
-from .words import plain
-
-Array = NDArray[np.float64]
+from .system import Array, System
+from .words import plain, wrapped
 
 DECISIVE = 9.0
 """What settles a question: three standard deviations, squared."""
 
-_WIDTH = 100
 _MOST_RUNS = 20
 
 
@@ -79,15 +74,12 @@ class Isolability:
         return [other for other, level in zip(self.effects, row, strict=True)
                 if other != effect and level < DECISIVE]
 
-    @property
-    def _channels(self) -> list[str]:
-        return [reading.channel.name for reading in self.plan.readings]
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
             "samples": len(self.plan), "noise": self.plan.usual_noise,
-            "noise_source": self.plan.noise_source, "channels": self._channels,
+            "noise_source": self.plan.noise_source,
+            "channels": [channel.name for channel in self.plan.channels],
             "threshold": DECISIVE,
             "effects": [{
                 "effect": name, "detectability": float(self.detectability[i]),
@@ -104,7 +96,7 @@ class Isolability:
         Args:
             matrix: whether to print `separation` too.
         """
-        confused, first = self.confused(), self.plan.readings[0].channel
+        confused, first = self.confused(), self.plan.channels[0]
         told, hidden = [], []
         for name, level in zip(self.effects, self.detectability.tolist(), strict=True):
             if level < DECISIVE:
@@ -112,21 +104,22 @@ class Isolability:
                 hidden.append(name + runs)
             elif not self.twins(name):
                 told.append(name)
-        lines = [f"{len(self.plan)} points; read: {', '.join(self._channels)}",
+        read = ", ".join(channel.name for channel in self.plan.channels)
+        lines = [f"{len(self.plan)} points; read: {read}",
                  f"noise of the {plain(first.name)}: {first.factor * self.plan.usual_noise:.2g} "
                  f"{first.unit}, {self.plan.noise_source}", "",
-                 *_listed("told from all others: ", told)]
+                 _listed("told from all others: ", told)]
         if confused:
             lines += ["", "seen, but not told from:"]
         for item in confused:
-            lines += _listed(f"  {item['effect']}: ", item["indistinguishable_from"])
+            lines.append(_listed(f"  {item['effect']}: ", item["indistinguishable_from"]))
             if by_channel := item[f"told_by_{self.further}"]:
-                lines += _listed(f"    reading the {plain(self.further)} too tells it from ",
-                                 by_channel)
+                lines.append(_listed(f"    reading the {plain(self.further)} too tells it from ",
+                                     by_channel))
             if item["remedies"]:
-                lines += _listed("    to settle it: ", ["; or ".join(item["remedies"])])
-        lines += ["", *_listed("not visible at their typical size (number: runs of the whole plan "
-                               "that would show it): ", hidden)]
+                lines.append(_listed("    to settle it: ", ["; or ".join(item["remedies"])]))
+        lines += ["", _listed("not visible at their typical size (number: runs of the whole plan "
+                              "that would show it): ", hidden)]
         if matrix:
             lines += ["", "squared deviations that the row's effect, at its typical size, leaves "
                       "after the refit of the", "base parameters when the column's effect, in the "
@@ -149,7 +142,7 @@ def isolability(
         fuller: the same plan with a further channel read; None where there is none.
     """
     # Nothing is read yet to which base parameters could be fitted.
-    fit = linearise(Hypothesis(system), plan, base, np.ones(len(plan.readings)))
+    fit = linearise(Hypothesis(system), plan, base, np.ones(len(plan.channels)))
     found = fit.signatures
     left = fit.left(np.stack([change for _, change in found]))
     effects = tuple(sorted({form.name for form, _ in found}))
@@ -164,7 +157,7 @@ def isolability(
     separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
                            for own in members])
     np.fill_diagonal(separation, detectability)
-    read = {reading.channel.name for reading in plan.readings}
+    read = {channel.name for channel in plan.channels}
     further = [channel.name for channel in system.channels if channel.name not in read]
     return Isolability(
         effects, detectability, separation, plan, (further or [system.channels[-1].name])[0],
@@ -172,6 +165,5 @@ def isolability(
         None if fuller is None else isolability(system, fuller, base))
 
 
-def _listed(title: str, names: Iterable[str]) -> list[str]:
-    return textwrap.wrap(title + (", ".join(names) or "none"), _WIDTH, subsequent_indent="      ",
-                         break_on_hyphens=False)
+def _listed(title: str, names: Iterable[str]) -> str:
+    return wrapped(title + (", ".join(names) or "none"), 6)

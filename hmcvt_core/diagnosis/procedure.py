@@ -13,30 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from . import result
 from .advice import Advice, advise
-from .gap_field import GapField, covering
+from .evidence import cross_validated_errors, deals
 from .hypothesis import Fit, refit
 from .intake import admitted, listed_samples
 from .observations import FEW, Observations
 from .ranking import Ranking, rank
-from .regions import Regions, regions
-from .report import Diagnosis
-from .result import (
-    GAP_SIGNIFICANCE,
-    NAMING,
-    Cause,
-    CauseSet,
-    Delivered,
-    Gap,
-    Region,
-    ShrinkageSummary,
-)
+from .regions import Regions, Significance, covering, regions, significance
+from .result import GAP_SIGNIFICANCE, NAMING, Cause, CauseSet
 from .rivals import Rival
-from .shrinkage import cross_validated_errors, deals, shrinkage
-from .significance import Significance, significance
-from .system import Effect, Points, System
-
-Array = NDArray[np.float64]
+from .system import Array, Effect, Points, System
+from .words import Diagnosis
 
 FOUND = 0.80  # probability from which one set of causes is called found
 SET_PROBABILITY = 0.97  # with which the set that cannot be told apart holds a listed cause
@@ -45,25 +33,22 @@ _TWIN = math.log(FOUND / (1.0 - FOUND))  # evidence, forms aside: less does not 
 _MOST_REGIONS = 5
 _RIVALS = 12
 _TOLD_SETS = 5
-_ZERO = 1e-9
+_DRAWS, _TAIL = 999, 0.025
 
 
 @dataclass(frozen=True, eq=False)
 class _Study:
-    """What is known of a campaign once everything has been weighed.
+    """A campaign once everything has been weighed; `seed` is that of every random number."""
 
-    Attributes:
-        base, boxes, found, ranking: the results of the steps.
-        seed: of every random number.
-        dealt: folds, several times.
-    """
-
-    base: Fit
+    ranking: Ranking
     boxes: Regions
     found: Significance
-    ranking: Ranking
     seed: int
-    dealt: list[list[NDArray[np.intp]]]
+
+    @property
+    def base(self) -> Fit:
+        """The refit without any effect."""
+        return self.ranking.bare.fit
 
     @property
     def significant(self) -> bool:
@@ -83,10 +68,14 @@ class _Study:
     def errors(self, rivals: Sequence[Rival]) -> Array:
         """Errors of the best of some rivals at samples left out, shape (n,)."""
         return cross_validated_errors(
-            [rival.plain for rival in rivals], self.base.observed, self.dealt)
+            [rival.plain for rival in rivals], self.base.observed, self._dealt)
 
     @cached_property
-    def shrunk(self) -> Callable[[Rival], ShrinkageSummary]:
+    def _dealt(self) -> list[list[NDArray[np.intp]]]:
+        return deals(self.base.observed, self.seed)
+
+    @cached_property
+    def shrunk(self) -> Callable[[Rival], result.ShrinkageSummary]:
         """How far the gap shrinks with a set held in every fold; worked out once for each."""
         return cache(lambda rival: shrinkage(
             self.before, self.errors([rival]), self.noise, "cross-validation", self.seed))
@@ -94,8 +83,9 @@ class _Study:
     @cached_property
     def noise(self) -> Array:
         """Standard deviation of the first channel, (n,); without a gap that of the base model."""
-        likeliest = self.ranking.rivals[0].weighed if self.significant else self.ranking.bare.plain
-        return np.asarray(self.base.observed.scale[0] * np.sqrt(likeliest.noise[0]))
+        ranking = self.ranking
+        likeliest = ranking.entries[0][0].weighed if self.significant else ranking.bare.plain
+        return np.asarray(self.base.observed.deviation[0] * np.sqrt(likeliest.noise[0]))
 
     @property
     def scatter(self) -> float:
@@ -136,36 +126,32 @@ def diagnose_system(
     tell("step 1 of 3, is there a gap")
     found = significance(base, boxes, seed)
     tell("step 2 of 3, refits with sets of effects")
-    study = _Study(base, boxes, found, rank(base, boxes), seed, deals(observed, seed))
+    study = _Study(rank(base, boxes), boxes, found, seed)
     tell("step 3 of 3, how far the gap shrinks")
-    ranking, noise = study.ranking, study.noise
-    before = after = study.before
-    held_out: list[str] = []
-    judged, residuals = observed, study.before
-    if study.significant:
-        after = study.errors([ranking.bare, *(
-            rival for rival, _ in list(ranking.sets.values())[:_RIVALS])])
+    ranking, residuals, real = study.ranking, study.before, study.significant
     verdict, why = _verdict(study)
-    left = study.errors([study.leading[0]]) if verdict in NAMING else before
-    delivered = Delivered(_rms(before), _rms(left))
+    left = study.errors([study.leading[0]]) if verdict in NAMING else residuals
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
+    else:
+        rivals = [rival for rival, _ in list(ranking.sets.values())[:_RIVALS]] if real else []
+        before, after = residuals, study.errors([ranking.bare, *rivals])
+        noise, judged, held_out = study.noise, observed, []
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
-                       seed, study.significant)
-    gap = Gap(len(residuals), _rms(residuals), study.scatter, observed.usual_noise,
-              observed.noise_source, found.p_value, study.significant)
-    advice = advise(base, ranking, system.candidates(observed.points, base.base))
-    field = GapField.of(base, ranking.entries())
-    expected = field.at()[0]
+                       seed, real)
+    gap = result.Gap(len(residuals), _rms(residuals), study.scatter, observed.usual_noise,
+                     observed.noise_source, found.p_value, real)
+    advice = advise(ranking, system.candidates(observed.points, base.base))
+    alive = ranking.alive
+    expected = alive.gap_at()[0]
     return Diagnosis(
         gap, _where(study, expected), verdict, _causes(study, verdict),
-        _sets(study) if study.significant else (), shrunk, delivered, advice.next_tests,
-        advice, ranking.unlisted if study.significant else 0.0,
-        ranking.misfit if study.significant else 0.0,
-        _lost_power(study, verdict, expected), tuple(warnings),
+        _sets(study) if real else (), shrunk, result.Delivered(_rms(residuals), _rms(left)),
+        advice.next_tests, advice, ranking.unlisted if real else 0.0,
+        ranking.misfit if real else 0.0, _lost_power(study, verdict, expected), tuple(warnings),
         (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
-         *_at_zero(base), *why),
-        _model_of(base), field, observed.samples, residuals, judged.samples, before, after)
+         *why),
+        _model_of(base), alive, observed.samples, residuals, judged.samples, before, after)
 
 
 def next_test(
@@ -180,7 +166,41 @@ def next_test(
     base, _ = admitted(system, observed)
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)
-    return advise(base, rank(base, regions(base.observed.place)), possible)
+    return advise(rank(base, regions(base.observed.place)), possible)
+
+
+def shrinkage(
+    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True
+) -> result.ShrinkageSummary:
+    r"""Say how far the gap shrinks, on data not used for the fit.
+
+    .. math:: G^2 = \overline{e^2} - \sigma^2, \qquad S = 1 - G^2_{after} / G^2_{before}
+
+    e are errors of prediction at the same points, sigma is the noise.
+
+    Args:
+        before, after: errors of the first channel, shape (n,).
+        noise: standard deviation of the first channel at each, shape (n,) or scalar.
+        on: where the errors come from.
+        seed: of the bootstrap over points.
+        real: whether there is a gap at all; without one `fraction` is None.
+    """
+    squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
+        np.square(noise), before.shape)[:, None]
+    mean = squares.mean(axis=0)
+    fraction, interval = None, None
+    if real and mean[0] > 0.0:
+        rng, n = np.random.default_rng(seed), len(squares)
+        drawn = np.stack([mean, *(squares[rng.integers(0, n, n)].mean(axis=0)
+                                  for _ in range(_DRAWS))])
+        drawn = drawn[drawn[:, 0] > 0.0]
+        # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
+        fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()
+        if others:
+            low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
+            interval = low, high
+    gap = np.sqrt(np.maximum(mean, 0.0)).tolist()
+    return result.ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
 
 
 def _rms(values: Array) -> float:
@@ -221,11 +241,11 @@ def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
 
 
 def _sets(study: _Study) -> tuple[CauseSet, ...]:
-    shrunk = {names: study.shrunk(rival)
-              for names, (rival, _) in list(study.ranking.sets.items())[:_TOLD_SETS]}
-    return tuple(CauseSet(names, p, *(
-        (shrunk[names].after, shrunk[names].fraction) if names in shrunk else (None, None)))
-        for names, (_, p) in study.ranking.sets.items())
+    told = list[CauseSet]()
+    for names, (rival, p) in study.ranking.sets.items():
+        each = study.shrunk(rival) if len(told) < _TOLD_SETS else None
+        told.append(CauseSet(names, p, *((each.after, each.fraction) if each else (None, None))))
+    return tuple(told)
 
 
 def _errors_on(
@@ -238,7 +258,7 @@ def _errors_on(
     """
     base, refusal = study.base, study.base.hypothesis.system.refusal
     first = study.leading[0].fit
-    before, after = (held.readings[0].measured - fit.hypothesis.predict(fit.theta, held.points)[0]
+    before, after = (held.measured[0] - fit.hypothesis.predict(fit.theta, held.points)[0]
                      for fit in (base, first if study.significant else base))
     usable = np.isfinite(before) & np.isfinite(after)
     if not usable.any():
@@ -248,8 +268,7 @@ def _errors_on(
     notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
              f"{listed_samples(held, stalled)}"] if len(stalled) else []
     held = held.select(np.flatnonzero(usable))
-    noise = (np.full(len(held), study.scatter) if held.assumed
-             else held.readings[0].deviation)
+    noise = np.full(len(held), study.scatter) if held.assumed else held.deviation[0]
     return before[usable], after[usable], noise, held, notes
 
 
@@ -316,7 +335,7 @@ def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]
             for name, row in zip(base.names, rows.tolist(), strict=True)}
 
 
-def _where(study: _Study, expected: Array) -> tuple[Region, ...]:
+def _where(study: _Study, expected: Array) -> tuple[result.Region, ...]:
     """The fewest regions that hold the points at which the gap expected exceeds its rms."""
     boxes, found = study.boxes, study.found
     if not study.significant or not len(boxes):
@@ -324,27 +343,20 @@ def _where(study: _Study, expected: Array) -> tuple[Region, ...]:
     chosen = covering(boxes.members, np.abs(expected) > _rms(expected), _MOST_REGIONS)
     chosen.sort(key=lambda i: -abs(np.sum(expected[boxes.members[i]])))
     observed = study.base.observed
-    residual = study.base.whitened[0] * observed.scale[0]
+    residual = study.base.whitened[0] * observed.deviation[0]
     limits = np.stack([boxes.low, boxes.high], axis=-1).tolist()
-    return tuple(Region(
+    return tuple(result.Region(
         {axis.name: (low, high) for axis, (low, high) in zip(observed.steered, limits[i],
                                                              strict=True)},
         float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
-        float(found.region_p[i]), observed.readings[found.region_channel[i]].channel.name)
+        float(found.region_p[i]), observed.channels[found.region_channel[i]].name)
         for i in chosen)
-
-
-def _at_zero(fit: Fit) -> list[str]:
-    base = fit.hypothesis.system.base
-    return [f"the refit puts {name} at zero: something else takes its place"
-            for name, value, low in zip(base.names, base.values(fit.base), base.values(base.low),
-                                        strict=True) if low == 0.0 and value <= _ZERO]
 
 
 def _on_noise(study: _Study) -> list[str]:
     """Say that the noise found is not the one stated, or what a statement would change."""
     observed = study.base.observed
-    channel, stated, found = observed.readings[0].channel, observed.usual_noise, study.scatter
+    channel, stated, found = observed.channels[0], observed.usual_noise, study.scatter
     ratio = found / stated
     if observed.assumed and len(observed) < FEW:
         noise = float(f"{stated:.2g}")

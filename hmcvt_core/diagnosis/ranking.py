@@ -8,28 +8,16 @@ exact refit decides, and whoever leads is asked what may stand beside it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .hypothesis import Fit, Signature
 from .regions import Regions
-from .rivals import (
-    Proposal,
-    Rival,
-    exact,
-    explanation,
-    fields,
-    local,
-    misfitting,
-    nothing,
-    screen,
-)
-
-Array = NDArray[np.float64]
+from .rivals import Proposal, Rival, exact, fields, local, misfitting, nothing, screen
+from .system import Array, Points
 
 PRIOR_NO_GAP = 0.5
 """Probability of an exact base and nothing else, before any bench; the rest is given a gap."""
@@ -47,13 +35,15 @@ PRIOR_UNLISTED = 0.10
 """Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
 
 _KINDS = 12  # single effects refitted, and sets refitted exactly at the end
+_HOPELESS = 10.0  # nats behind the best
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
 _SAMPLES_EACH = 16  # for each cause of a set: three causes need about 48
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 # A form stays in the race whose gain is so near the best, in part and in nats.
 _NEAR, _BEHIND = 0.7, 4.0
-_HOPELESS = 10.0  # nats behind the best
 _OPPOSITE = 3  # effects tried with the wrong sign
+ALIVE = 0.01
+"""Probability below which a rival is left out of what is foretold."""
 Names = tuple[str, ...]
 
 
@@ -62,51 +52,71 @@ class Ranking:
     """Rivals weighed.
 
     Attributes:
-        rivals: the likeliest refit of each set and of each kind of unlisted loss, best first.
-        probability: of each, given that there is a gap; they sum to 1.
+        entries: the likeliest refit of each set and of each kind of unlisted loss, and the
+            probability of each, given that there is a gap; best first, they sum to 1.
         bare: the base model alone, which has none.
         no_gap: the probability of that.
     """
 
-    rivals: tuple[Rival, ...]
-    probability: tuple[float, ...]
+    entries: tuple[tuple[Rival, float], ...]
     bare: Rival
     no_gap: float
-
-    def entries(self) -> Iterator[tuple[Rival, float]]:
-        """Rivals and their probabilities."""
-        return zip(self.rivals, self.probability, strict=True)
 
     @cached_property
     def sets(self) -> dict[Names, tuple[Rival, float]]:
         """Refit and probability of each set of listed effects alone, most probable first."""
-        return {rival.names: (rival, p) for rival, p in self.entries() if rival.listed}
+        return {rival.names: (rival, p) for rival, p in self.entries if rival.listed}
 
     @cached_property
     def unlisted(self) -> float:
         """Probability that listed effects are not all of it."""
         return 1.0 - sum(p for _, p in self.sets.values())
 
-    def is_misfit(self, rival: Rival) -> bool:
-        """Whether a rival is a base model that is a little off and nothing else."""
-        return not rival.names and rival.beside is not None and rival.beside.of_base
-
     @cached_property
     def misfit(self) -> float:
         """Probability that the base model is a little off and nothing else."""
-        return sum(p for rival, p in self.entries() if self.is_misfit(rival))
+        return sum(p for rival, p in self.entries if rival.of_base)
 
     @cached_property
     def effects(self) -> dict[str, float]:
         """Probability that an effect is present, by name, most probable first."""
-        names = {name for rival in self.rivals for name in rival.names}
-        each = {name: min(1.0, sum(p for rival, p in self.entries() if name in rival.names
-                          and not rival.fit.hypothesis.opposite)) for name in sorted(names)}
+        listed = [item for item in self.entries if not item[0].fit.hypothesis.opposite]
+        each = {name: min(1.0, sum(p for rival, p in listed if name in rival.names))
+                for name in sorted({name for rival, _ in listed for name in rival.names})}
         return dict(sorted(((name, p) for name, p in each.items() if p), key=lambda item: -item[1]))
 
     def best_with(self, name: str) -> Rival:
         """The most probable set that holds an effect."""
         return next(rival for names, (rival, _) in self.sets.items() if name in names)
+
+    @property
+    def alive(self) -> Ranking:
+        """The rivals that matter, their probabilities summing to 1 again."""
+        kept = [(rival, p) for rival, p in self.entries if p >= ALIVE]
+        total = sum(p for _, p in kept)
+        return replace(self, entries=tuple((rival, p / total) for rival, p in kept))
+
+    def gap_at(self, points: Points | None = None) -> tuple[Array, Array]:
+        """Mean and standard deviation of the gap at n points, those of the campaign if None, (n,).
+
+        What each rival foretells beyond the refitted base model, averaged by their probabilities
+        (Bayesian model averaging; Hoeting et al. 1999, Statistical Science 14), losses that nobody
+        listed among them: measured minus refitted base in the unit of the first channel; NaN where
+        the base model has no answer.
+        """
+        there, start = self.bare.fit.observed, self.bare.fit.whitened[0]
+        if points is not None:
+            there, start = self.bare.fit.as_measured(points), np.zeros(1)
+        told = [rival.at(there) for rival, _ in self.entries]
+        means = there.deviation[0] * np.array([start + each.mean[0] for each in told])
+        variances = there.deviation[0] ** 2 * np.array([each.spread[:, 0, 0] for each in told])
+        # Who has no answer at a point has no say there.
+        weight = np.isfinite(means) * np.array([[p] for _, p in self.entries])
+        with np.errstate(invalid="ignore"):
+            weight /= weight.sum(axis=0)
+        means = np.nan_to_num(means)
+        mean = np.sum(weight * means, axis=0)
+        return mean, np.sqrt(np.sum(weight * (variances + (means - mean) ** 2), axis=0))
 
 
 def rank(base: Fit, boxes: Regions) -> Ranking:
@@ -124,24 +134,22 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
     for i, (rival, log) in enumerate(found[:_BESIDE]):
         prior = log - rival.log + math.log(PRIOR_UNLISTED / 2.0)
         found += _shared(fields(rival), prior)
-        if i == 0 and (placed := local(rival, boxes)) is not None:
-            found += _shared([placed], prior)
+        if i == 0:
+            found += _shared(local(rival, boxes), prior)
     found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
-    placed = local(bare, boxes)
     wrong = _distinct(screen(base, library, opposite=True))
-    families = [fields(bare), [] if placed is None else [placed],
-                [replace(rival := exact(explanation(each.refit(True))), log=rival.log + each.price)
-                 for each in wrong[:_OPPOSITE] if each.gain > 0.0]]
-    counts = len(families[0]), 1, len(wrong)
-    for members, count in zip(families, counts, strict=True):
-        found += _shared(members, math.log(PRIOR_UNLISTED / len(families)), count)
+    turned = [replace(rival := exact(each.refit(opposite=True)), log=rival.log + each.price)
+              for each in wrong[:_OPPOSITE] if each.gain > 0.0]
+    for family, count in ((fields(bare), 0), (local(bare, boxes), 0), (turned, len(wrong))):
+        found += _shared(family, math.log(PRIOR_UNLISTED / 3.0), count)
     found.sort(key=lambda item: -item[1])
     weight = np.exp([log - found[0][1] for _, log in found])
     odds = math.log(PRIOR_NO_GAP / (1.0 - PRIOR_NO_GAP)) + bare.log - (
         found[0][1] + math.log(weight.sum()))
-    return Ranking(tuple(rival for rival, _ in found), tuple((weight / weight.sum()).tolist()),
-                   bare, float(np.exp(-np.logaddexp(0.0, -odds))))
+    rivals, probability = (rival for rival, _ in found), (weight / weight.sum()).tolist()
+    return Ranking(tuple(zip(rivals, probability, strict=True)), bare,
+                   float(np.exp(-np.logaddexp(0.0, -odds))))
 
 
 def _shared(rivals: Sequence[Rival], prior: float, count: int = 0) -> list[tuple[Rival, float]]:
@@ -164,16 +172,16 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
 
     def refitted(proposals: Iterable[Proposal]) -> None:
         for each in proposals:
-            rival = explanation(each.refit())
+            rival = each.refit()
             if rival.names not in found or rival.log + each.price > weight(rival.names):
                 found[rival.names] = rival, each.price
                 refined.discard(rival.names)
 
-    def refine(names: Names) -> Rival:
+    def refine(names: Names) -> tuple[Rival, float]:
         if names not in refined:
             found[names] = exact(found[names][0]), found[names][1]
             refined.add(names)
-        return found[names][0]
+        return found[names]
 
     def leaders(size: int, count: int) -> list[Names]:
         sized = [names for names in found if len(names) == size]
@@ -191,8 +199,8 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
                   if first not in {effect.name for effect in item.effects}][:_SETS])
     for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
         refitted(_distinct(sorted((
-            each._replace(gain=rival.log + each.gain, price=each.price + found[rival.names][1])
-            for rival in map(refine, leaders(size, _LEADERS))
+            each._replace(gain=rival.log + each.gain, price=each.price + price)
+            for rival, price in map(refine, leaders(size, _LEADERS))
             for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
             key=lambda each: -each.gain))[:2 * _SETS])
     best = max(map(weight, found))

@@ -1,24 +1,33 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The working space of a campaign: boxes in which a gap is looked for, and smooth functions.
+"""Is there a gap, and where: boxes over the samples, each looked at, and what that costs.
 
-Places have shape (axes, n); every axis counts by the extent of the campaign along it.
+Whoever looks at thousands of regions and dozens of effects finds something. The statistic is
+therefore the maximum over everything looked at, and its distribution without a gap comes from
+simulated campaigns put through the same refit (max-T; Westfall & Young 1993). Noise is estimated
+from the residuals in each of them, as it is in the real one, so that noise stated wrongly does not
+raise alarms.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .hypothesis import Fit
+from .observations import FEW
+from .system import Array
 
+REPLICATES = 999
+_CHUNK = 64
 _LEAST_SAMPLES = 4
 _SAMPLES_PER_LEAST = 8
 _BAND_EDGES = 21  # edges per axis for bands along one axis
 _CORNER_EDGES = 6  # edges per axis for boxes over two and three axes
+_PAYS = 0.02  # of F1: by how much a further region has to tell the places better
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,33 +99,123 @@ def _intervals(edges: Array) -> list[tuple[float, float]]:
             if not (i == 0 and j == len(edges) - 1)]
 
 
-def scaled_to_extent(place: Array, within: Array | None = None) -> Array:
-    """Places scaled to -1 .. 1 by the extent of a campaign (their own), same shape; none beyond."""
-    within = place if within is None else within
-    low, high = within.min(axis=1, keepdims=True), within.max(axis=1, keepdims=True)
-    return np.asarray((2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0).clip(-1.0, 1.0))
-
-
-def smooth_functions(
-    place: Array, degree: int, within: Array | None = None
-) -> tuple[Array, NDArray[np.intp]]:
-    """Products of Legendre polynomials up to a total degree.
+def covering(members: NDArray[np.bool_], target: NDArray[np.bool_], most: int) -> list[int]:
+    """The fewest regions that hold some points and no others, by F1, one after another.
 
     Args:
-        place: where, shape (axes, n).
-        degree: the highest.
-        within: the places of the campaign by which each axis is scaled, those above if None.
-
-    Returns:
-        Values of shape (n, m), each of mean square about 1, and the degree of each, shape (m,).
-        The constant comes first.
+        members: which points each region holds, shape (regions, n).
+        target: the points, shape (n,).
+        most: regions.
     """
-    scaled = scaled_to_extent(place, within)
-    powers = sorted((p for p in itertools.product(range(degree + 1), repeat=len(place))
-                     if sum(p) <= degree), key=sum)
-    # Along each axis, by order; the factor makes the mean square one.
-    along = [[np.sqrt(2.0 * order + 1.0) * legendre.Legendre.basis(order)(values)
-              for order in range(degree + 1)] for values in scaled]
-    columns = [np.prod([along[axis][order] for axis, order in enumerate(power)], axis=0)
-               for power in powers]
-    return np.stack(columns, axis=1), np.array([sum(power) for power in powers])
+    covered, chosen, best = np.zeros(len(target), dtype=bool), list[int](), 0.0
+    for _ in range(most):
+        union = members | covered
+        f1 = 2.0 * (union & target).sum(axis=1) / (union.sum(axis=1) + target.sum())
+        one = int(f1.argmax())
+        if f1[one] < best + _PAYS:
+            break
+        best, covered = float(f1[one]), union[one]
+        chosen.append(one)
+    return chosen
+
+
+class Significance(NamedTuple):
+    """Outcome of the search for a gap.
+
+    Attributes:
+        p_value: of the largest statistic over regions and effects together.
+        region_channel: the one in which the mean residual of each region, studentised, is largest,
+            shape (boxes,).
+        region_p: family-wise p value of each region, shape (boxes,).
+    """
+
+    p_value: float
+    region_channel: NDArray[np.intp]
+    region_p: Array
+
+
+def significance(
+    fit: Fit, boxes: Regions, seed: int, replicates: int = REPLICATES
+) -> Significance:
+    """Test whether anything is left after a refit, anywhere or of any known shape.
+
+    Args:
+        fit: the refit without any effect.
+        boxes: regions to look at, in each channel.
+        seed: of the simulated campaigns.
+        replicates: simulated campaigns.
+    """
+    look, p = _Search(fit, boxes), len(fit.theta)
+    white = fit.target / np.sqrt(fit.noise)[:, None]
+    found, effects = look(white[None], np.zeros((1, p)))
+    rng, tops = np.random.default_rng(seed), []
+    for start in range(0, replicates, _CHUNK):
+        count = min(_CHUNK, replicates - start)
+        data = rng.standard_normal((count, *white.shape))
+        tops.append(_tops(*look(data, rng.standard_normal((count, p)))))
+    null = np.concatenate(tops, axis=1)
+    # Two families of looks: the smaller p value, itself judged against the same campaigns.
+    ranks = np.min([_p_values(top, top) for top in null], axis=0)
+    own = np.min([_p_values(*each) for each in zip(null, _tops(found, effects), strict=True)],
+                 axis=0)
+    p_value = (1.0 + np.sum(ranks <= own)) / (1.0 + replicates)
+    if len(fit.observed) < FEW:
+        # Two looks: shape and size.
+        p_value = min(1.0, 2.0 * min(p_value, look.lack_of_fit(white)))
+    return Significance(float(p_value), found[0].argmax(axis=0),
+                        _p_values(null[0], found[0].max(axis=0)))
+
+
+class _Search:
+    """What is looked at: boxes in each channel, and effects in all of them."""
+
+    def __init__(self, fit: Fit, boxes: Regions) -> None:
+        observed, self.fit, self.root = fit.observed, fit, np.sqrt(fit.noise)
+        n, self.trust = len(observed), observed.trust
+        # Which readings, one channel after another, and how they change.
+        looks = [(slice(i * n, (i + 1) * n), (boxes.members * loss).astype(np.float32))
+                 for i, loss in enumerate(observed.unit_loss / self.root[:, None])]
+        effects = np.stack([change for _, change in fit.signatures]) / self.root[:, None]
+        looks.append((slice(effects[0].size), effects.reshape(len(effects), -1)))
+        self.looks = [(own, look, _norms(np.sum(look**2, axis=1), look @ fit.absorbed[own]))
+                      for own, look in looks]
+        # Degrees of freedom by channel.
+        used = np.sum(fit.absorbed[:self.root.size * n].reshape(self.root.size, -1) ** 2, axis=1)
+        self.free = np.maximum(n - used, 1.0)
+
+    def __call__(self, data: Array, prior: Array) -> tuple[Array, Array]:
+        """Return |z| of boxes, (k, channels, boxes), and of effects, (k, effects).
+
+        Of k campaigns, `data` of shape (k, channels, n) and `prior` (k, p).
+        """
+        left = self.fit.left(data, prior)[:, :data[0].size].reshape(data.shape)
+        scale = np.sqrt((self.trust + np.sum(left**2, axis=2)) / (self.trust + self.free))
+        flat = (left / scale[..., None]).reshape(len(data), -1)
+        *boxes, effects = (np.abs(flat[:, own].astype(look.dtype) @ look.T / norms)
+                           for own, look, norms in self.looks)
+        return np.stack(boxes, axis=1), effects
+
+    def lack_of_fit(self, white: Array) -> float:
+        """Chance of so much scatter at the noise stated (F test, its worth counted)."""
+        from scipy.special import fdtrc
+
+        left = self.fit.left(white[None])[0, :white.shape[1]] * self.root[0]
+        free = float(self.free[0])
+        return float(fdtrc(free, self.trust[0], np.sum(left**2) / free))
+
+
+def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
+    total = squares.astype(np.float64)
+    left = total - np.sum(shadow.astype(np.float64) ** 2, axis=1)
+    # A column that the refit absorbs whole can show nothing.
+    return np.asarray(np.sqrt(np.where(left > 1e-6 * total, left, np.inf)), dtype=np.float64)
+
+
+def _tops(boxes: Array, effects: Array) -> Array:
+    """Largest |z| of all boxes and of all effects, shape (2, k)."""
+    return np.stack([boxes.max(axis=(1, 2), initial=0.0), effects.max(axis=1, initial=0.0)])
+
+
+def _p_values(null: Array, values: Array) -> Array:
+    above = len(null) - np.searchsorted(np.sort(null), values, side="left")
+    return np.asarray((1.0 + above) / (1.0 + len(null)), dtype=np.float64)

@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from .advice import Advice, NextTest
-from .gap_field import GapField
-from .system import Axis, Channel
-
-Array = NDArray[np.float64]
+from .observations import Observations
+from .ranking import Ranking
+from .system import Array, Axis, Channel
 
 GAP_SIGNIFICANCE = 0.02
 """A gap counts when chance alone would show as much in one campaign of fifty."""
@@ -156,7 +154,7 @@ class ShrinkageSummary:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Outcome of a diagnosis; `report.Diagnosis` adds how it is told.
+    """Outcome of a diagnosis; `words.Diagnosis` adds how it is told.
 
     Attributes:
         gap, where, causes, sets, shrinkage, delivered, next_tests, advice: see the classes above
@@ -169,7 +167,7 @@ class Outcome:
         warnings: why the readings may be of another machine, in plain sentences.
         notes: the same on the data and the search, the warnings first.
         base: the base model refitted to the samples, no effect added.
-        field: the gap at any operating point.
+        alive: the explanations that matter; they foretell the gap at any operating point.
         samples: what was diagnosed.
         residuals: measured - predicted of the refitted base model at each of them, left out, (n,).
         judged: the samples by which the shrinkage is measured, of the holdout or the same;
@@ -191,7 +189,7 @@ class Outcome:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     base: Any
-    field: GapField
+    alive: Ranking
     samples: Any
     residuals: Array
     judged: Any
@@ -199,20 +197,24 @@ class Outcome:
     residuals_after: Array
 
     @property
+    def _observed(self) -> Observations:
+        return self.alive.bare.fit.observed
+
+    @property
     def axes(self) -> tuple[Axis, ...]:
         """Of the operating points."""
-        return self.field.base.observed.steered
+        return self._observed.steered
 
     @property
     def extent(self) -> dict[str, tuple[float, float]]:
         """How far the samples reach along each of `axes`."""
         return {axis.name: (float(row.min()), float(row.max())) for axis, row in zip(
-            self.axes, self.field.base.observed.place, strict=True)}
+            self.axes, self._observed.place, strict=True)}
 
     @property
     def channel(self) -> Channel:
         """The one in which the gap is measured."""
-        return self.field.base.observed.readings[0].channel
+        return self._observed.channels[0]
 
     def gap_at(self, *place: Array | float, **named: Array | float) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at any operating point.
@@ -228,7 +230,7 @@ class Outcome:
         Raises:
             InputError: a value is missing, or there is no such axis.
         """
-        observed = self.field.base.observed
+        observed = self._observed
         given = {**dict(zip((axis.name for axis in self.axes), place, strict=False)), **named}
         known = [axis.name for axis in observed.axes]
         for name in (*(axis.name for axis in self.axes), *named):
@@ -238,7 +240,7 @@ class Outcome:
         values = np.broadcast_arrays(*(
             np.asarray(given.get(name, np.median(observed.points[name])), dtype=float)
             for name in known))
-        mean, deviation = self.field.at(dict(zip(known, map(np.ravel, values), strict=True)))
+        mean, deviation = self.alive.gap_at(dict(zip(known, map(np.ravel, values), strict=True)))
         return mean.reshape(values[0].shape), deviation.reshape(values[0].shape)
 
     @property

@@ -14,15 +14,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .evidence import evidence, gram, log_mean, log_means, respread
+from .evidence import Linear, evidence, gram, log_mean, respread, weigh
 from .hypothesis import REFUSED, Fit, Hypothesis, Signature, linearise, refit
-from .observations import SMOOTH_DEGREE, Observations
-from .regions import Regions, smooth_functions
-from .system import Effect
-
-Array = NDArray[np.float64]
+from .observations import SMOOTH_DEGREE, Observations, smooth_functions
+from .regions import Regions
+from .system import Array, Effect
 
 SIZE_SPREADS = (0.5, 1.5, 5.0)
 """Prior standard deviations of a size, in typical sizes; equally likely."""
@@ -34,42 +31,6 @@ _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
 _SCREENED_SPREAD = 1.5  # in typical sizes
-
-
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """One hypothesis as a linear model.
-
-    Attributes:
-        columns: of the prediction / deviation, shape (channels, n, p); base, sizes, then its own.
-        target: what the coefficients should reproduce, shape (channels, n).
-        spread: prior standard deviations, shape (p,).
-        signs: as `evidence` takes them, shape (p,).
-        log: log evidence.
-        mean: posterior, of the coefficients, shape (p,).
-        covariance: the same, shape (p, p).
-        noise: variance of each channel, shape (channels,).
-    """
-
-    columns: Array
-    target: Array
-    spread: Array
-    signs: Array
-    log: float
-    mean: Array
-    covariance: Array
-    noise: Array
-
-
-def weigh(
-    observed: Observations, columns: Array, target: Array, spreads: Array, signs: Array
-) -> list[Linear]:
-    """Weigh the same columns under several priors, spreads of shape (m, p)."""
-    one = gram(columns, target)
-    found = evidence(np.broadcast_to(one, (len(spreads), *one.shape)), len(observed), spreads,
-                     observed.trusts, signs)
-    return [Linear(columns, target, spread, signs, float(log), mean, covariance, noise)
-            for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,23 +61,56 @@ class Rival:
         """Whether known effects with the signs they have are all of it."""
         return self.beside is None and not self.fit.hypothesis.opposite and bool(self.names)
 
-    def at(self, points: Observations) -> tuple[Array, Array]:
-        """What it foretells of points, those of the campaign or others, in deviations.
+    @property
+    def of_base(self) -> bool:
+        """Whether it is a base model that is a little off and nothing else."""
+        return not self.names and self.beside is not None and self.beside.of_base
 
-        Returns:
-            Readings above those of the points, shape (channels, n), NaN where it has no answer, and
-            columns of `plain`, shape (channels, n, p).
-        """
+    def at(self, points: Observations) -> Foretold:
+        """What it foretells of points, those of the campaign or others."""
         there = self.fit if points is self.fit.observed else linearise(
             self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
         columns, change = there.jacobian, np.zeros(len(self.plain.mean))
         if self.beside is not None:
             columns = np.concatenate([columns, self.beside.columns(points)], axis=-1)
-            change = self.plain.mean - np.append(
-                self.fit.theta - self.fit.hypothesis.prior_mean,
-                np.zeros(len(change) - len(self.fit.theta)))
+            change = self.plain.mean.copy()
+            change[:len(self.fit.theta)] -= self.fit.theta - self.fit.hypothesis.prior_mean
         refused = (there.whitened == REFUSED).any(axis=0)
-        return np.where(refused, np.nan, columns @ change - there.whitened), columns
+        return Foretold(np.where(refused, np.nan, columns @ change - there.whitened), columns,
+                        self.plain.covariance)
+
+
+class Foretold(NamedTuple):
+    """One explanation on possible tests, linear in its free parameters.
+
+    Attributes:
+        mean: reading above that of the point, in deviations, shape (channels, n); NaN: no answer.
+        columns: shape (channels, n, p).
+        covariance: of the free parameters, shape (p, p).
+    """
+
+    mean: Array
+    columns: Array
+    covariance: Array
+
+    @property
+    def spread(self) -> Array:
+        """Covariance of what is foretold, without noise, shape (n, channels, channels)."""
+        return np.einsum("cip,pq,eiq->ice", self.columns, self.covariance, self.columns)
+
+    def measured(self, index: int) -> Foretold:
+        """Return the same when a point has been read, whatever the reading (Kalman update)."""
+        own = self.columns[:, index]
+        gain = self.covariance @ own.T @ np.linalg.inv(self.spread[index] + np.eye(len(own)))
+        return self._replace(covariance=self.covariance - gain @ own @ self.covariance)
+
+    def against(self, other: Foretold) -> float:
+        """Squared deviations that all points leave between two once this one has adapted."""
+        miss = (other.mean - self.mean).ravel()
+        columns = self.columns.reshape(len(miss), -1)
+        inner = np.linalg.pinv(self.covariance, hermitian=True) + columns.T @ columns
+        cross = columns.T @ miss
+        return float(miss @ miss - cross @ np.linalg.solve(inner, cross))
 
 
 def nothing(base: Fit) -> Rival:
@@ -135,29 +129,24 @@ class Proposal(NamedTuple):
 
     Attributes:
         gain: in log evidence.
-        start: the refit that they are added to.
-        added: the forms, and what they change.
+        start: the refit that forms are added to.
+        effects: all forms, those of the start first; `changes` of the prediction by the others.
         price: log of the mean over all forms of these names against the best.
-        mean: of the parameters, the sizes of the forms last.
+        mean: of the parameters.
     """
 
     gain: float
     start: Fit
-    added: tuple[Signature, ...]
+    effects: tuple[Effect, ...]
+    changes: tuple[Array, ...]
     price: float
     mean: Array
 
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """All forms, those of the start first."""
-        return *self.start.hypothesis.effects, *(form for form, _ in self.added)
-
-    def refit(self, opposite: bool = False) -> Fit:
-        """Refit from where the linear approximation ends, with the slopes that it has."""
+    def refit(self, opposite: bool = False) -> Rival:
+        """Refit from where the linear approximation ends, and weigh."""
         hypothesis = Hypothesis(self.start.hypothesis.system, self.effects, opposite)
-        slopes = np.stack([change for _, change in self.added], axis=-1)
-        return refit(hypothesis, self.start.observed, self.mean,
-                     np.concatenate([self.start.jacobian, slopes], axis=-1))
+        slopes = np.concatenate([self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1)
+        return explanation(refit(hypothesis, self.start.observed, self.mean, slopes))
 
 
 def screen(
@@ -171,10 +160,10 @@ def screen(
         count: how many at a time.
         opposite: with the wrong sign; effects that have either sign are left out.
     """
-    names = {effect.name for effect in fit.hypothesis.effects}
+    hypothesis, names = fit.hypothesis, {effect.name for effect in fit.hypothesis.effects}
     kept = [(form, change) for form, change in library
-            if form.name not in names and (not opposite or _sign(form))]
-    forms = [form for form, _ in kept]
+            if form.name not in names and not (opposite and form.sizes()[0].low < 0.0)]
+    forms = tuple(form for form, _ in kept)
     combined = [chosen for chosen in itertools.combinations(range(len(forms)), count)
                 if len({forms[i].name for i in chosen}) == count]
     if not combined:
@@ -186,27 +175,23 @@ def screen(
     whole = gram(np.concatenate([fit.jacobian, changes], axis=-1), fit.target)
     with_target = np.append(which, np.full((len(which), 1), own + len(forms)), axis=1)
     grams = np.moveaxis(whole[:, with_target[:, :, None], with_target[:, None, :]], 0, 1)
-    signs = np.append(fit.hypothesis.signs, [
-        -_sign(form) if opposite else _sign(form) for form in forms])[which]
-    spread = np.append(fit.hypothesis.system.base.spread, np.full(len(fit.sizes), _SCREENED_SPREAD))
-    without, = weigh(observed, fit.jacobian, fit.target, spread[None], fit.hypothesis.signs)
-    found = [evidence(grams, len(observed), np.tile(np.append(spread, np.full(count, scale)),
-                                                    (len(which), 1)), observed.trusts, signs)
-             for scale in SIZE_SPREADS]
-    log = log_means([each.log for each in found]) - without.log
-    theta = found[-1].mean + np.append(fit.hypothesis.prior_mean, np.zeros(count))
+    added = replace(hypothesis, effects=forms, opposite=opposite)
+    signs = np.append(hypothesis.signs, added.signs[hypothesis.shared:])[which]
+    spread = np.append(hypothesis.system.base.spread, np.full(len(fit.sizes), _SCREENED_SPREAD))
+    without, = weigh(observed, fit.jacobian, fit.target, spread[None], hypothesis.signs)
+    found = [evidence(grams, len(observed), np.append(spread, np.full(count, scale)),
+                      observed.trust, signs) for scale in SIZE_SPREADS]
+    log = log_mean([each.log for each in found]) - without.log
+    theta = found[-1].mean + np.append(hypothesis.prior_mean, np.zeros(count))
     # Members of one set come in the order of the library.
     kinds = [tuple(forms[i].name for i in chosen) for chosen in combined]
     of_kind: dict[tuple[str, ...], list[float]] = {}
     for kind, value in zip(kinds, log.tolist(), strict=True):
         of_kind.setdefault(kind, []).append(value)
-    price = {kind: log_mean(values) - max(values) for kind, values in of_kind.items()}
-    return [Proposal(float(log[i]), fit, tuple(kept[j] for j in combined[i]), price[kinds[i]],
-                     theta[i]) for i in np.argsort(-log)]
-
-
-def _sign(effect: Effect) -> float:
-    return 1.0 if effect.sizes()[0].low >= 0.0 else 0.0
+    price = {kind: float(log_mean(values)) - max(values) for kind, values in of_kind.items()}
+    return [Proposal(float(log[i]), fit, (*hypothesis.effects, *(forms[j] for j in combined[i])),
+                     tuple(kept[j][1] for j in combined[i]), price[kinds[i]], theta[i])
+            for i in np.argsort(-log)]
 
 
 def explanation(fit: Fit) -> Rival:
@@ -233,7 +218,7 @@ def explanation(fit: Fit) -> Rival:
                                          scales, signs[sizes]) for item in tried])
     best, scale = np.unravel_index(int(logs.argmax()), logs.shape)
     plain, = weigh(observed, fit.jacobian, fit.target, np.append(own, scales[scale])[None], signs)
-    return Rival(fit, tried[best], plain, log_mean(logs.ravel()))
+    return Rival(fit, tried[best], plain, float(log_mean(logs.ravel())))
 
 
 def exact(rival: Rival) -> Rival:
@@ -265,12 +250,9 @@ class Loss:
 
         Those of one channel after another.
         """
-        functions = self._functions(points)
-        m = functions.shape[1]
-        own = np.zeros((len(points.readings), len(functions), m * len(self.channels)))
-        for k, i in enumerate(self.channels):
-            own[i, :, k * m:(k + 1) * m] = functions * points.readings[i].unit_loss[:, None]
-        return own
+        where = np.eye(len(points.channels))[:, list(self.channels)]
+        return np.einsum("cn,nm,ck->cnkm", points.unit_loss, self._functions(points),
+                         where).reshape(*points.measured.shape, -1)
 
     def _functions(self, points: Observations) -> Array:
         if self.box is not None:
@@ -297,13 +279,13 @@ def _with_loss(rival: Rival, loss: Loss, spreads: Iterable[Array]) -> Rival:
             np.append(model.signs, np.full(columns.shape[-1] - len(model.signs), np.nan))))
     best = int(np.argmax([item.log for item in found[0]]))
     return Rival(rival.fit, found[0][best], found[1][best],
-                 log_mean([item.log for item in found[0]]), loss)
+                 float(log_mean([item.log for item in found[0]])), loss)
 
 
 def base_misfit(observed: Observations) -> tuple[Loss, Array]:
     """A base model that is a little off in every channel, and its prior deviations."""
-    loss = Loss(observed, tuple(range(len(observed.readings))), of_base=True)
-    return loss, loss.spread(*(reading.channel.misfit_spread for reading in observed.readings))
+    loss = Loss(observed, tuple(range(len(observed.channels))), of_base=True)
+    return loss, loss.spread(*(channel.misfit_spread for channel in observed.channels))
 
 
 def misfitting(bare: Rival) -> Rival:
@@ -315,36 +297,36 @@ def misfitting(bare: Rival) -> Rival:
 def fields(rival: Rival) -> list[Rival]:
     """Weigh a smooth loss that nobody listed beside a rival, channel by channel."""
     observed = rival.fit.observed
-    losses = [Loss(observed, (i,)) for i in range(len(observed.readings))]
-    return [_with_loss(rival, loss, [loss.spread(scale) for scale in reading.channel.field_spreads])
-            for loss, reading in zip(losses, observed.readings, strict=True)]
+    losses = [(Loss(observed, (i,)), channel) for i, channel in enumerate(observed.channels)]
+    return [_with_loss(rival, loss, [loss.spread(scale) for scale in channel.field_spreads])
+            for loss, channel in losses]
 
 
-def local(rival: Rival, boxes: Regions) -> Rival | None:
+def local(rival: Rival, boxes: Regions) -> list[Rival]:
     """Weigh a loss inside any box beside a rival; `log` is over all boxes, the rest of the best.
 
     The boxes are compared at the noise that the rival leaves, the best is weighed in full.
     """
     observed, model = rival.fit.observed, rival.weighed
     if not len(boxes):
-        return None
+        return []
     root, gains = np.sqrt(model.noise), []
     left = model.target - model.columns @ model.mean
-    for i, reading in enumerate(observed.readings):
-        column = boxes.members * reading.unit_loss / root[i]
+    for i, channel in enumerate(observed.channels):
+        column = boxes.members * observed.unit_loss[i] / root[i]
         shadow = column @ model.columns[i] / root[i]
         whole = np.sum(column**2, axis=1)
         squares = np.maximum(whole - np.einsum(  # of what the rival leaves; all but none at least
             "bp,pq,bq->b", shadow, model.covariance, shadow), _NOTHING_LEFT * whole)
         pull = column @ left[i] / root[i]
-        ratios = np.square(reading.channel.step_spreads)[:, None] * squares
-        gains.append(log_means(
+        ratios = np.square(channel.step_spreads)[:, None] * squares
+        gains.append(log_mean(
             0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios))))
-    channel, box = divmod(int(np.argmax(gains)), len(boxes))
+    best, box = divmod(int(np.argmax(gains)), len(boxes))
     # An edge of the campaign is none of the place.
     ends = observed.place.min(axis=1), observed.place.max(axis=1)
     low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
     high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
-    found = _with_loss(rival, Loss(observed, (channel,), np.stack([low, high])), [
-        np.array([scale]) for scale in observed.readings[channel].channel.step_spreads])
-    return replace(found, log=found.log + log_mean(np.ravel(gains)) - float(np.max(gains)))
+    found = _with_loss(rival, Loss(observed, (best,), np.stack([low, high])), [
+        np.array([scale]) for scale in observed.channels[best].step_spreads])
+    return [replace(found, log=found.log + float(log_mean(np.ravel(gains)) - np.max(gains)))]

@@ -1,15 +1,22 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Numbers, names and sentences that tell a diagnosis; plain text, nothing is escaped here."""
+"""A diagnosis told: numbers, names, sentences, plain data (the contract of the command) and text.
+
+Nothing is computed here, and nothing is escaped.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
 
+from ..files import picture, preformatted
 from .advice import Advice, NextTest
 from .advice import named as named
-from .result import REGION_SIGNIFICANCE, Outcome, Region
+from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Outcome, Region
 from .system import Axis
 
 MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
@@ -20,6 +27,10 @@ _WIDE = 0.75  # part of the range from which a place is not special along an axi
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
 _MOST_WORDS = 25  # of the sentence for the mechanic
 _ALIVE, _MOST_TOLD = 0.03, 4  # sets named in the verdict
+_TOLD_SET, _SETS = 0.01, 5  # and in the report
+_DETAILED = 3  # causes told at length; the page has all
+_WIDTH, _MARGIN = 100, 11
+_SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
 
 
 def fixed(value: float | None, digits: int, sign: bool = False) -> str:
@@ -101,7 +112,13 @@ def advice(found: Advice) -> str:
     if found.measure is not None:
         lines.append(f"measure: {found.measure}")
     lines.append(f"alive: {', '.join(told)}, no gap ({probability(found.no_gap)})")
-    return "\n".join(textwrap.fill(line, 100, break_on_hyphens=False) for line in lines)
+    return "\n".join(wrapped(line) for line in lines)
+
+
+def wrapped(line: str, margin: int = 0) -> str:
+    """Return a line in lines of at most 100 characters, the further ones indented."""
+    return textwrap.fill(line, _WIDTH, subsequent_indent=" " * margin, break_long_words=False,
+                         break_on_hyphens=False)
 
 
 def mechanic(found: Outcome) -> str:
@@ -212,3 +229,116 @@ def fraction_interval(limits: Sequence[float]) -> str:
     """Return the interval of a fraction in percent; less than nothing is `below 0`."""
     low, high = ("below 0" if end < 0.0 else fixed(100.0 * end, 0) for end in limits)
     return f"{low} %" if low == high else f"{low} to {high} %"
+
+
+def _where(found: Outcome) -> list[str]:
+    if not found.where:
+        return []
+    head = [*(axis.heading for axis in found.axes), "measured - model", "samples", "p"]
+    rows = [[*(" .. ".join(f"{limit:.{axis.digits}f}" for limit in region.limits[axis.name])
+               for axis in found.axes),
+             amount(found, region.mean_residual, sign=True), str(region.samples),
+             chance(region.p_value)] for region in found.where]
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    told = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in (head, *rows)]
+    lines = [f"where      {told[0]}", *(f"           {line}" for line in told[1:])]
+    if found.where[0].p_value > REGION_SIGNIFICANCE:
+        lines.append("           no place is significant by itself: the gap shows in the samples "
+                     "as a whole")
+    return lines
+
+
+def _causes(found: Outcome) -> list[str]:
+    if not found.causes:
+        return []
+    told = [f"{named(each.effects)} {probability(each.probability)}"
+            for each in found.sets if each.probability >= _TOLD_SET][:_SETS]
+    told.append(f"something unlisted {probability(found.unlisted)}")
+    lines = [f"sets       {', '.join(told)}",
+             "causes     each in any of the sets"]
+    for cause in found.causes[:_DETAILED]:
+        form = f", {cause.form}" if cause.form else ""
+        lines += [f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  [{cause.component}]",
+                  f"         {cause.summary}"]
+        for name, entry in cause.parameters.items():
+            if "interval" in entry:
+                low, high = entry["interval"]
+                value = f"{entry['value']:.3g} {entry['unit']}".removesuffix(" -")
+                doubt = "" if entry["plausible"] else ", implausible size"
+                lines.append(f"         {name} = {value} (95 %: {low:.3g} to {high:.3g}){doubt}")
+        lines += [f"         without it {name} comes out as {change['without_effect']:.3g} instead "
+                  f"of {change['with_effect']:.3g} ({change['standard_errors']:+.1f} standard "
+                  "errors)" for name, change in cause.drift.items()
+                  if abs(change["standard_errors"]) > _SETTLED]
+    others = [f"{cause.effect} ({100 * cause.probability:.0f} %)"
+              for cause in found.causes[_DETAILED:]]
+    if others:
+        lines.append(f"  less probable: {', '.join(others)}")
+    return lines
+
+
+def _tests(found: Outcome) -> list[str]:
+    lines = []
+    for test in found.next_tests:
+        told = f"tells {' from '.join(test.separates)}"
+        lines.append(f"  {point_of(test, found.axes)}: {told}, gain {test.gain:.1f}" if test.point
+                     else f"  {test.measure}: {told}")
+    head = (" (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
+            "halves the choice)") if lines and found.next_tests[0].point else ""
+    return [f"next tests{head}", *lines] if lines else []
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """What JSON has under the name of a field; a place is told axis by axis, a model not at all."""
+    return {item.name: getattr(value, item.name) for item in fields(value)
+            if item.name not in ("limits", "point", "setting", "model")}
+
+
+class Diagnosis(Outcome):
+    """An outcome that can be told."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of `hmcvt diagnose --json`."""
+        nowhere = {axis.name: None for axis in self.axes}
+        data = {
+            "gap": _fields(self.gap),
+            "where": [{**region.limits, **_fields(region)} for region in self.where],
+            "component": self.component,
+            "verdict": self.verdict,
+            "causes": [_fields(cause) for cause in self.causes],
+            "sets": [_fields(each) for each in self.sets],
+            "unlisted_probability": self.unlisted,
+            "shrinkage": _fields(self.shrinkage),
+            "delivered": _fields(self.delivered),
+            "next_tests": [{**(test.point or nowhere), **_fields(test)}
+                           for test in self.next_tests],
+            "advice": self.advice.to_dict(),
+            "notes": self.notes,
+        }
+        return dict(json.loads(json.dumps(data)))
+
+    def plot(self) -> Any:
+        """Return a matplotlib figure of the residuals before and after."""
+        return picture(self)
+
+    def _repr_html_(self) -> str:
+        return preformatted(self.report())
+
+    def report(self) -> str:
+        """Return the outcome as text for a person, at most 100 columns wide."""
+        gap, shrunk = self.gap, self.shrinkage
+        before, after, noise, stated, error = (amount(self, value) for value in (
+            shrunk.before, shrunk.after, gap.noise, gap.noise_stated, gap.rmse))
+        lines = [mechanic(self), "", *self.warnings, verdict(self), "",
+                 f"gap        {gap.samples} samples, {before} rms beyond the noise, "
+                 f"{p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
+                 f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
+                 f"error      {error} rms of the refitted model at samples left out"]
+        if shrunk.fraction is not None:
+            lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}")
+        lines += [*_where(self), *_causes(self), *_tests(self),
+                  *(f"note: {note}" for note in self.notes[len(self.warnings):])]
+        return "\n".join(wrapped(
+            line.replace(MINUS, "-").replace(AT_MOST, "<="),
+            _MARGIN if line[:1].isalpha() and "  " in line else len(line) - len(line.lstrip()))
+            for line in lines)

@@ -1,13 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Which column of a table is what, and in which unit: from names, unit rows and ranges."""
+"""Quantities of a bench, their units, and how people write both."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ _WORDS: Mapping[str, str] = {
               "motorleistung diesel ice ein an e 1 moteur entree ingresso mot vm dm",
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
-    "feed": "feed charge boost speise lade",  # not of the motor
+    "feed": "feed charge boost speise lade",  # as of the engine's oil: not over the motor
     "loss": "loss losses verlust fuel ambient room target set soll cmd demand limit coolant wasser",
     "stage": "stage gang fahrbereich stufe",
 }
@@ -81,14 +81,6 @@ _FIND = {meaning: re.compile("|".join(
     for meaning, words in _WORDS.items()}
 _NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]\s*$|(?:\s+in|[,:;|]|\s/)\s+(\S.*)$|_([a-z%]+)$")
-
-
-class Guess(NamedTuple):
-    """A column and its unit for a quantity, and where the unit comes from."""
-
-    column: str
-    unit: str
-    why: str
 
 
 def _plain(text: str) -> str:
@@ -112,6 +104,7 @@ _WRITTEN = {_key(text): (_kind(quantity), unit) for quantity, units in UNITS.ite
 _WRITTEN |= dict.fromkeys(("1/s", "s-1", "hz"), ("speed", "1/s"))
 
 
+@lru_cache(maxsize=1024)  # of the cells of a long table
 def unit_of(text: str) -> tuple[str, str] | None:
     """What a text that names a unit measures, and the unit; None where it names none."""
     return _WRITTEN.get(_key(text))
@@ -146,7 +139,7 @@ def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
             return None
     if kind == "efficiency":
         return "efficiency_std" if "std" in means else kind, unit
-    if not kind or "std" in means or (kind == "pressure" and "feed" in means):
+    if not kind or "std" in means or (kind == "pressure" and means & {"feed", "engine"}):
         return None
     if kind in _ALONE:
         return _ALONE[kind], unit
@@ -159,51 +152,9 @@ _TOLD = ("efficiency", "stroke", "temperature", "pressure", "power", "torque", "
          "stage")
 _ALONE = {"stroke": "displacement_ratio", "temperature": "oil_temperature", "pressure": "pressure",
           "time": "stamp", "stage": "stage"}
-# A shaft that is not named, and what says the same as something better.
-_UNNAMED = {"any_speed": "engine_speed", "any_torque": "load_torque", "any_power": "output_power"}
-_DOUBLES = (
-    ({"efficiency"}, "engine_power"), ({"efficiency"}, "engine_torque"),
-    ({"engine_torque"}, "engine_power"), ({"output_torque", "output_speed"}, "load_torque"),
-    ({"output_torque", "output_speed"}, "output_power"), ({"load_torque"}, "output_power"),
-    ({"load_torque"}, "output_torque"), ({"output_power"}, "output_torque"))
 
 
-def guess_columns(
-    units: Mapping[str, str], behind: Mapping[str, str], numbers: Mapping[str, Array],
-    taken: Mapping[str, str],
-) -> dict[str, Guess]:
-    """Guess which columns hold which quantities.
-
-    Args:
-        units: what a row below the header gives, by column; empty where it gives none.
-        behind: unit behind the numbers of each column; empty where there is none.
-        numbers: of each column, NaN where a cell is none.
-        taken: column of each quantity that is known already.
-    """
-    found: dict[str, Guess] = {}
-    for name, below in units.items():
-        quantity, unit = quantity_of(name, below) or ("", "")
-        why = "cells" if not unit else "row of units" if unit_of(below) else "name"
-        unit = unit or behind[name]
-        untold = () if quantity == "pressure" else ("", "-")  # numbers do not tell bar from MPa
-        if unit not in (*untold, *UNITS.get(_UNNAMED.get(quantity, quantity), ())):
-            continue
-        if quantity and name not in taken.values() and quantity not in taken and (
-                quantity == "stage" or np.isfinite(numbers[name]).any()):
-            found.setdefault(quantity, Guess(name, unit, why if unit else ""))
-    for unnamed, other in _UNNAMED.items():
-        if (alone := found.pop(unnamed, None)) and other not in {*found, *taken}:
-            found[other] = alone
-    for better, worse in _DOUBLES:
-        if better <= {*found, *taken}:
-            found.pop(worse, None)
-    for quantity, guess in found.items():
-        if quantity != "stage" and guess.unit not in UNITS[quantity]:
-            size = np.nanquantile(np.abs(numbers[guess.column]), 0.9)
-            unit = next(unit for unit, most in _LIKELY[_kind(quantity)].items() if size <= most)
-            found[quantity] = guess._replace(unit=unit, why="range")
-    # An output that turns slowly may look like rad/s; a bench has one unit for both shafts.
-    if (engine := found.get("engine_speed")) and "output_speed" in found and (
-            found["output_speed"].why == "range"):
-        found["output_speed"] = found["output_speed"]._replace(unit=engine.unit)
-    return found
+def likely_unit(quantity: str, values: Array) -> str:
+    """The unit of values (n,), NaN among them, that nobody tells: by the size of the larger."""
+    size = np.nanquantile(np.abs(values), 0.9)
+    return next(unit for unit, most in _LIKELY[_kind(quantity)].items() if size <= most)

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence, Set
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,11 +12,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
-from .bench import BenchSamples, column_name, no_number
-from .guess import UNITS as UNITS
-from .guess import Guess, guess_columns, quantity_of, unit_of
+from .bench import BenchSamples, column_name
+from .guess import UNITS, likely_unit, quantity_of, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
-from .table import STATISTIC, Table, read_table
+from .table import STATISTIC, Table, no_number, read_table
 
 Array = NDArray[np.float64]
 
@@ -32,12 +30,30 @@ _RANGES = {
 # What tells the power of a side, and the speed that it is taken times.
 _INPUTS = {"engine_torque": "engine_speed", "engine_power": ""}
 _OUTPUTS = {"load_torque": "engine_speed", "output_torque": "output_speed", "output_power": ""}
+# A shaft that is not named; and guesses that say no more than others, the worst first.
+_UNNAMED = {"any_speed": "engine_speed", "any_torque": "load_torque", "any_power": "output_power"}
+_SPARE = ("engine_power", "engine_torque", "output_power", "load_torque", "output_torque")
 _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = "; computed from torques and speeds of the shafts: check their columns and units"
 _MOST_TOLD = 20  # rows
 # From so many rows and with so short a step [s] on, rows are no steady tests but readings.
 _RECORDED, _STEP = 100, 1.0
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
+
+
+class Column(NamedTuple):
+    """Where a quantity stands, its unit, and what told the unit where it was guessed, else `""`."""
+
+    name: str
+    unit: str
+    why: str = ""
+
+
+class Chosen(NamedTuple):
+    """A table, and the column of each quantity in it."""
+
+    table: Table
+    columns: Mapping[str, Column]
 
 
 class Imported(NamedTuple):
@@ -52,52 +68,71 @@ def read_raw_bench(
     path: str | os.PathLike[str], columns: Mapping[str, str], *, header_row: int | None = None,
     sheet: str | None = None, skip_bad: bool = False,
 ) -> BenchSamples:
-    """Read bench samples as `import_table` does."""
-    return import_table(path, columns, header_row=header_row, sheet=sheet,
-                        skip_bad=skip_bad).samples
+    """Read bench samples from a table; see `choose_columns` and `import_table`."""
+    chosen = choose_columns(path, columns, header_row=header_row, sheet=sheet)
+    return import_table(chosen, skip_bad=skip_bad).samples
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
-def import_table(
+def choose_columns(
     path: str | os.PathLike[str], columns: Mapping[str, str], *, header_row: int | None = None,
-    sheet: str | None = None, skip_bad: bool = False, averaged: bool = False,
-) -> Imported:
-    """Read bench samples from a table with column names and units of its own.
-
-    Efficiency and load torque are computed where no column holds them, from the powers or torques
-    and speeds of both shafts. A row of units below the header is left out. Columns that `columns`
-    does not name are kept; one with the name of a bench column as `raw <name>`. A recording (100
-    rows or more whose stamps rise by a second or less) is cut into its steady windows.
+    sheet: str | None = None, guess: bool = False,
+) -> Chosen:
+    """Read a table with column names and units of its own.
 
     Args:
         path: CSV or Excel file.
         columns: where each quantity of `UNITS` stands, and `stage`, as `COLUMN` or `COLUMN:UNIT`,
-            such as `{"engine_speed": "n_engine:rpm"}`; see `guess_table`.
+            such as `{"engine_speed": "n_engine:rpm"}`.
         header_row: row of the header, from 1; found when left out.
         sheet: of an Excel file.
+        guess: what other columns hold, where those named do not make bench samples.
+
+    Raises:
+        InputError: the file cannot be read, a column is missing or a unit is unknown.
+    """
+    bare = []
+    for text in columns.values():
+        name, colon, unit = text.rpartition(":")
+        bare.append((name if colon and unit_of(unit) else text).strip())
+    table = read_table(path, bare, header_row, sheet)
+    chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
+    return Chosen(table, chosen | _guesses(table, chosen) if guess and _lacking(columns)
+                  else chosen)
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
+def import_table(
+    chosen: Chosen, *, skip_bad: bool = False, averaged: bool = False
+) -> Imported:
+    """Make bench samples of a table.
+
+    Efficiency and load torque are computed where no column holds them, from the powers or torques
+    and speeds of both shafts. A row of units below the header is left out. Columns that hold no
+    quantity are kept; one with the name of a bench column as `raw <name>`. A recording (100
+    rows or more whose stamps rise by a second or less) is cut into its steady windows.
+
+    Args:
+        chosen: the table and its columns.
         skip_bad: leave rows out that hold no test, instead of refusing the table.
         averaged: each row is a steady test, however fast the stamps rise.
 
     Raises:
-        InputError: the file cannot be read, a column is missing or named twice, a unit is unknown
-            or not that of the cells, quantities are missing or say the same twice, it is a
-            recording whose stamps are not named, or rows hold no test: all are named.
+        InputError: a column is named twice, a unit is not that of the cells, quantities are
+            missing or say the same twice, it is a recording whose stamps are not named, or rows
+            hold no test: all are named.
     """
-    _require_enough(columns)
-    table, chosen = _chosen(path, columns, header_row, sheet)
-    names = [name for name, _ in chosen.values()]
-    for quantity, (name, _) in chosen.items():
-        if names.count(name) > 1:
-            raise InputError(f"{quantity}: column {name!r} is named twice")
-    extra = {name if column_name(name) not in _KEPT else f"raw {name}": column
-             for name, column in table.columns.items() if name not in names}
-    if "stage" in chosen:
-        extra["stage"] = table.columns[chosen.pop("stage")[0]]
-    _require_units(chosen, table)
-    values = {quantity: (
-        table.stamps(name, UNITS[quantity][unit]) if quantity == "stamp"
-        else UNITS[quantity][unit] * (table.numbers(name) - _ZERO.get(unit, 0.0)))
-        for quantity, (name, unit) in chosen.items()}
+    table, columns = chosen.table, dict(chosen.columns)
+    if lacking := _lacking(columns):
+        raise InputError(lacking)
+    names = [column.name for column in columns.values()]
+    for quantity, column in columns.items():
+        if names.count(column.name) > 1:
+            raise InputError(f"{quantity}: column {column.name!r} is named twice")
+    extra = {name if column_name(name) not in _KEPT else f"raw {name}": cells
+             for name, cells in table.columns.items() if name not in names}
+    if "stage" in columns:
+        extra["stage"] = table.columns[columns.pop("stage").name]
+    values = {quantity: _values(quantity, column, table) for quantity, column in columns.items()}
     if "stamp" not in values and not averaged:
         _refuse_recording(table)
     elif not averaged and _is_recording(values["stamp"]):
@@ -105,9 +140,9 @@ def import_table(
     notes = []
     for quantity in [name for name in _OPTIONAL if name in values]:
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
-            notes.append(f"column {chosen.pop(quantity)[0]!r} is mostly empty and was left out")
+            notes.append(f"column {columns.pop(quantity).name!r} is mostly empty and was left out")
             del values[quantity]
-    bad = _bad_rows(values, chosen, table)
+    bad = _bad_rows(values, columns, table)
     into, out = _powers(values)
     for quantity, found in (("load_torque", out / values["engine_speed"]),
                             ("efficiency", out / into)):
@@ -123,94 +158,108 @@ def import_table(
         raise InputError(f"{table.source}: {count}{'; '.join(told[:_MOST_TOLD])}{more}")
     samples: dict[str, Any] = {name: values[name][kept] for name in _KEPT if name in values}
     return Imported(BenchSamples(
-        **samples, extra={name: tuple(column[i] for i in kept) for name, column in extra.items()},
+        **samples, extra={name: tuple(cells[i] for i in kept) for name, cells in extra.items()},
         source=table.source, sha256=table.sha256), told, tuple(notes))
 
 
-def guess_table(
-    path: str | os.PathLike[str], columns: Mapping[str, str], header_row: int | None = None,
-    sheet: str | None = None,
-) -> dict[str, Guess]:
-    """Guess what columns hold where those that are named do not make bench samples.
-
-    Arguments and errors as `import_table`.
-    """
-    with suppress(InputError):
-        _require_enough(columns)
-        return {}
-    table, chosen = _chosen(path, columns, header_row, sheet)
-    return guess_columns(
-        {name: table.units.get(name, "") for name in table.columns},
-        {name: next(filter(None, table.cell_units(name)), "") for name in table.columns},
-        {name: table.stamps(name) for name in table.columns},
-        {quantity: name for quantity, (name, _) in chosen.items()})
-
-
-def _require_enough(columns: Mapping[str, str]) -> None:
+def _lacking(columns: Mapping[str, Any]) -> str:
+    """Why these quantities make no bench samples."""
     unknown = [name for name in columns if name not in (*UNITS, "stage")]
     if unknown:
-        raise InputError(f"{unknown[0]} is no quantity of a bench; there is {', '.join(UNITS)}")
+        return f"{unknown[0]} is no quantity of a bench; there is {', '.join(UNITS)}"
     into, out = ([name for name in names if name in columns] for names in (_INPUTS, _OUTPUTS))
     efficiency = ["efficiency"] if "efficiency" in columns else []
     for same in (into, out, [*efficiency, *into] if out else []):
         if len(same) > 1:
-            raise InputError(f"{same[0]} and {same[1]} say the same twice: name one")
+            return f"{same[0]} and {same[1]} say the same twice: name one"
+    missing = _missing({*columns})
+    return f"no column is named for {', '.join(missing)}" if missing else ""
+
+
+def _missing(columns: Set[str]) -> list[str]:
+    into, out = columns & _INPUTS.keys(), columns & _OUTPUTS.keys()
     missing = [name for name in ("displacement_ratio", "engine_speed") if name not in columns]
     if "output_torque" in out and "output_speed" not in columns:
         missing.append("load_torque (or output_speed)")
-    elif not out and not (into and efficiency):
+    elif not out and not (into and "efficiency" in columns):
         missing.append("load_torque (or output_power, or output_torque and output_speed)")
-    if not into and not efficiency:
+    if not into and "efficiency" not in columns:
         missing.append("efficiency (or engine_torque or engine_power)")
-    if missing:
-        raise InputError(f"no column is named for {', '.join(missing)}")
+    return missing
 
 
-def _chosen(
-    path: str | os.PathLike[str], columns: Mapping[str, str], header_row: int | None,
-    sheet: str | None,
-) -> tuple[Table, dict[str, tuple[str, str]]]:
-    """The table, and column and unit of each quantity."""
-    bare = []
-    for text in columns.values():
-        name, colon, unit = text.rpartition(":")
-        bare.append((name if colon and unit_of(unit) else text).strip())
-    table = read_table(path, bare, header_row, sheet)
-    return table, {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
-
-
-def _column(quantity: str, text: str, table: Table) -> tuple[str, str]:
-    """Name and unit of `COLUMN` or `COLUMN:UNIT`; a column may hold a colon itself."""
+def _column(quantity: str, text: str, table: Table) -> Column:
+    """What `COLUMN` or `COLUMN:UNIT` names; a column may hold a colon itself."""
     units = list(UNITS.get(quantity, [""]))
     whole, (name, unit) = text.strip(), map(str.strip, text.rpartition(":")[::2])
     if whole in table.columns:
-        return whole, units[0]
+        return Column(whole, units[0])
     if name in table.columns:
         for known in units:
             if unit.casefold() == known.casefold():
-                return name, known
+                return Column(name, known)
         raise InputError(f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}")
     raise InputError(f"{table.source}: {quantity}: column {(name if ':' in whole else whole)!r} is "
                      f"missing; there is {', '.join(table.columns)}")
 
 
-def _require_units(chosen: Mapping[str, tuple[str, str]], table: Table) -> None:
-    """Refuse a column whose cells, or row of units, say another unit than is taken."""
-    for quantity, (name, unit) in chosen.items():
-        sizes = {key: (size, _ZERO.get(key)) for key, size in UNITS[quantity].items()}
-        below = unit_of(table.units.get(name, "")) or ("", "")
-        for row, said in zip(("of units", *table.rows), (below[1], *table.cell_units(name)),
-                             strict=True):
-            if said == "-" and said not in sizes:
-                continue  # of a row of units: none is told
-            if said and sizes.get(said) != sizes[unit]:
-                cure = f"; write {name}:{said}" if said in sizes else ""
-                raise InputError(f"{table.source}: row {row}: {quantity}: {said} in column "
-                                 f"{name!r} is not in {unit}{cure}")
+def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
+    """Columns and units of quantities that are not known, by names, rows of units and ranges."""
+    found: dict[str, Column] = {}
+    named = {column.name for column in known.values()}
+    for name in table.columns:
+        below = table.units.get(name, "")
+        quantity, unit = quantity_of(name, below) or ("", "")
+        if not quantity or quantity in {*found, *known} or name in named:
+            continue
+        why = "cells" if not unit else "row of units" if unit_of(below) else "name"
+        unit = unit or next(filter(None, table.readings(name)[1]), "")
+        untold = () if quantity == "pressure" else ("", "-")  # numbers do not tell bar from MPa
+        if unit in (*untold, *UNITS.get(_UNNAMED.get(quantity, quantity), ())) and (
+                quantity == "stage" or np.isfinite(table.stamps(name)).any()):
+            found[quantity] = Column(name, unit, why if unit else "name")
+    for unnamed, other in _UNNAMED.items():
+        if (alone := found.pop(unnamed, None)) and other not in {*found, *known}:
+            found[other] = alone
+    for spare in _SPARE:
+        there = {*found, *known}
+        if spare in found and _missing(there - {spare}) == _missing(there):
+            del found[spare]
+    for quantity, column in found.items():
+        if quantity != "stage" and column.unit not in UNITS[quantity]:
+            unit = likely_unit(quantity, table.stamps(column.name))
+            found[quantity] = Column(column.name, unit, "range")
+    # An output that turns slowly may look like rad/s; a bench has one unit for both shafts.
+    if "engine_speed" in found and "output_speed" in found and (
+            found["output_speed"].why == "range"):
+        found["output_speed"] = found["output_speed"]._replace(unit=found["engine_speed"].unit)
+    return found
+
+
+def _values(quantity: str, column: Column, table: Table) -> Array:
+    """A column in SI units, NaN where a cell holds no number.
+
+    Raises:
+        InputError: its cells, or the row of units, say another unit than is taken.
+    """
+    name, unit, _ = column
+    sizes = {key: (size, _ZERO.get(key)) for key, size in UNITS[quantity].items()}
+    below = unit_of(table.units.get(name, "")) or ("", "")
+    numbers, units = table.readings(name)
+    for row, said in zip(("of units", *table.rows), (below[1], *units.tolist()), strict=True):
+        if said == "-" and said not in sizes:
+            continue  # of a row of units: none is told
+        if said and sizes.get(said) != sizes[unit]:
+            cure = f"; write {name}:{said}" if said in sizes else ""
+            raise InputError(f"{table.source}: row {row}: {quantity}: {said} in column "
+                             f"{name!r} is not in {unit}{cure}")
+    if quantity == "stamp":
+        return table.stamps(name, UNITS[quantity][unit])
+    return UNITS[quantity][unit] * (numbers - _ZERO.get(unit, 0.0))
 
 
 def _bad_rows(
-    values: Mapping[str, Array], chosen: Mapping[str, tuple[str, str]], table: Table
+    values: Mapping[str, Array], columns: Mapping[str, Column], table: Table
 ) -> dict[int, str]:
     """What is wrong with rows, by number."""
     bad = dict(table.broken)
@@ -220,7 +269,7 @@ def _bad_rows(
             bad[number] = f"{statistic!r} is no test"
         elif first.setdefault(row, number) != number:
             bad[number] = f"copies row {first[row]}"
-    for quantity, (name, unit) in chosen.items():
+    for quantity, (name, unit, _) in columns.items():
         for i in np.flatnonzero(np.isnan(values[quantity])).tolist():
             if (cell := table.columns[name][i]).lower() not in ("nan", "inf"):
                 bad.setdefault(table.rows[i], no_number(name, cell))

@@ -12,7 +12,7 @@ that began in the transient before.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -72,22 +72,20 @@ def require_positive(settings: Any) -> None:
             raise InputError(f"{name} = {value:g}: a positive number is needed")
 
 
-class Channel(NamedTuple):
-    """One quantity that has to be settled.
+class Channels(NamedTuple):
+    """Quantities that have to be settled.
 
     Attributes:
-        name: of the quantity.
-        values: shape (n,).
-        drift: largest spread of block means.
-        scatter: largest standard deviation in a block.
-        relative: whether both are fractions of the mean.
+        values: shape (c, n).
+        drift: largest spread of block means, shape (c,).
+        scatter: largest standard deviation in a block, shape (c,).
+        relative: whether both are fractions of the mean, shape (c,).
     """
 
-    name: str
     values: Array
-    drift: float
-    scatter: float
-    relative: bool = True
+    drift: Array
+    scatter: Array
+    relative: NDArray[np.bool_]
 
 
 class Blocks(NamedTuple):
@@ -103,55 +101,49 @@ class Blocks(NamedTuple):
     deviations: Array
 
 
-def block_statistics(time: Array, channels: Sequence[Channel], block: float) -> Blocks:
+def block_statistics(time: Array, values: Array, block: float) -> Blocks:
     """Cut a series into blocks; what does not fill the last one is left over.
 
     Args:
         time: rising strictly [s], shape (n,).
-        channels: with values of shape (n,).
+        values: shape (channels, n).
         block: duration [s].
     """
     if len(time) < _LEAST_READINGS:
-        return Blocks(np.zeros(1, dtype=np.intp), *np.empty((2, len(channels), 0)))
+        return Blocks(np.zeros(1, dtype=np.intp), *np.empty((2, len(values), 0)))
     # The last reading stands for a step of time, as every other one does.
     span = time[-1] - time[0] + np.median(np.diff(time))
     count = int(span / block + 1e-6)
     edges = np.searchsorted(time, time[0] + block * (np.arange(count + 1) - 1e-6))
-    origin = np.array([[channel.values[0]] for channel in channels])
-    values = np.stack([channel.values for channel in channels]) - origin
-    means, deviations = np.full((2, len(channels), count), np.nan)
+    origin = values[:, :1]
+    means, deviations = np.full((2, len(values), count), np.nan)
     for k, (first, last) in enumerate(pairwise(edges)):
         if last - first >= _LEAST_READINGS:
-            means[:, k] = values[:, first:last].mean(axis=1)
-            deviations[:, k] = values[:, first:last].std(axis=1, ddof=1)
+            part = values[:, first:last] - origin
+            means[:, k], deviations[:, k] = part.mean(axis=1), part.std(axis=1, ddof=1)
     return Blocks(edges, means + origin, deviations)
 
 
-def find_windows(
-    time: Array, channels: Sequence[Channel], steadiness: Steadiness
-) -> list[slice]:
+def find_windows(time: Array, channels: Channels, steadiness: Steadiness) -> list[slice]:
     """Find the steady windows of a series without gaps, in order of time.
 
     Args:
         time: rising strictly [s], shape (n,).
-        channels: what has to be settled, with values of shape (n,).
+        channels: what has to be settled.
         steadiness: duration of blocks and of the shortest window.
     """
-    blocks = block_statistics(time, channels, steadiness.block)
-    reach = _reach(blocks, channels)
+    blocks = block_statistics(time, channels.values, steadiness.block)
     least = int(np.ceil(steadiness.min_duration / steadiness.block - 1e-9))
     return [slice(int(blocks.edges[first]), int(blocks.edges[last]))
-            for first, last in _longest_first(reach, least)]
+            for first, last in _longest_first(_reach(blocks, channels), least)]
 
 
-def _reach(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.intp]:
+def _reach(blocks: Blocks, channels: Channels) -> NDArray[np.intp]:
     """For each block the end (exclusive) of the longest steady run that starts there."""
-    means = blocks.means
-    relative, drift, scatter = np.array(
-        [(channel.relative, channel.drift, channel.scatter) for channel in channels]).T[..., None]
+    means, relative = blocks.means, channels.relative
+    scale = np.where(relative[:, None], np.abs(means), 1.0)
     # False for NaN.
-    quiet = np.all(
-        blocks.deviations <= scatter * np.where(relative, np.abs(means), 1.0), axis=0)
+    quiet = np.all(blocks.deviations <= channels.scatter[:, None] * scale, axis=0)
     count = means.shape[1]
     reach = np.arange(count, dtype=np.intp)
     end = 0
@@ -162,8 +154,8 @@ def _reach(blocks: Blocks, channels: Sequence[Channel]) -> NDArray[np.intp]:
             low, high = np.minimum(low, means[:, end]), np.maximum(high, means[:, end])
             # The larger end as the scale: then a run never becomes steady by growing, and the
             # ends of successive runs never go back.
-            scale = np.where(relative[:, 0], np.maximum(np.abs(low), np.abs(high)), 1.0)
-            if np.any(high - low > drift[:, 0] * scale):
+            largest = np.where(relative, np.maximum(np.abs(low), np.abs(high)), 1.0)
+            if np.any(high - low > channels.drift * largest):
                 break
             end += 1
         reach[start] = end
@@ -320,19 +312,22 @@ def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
     return parts
 
 
-def channels(readings: Readings, limits: Steadiness) -> list[Channel]:
-    """Return what has to be settled.
+SETTLED = ("engine_speed", "output_speed", "engine_torque", "load_torque", "displacement_ratio")
+"""What has to be settled.
 
-    The engine torque besides the load torque: an engine that takes up speed loads only the one.
-    The output speed besides the engine speed: it shows a stroke that still moves when the
-    displacement ratio in the log is the one commanded.
-    """
-    most = {"speed": (limits.speed_drift, limits.speed_scatter, True),
-            "torque": (limits.torque_drift, limits.torque_scatter, True),
-            "ratio": (limits.displacement_drift, limits.displacement_drift, False)}
-    return [Channel(name, getattr(readings.shafts, name), *most[name.rpartition("_")[2]])
-            for name in ("engine_speed", "output_speed", "engine_torque", "load_torque",
-                         "displacement_ratio")]
+The engine torque besides the load torque: an engine that takes up speed loads only the one. The
+output speed besides the engine speed: it shows a stroke that still moves when the displacement
+ratio in the log is the one commanded.
+"""
+
+
+def channels(readings: Readings, limits: Steadiness) -> Channels:
+    """Return the quantities of `SETTLED` and their limits."""
+    stroke = limits.displacement_drift
+    drift = np.repeat([limits.speed_drift, limits.torque_drift, stroke], (2, 2, 1))
+    scatter = np.repeat([limits.speed_scatter, limits.torque_scatter, stroke], (2, 2, 1))
+    return Channels(np.stack([getattr(readings.shafts, name) for name in SETTLED]), drift, scatter,
+                    np.array(SETTLED) != "displacement_ratio")
 
 
 def steady_tests(

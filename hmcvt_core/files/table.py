@@ -1,34 +1,45 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The table of any bench, from CSV or Excel: titles, units, footers and gaps of its own."""
+"""Tables from CSV or Excel, as text and as numbers; every complaint names its place.
+
+`read_plain` wants a header with known names and no broken row; `read_table` makes what it can of
+the titles, units, footers and gaps of any bench.
+"""
 
 from __future__ import annotations
 
+import csv
+import hashlib
 import io
 import math
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
 from itertools import accumulate, count, product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .bench import below, commas_are_points, file_bytes, file_text, split
+from ..transmission.ranges import Range
 from .guess import holds_units, quantity_of, unit_of
 
 Array = NDArray[np.float64]
 EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
+_MAX_BYTES = 256 * 1024 * 1024
 _TOP = 40  # rows among which the header is looked for
 _SENTINELS = (-999.0, -9999.0, -99999.0, 9999.0, 99999.0, 1e30, -1e30)
 _NUMBER = re.compile(r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?)(?:\s*([^\d\s.,].*))?")
 _BLANKS = re.compile(r"(?<=\d)[ '\u00a0\u202f](?=\d{3}\b)")  # between thousands
-_GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
+# A comma that cannot set thousands apart, as in 0,643 or 78,54, and a point that is one.
+_COMMA = re.compile(
+    r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?|[+-]?\d{1,3}(\.\d{3})+,\d+")
+_POINT = re.compile(r"[+-]?(\d*\.\d+|\d+\.)([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 STATISTIC = re.compile(
     r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|total|rms|"
     r"standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|standardabweichung|"
@@ -42,11 +53,11 @@ class Table(NamedTuple):
     """A table as text.
 
     Attributes:
-        columns: one cell for each row, by column name; no name is empty or doubled.
+        columns: one cell for each row, by column name; no name is doubled.
         units: what a row of units says, by column; empty without one.
         rows: line or row of each in the file, from 1.
         broken: what rows of another length hold, by row.
-        comma: whether commas are decimal commas.
+        commas: columns whose commas are decimal commas.
         source, sha256: of the file.
     """
 
@@ -54,25 +65,77 @@ class Table(NamedTuple):
     units: dict[str, str]
     rows: list[int]
     broken: dict[int, str]
-    comma: bool
+    commas: Collection[str]
     source: str
     sha256: str
 
-    def numbers(self, name: str) -> Array:
-        """Numbers of a column, NaN where a cell holds none; a known unit may follow them."""
-        found = np.array([_number(cell, self.comma) for cell in self.columns[name]])
-        return np.where(np.isin(found, _SENTINELS), np.nan, found)
+    def numbers(self, name: str, optional: bool = False) -> Array:
+        """Plain numbers of a column; an `InputError` names the row of what is none."""
+        values, units = self._parsed(name)
+        for i in np.flatnonzero(np.isnan(values) | (units != "")):
+            if (cell := self.columns[name][i]).lower().lstrip("+-") != "nan":
+                cure = ": fill it in, or leave the column out" if optional and not cell else ""
+                raise InputError(f"{self.source}: row {self.rows[i]}: "
+                                 f"{no_number(name, cell)}{cure}")
+        return values
 
-    def cell_units(self, name: str) -> list[str]:
-        """Units behind the numbers of a column; `""` where a cell says none."""
-        said = [_parts(cell)[1] for cell in self.columns[name]]
-        known = {text: unit_of(text) or ("", "") for text in {*said}}
-        return [known[text][1] for text in said]
+    def require_range(self, values: Array, limits: Range) -> None:
+        """Raise an `InputError` that names the row of the first value outside its range."""
+        outside = np.flatnonzero(~limits.contains(values))
+        if len(outside):
+            raise InputError(f"{self.source}: row {self.rows[outside[0]]}: "
+                             f"{limits.complaint(values[outside[0]])}")
+
+    def readings(self, name: str) -> tuple[Array, NDArray[np.str_]]:
+        """Numbers of a column, NaN where a cell holds none, and the units behind them."""
+        values, units = self._parsed(name)
+        return np.where(np.isin(values, _SENTINELS), np.nan, values), units
 
     def stamps(self, name: str, unit: float = 1.0) -> Array:
         """Seconds of a column of times: numbers of a unit [s], times of day, or dates (UTC)."""
         return np.array([_seconds(cell) if ":" in cell else unit * value for cell, value in zip(
-            self.columns[name], self.numbers(name), strict=True)])
+            self.columns[name], self.readings(name)[0], strict=True)])
+
+    def _parsed(self, name: str) -> tuple[Array, NDArray[np.str_]]:
+        found = [parsed(cell, name in self.commas) for cell in self.columns[name]]
+        return np.array([value for value, _ in found]), np.array([unit for _, unit in found], str)
+
+
+def read_plain(
+    path: str | os.PathLike[str], required: Sequence[str] = (),
+    name_of: Callable[[str], str] = str.strip,
+) -> Table:
+    """Read CSV with a header in its first line that is not empty and does not begin with #.
+
+    Args:
+        path: of the file; separated by commas, semicolons, tabs or blanks; UTF-8, or else
+            Windows-1252.
+        required: columns that must be there.
+        name_of: gives the name of a column from its cell in the header.
+
+    Raises:
+        InputError: the file is missing, empty, too large or not CSV, a required column is
+            missing, a column doubled, or a row of another length than the header.
+    """
+    text, sha256 = _text(Path(path))
+    rows = _separated(text, str(path))
+    # Above the header only: below it a cell may well begin like that.
+    top = next((i for i, row in enumerate(rows, 1) if any(row) and row[0][:1] != "#"), None)
+    if top is None:
+        needs = f"; needs columns {', '.join(required)}" if required else ""
+        raise InputError(f"{path}: is empty{needs}")
+    header = [name_of(cell) for cell in rows[top - 1]]
+    for name in header:
+        if header.count(name) > 1:
+            raise InputError(f"{path}: row {top}: column {name!r} stands there twice")
+    missing = [name for name in required if name not in header]
+    if missing:
+        raise InputError(f"{path}: row {top}: column {', '.join(missing)} is missing; "
+                         f"there is {', '.join(header)} (`hmcvt import` takes other names)")
+    table = _table(rows, top, header, str(Path(path)), sha256)
+    for number, told in table.broken.items():
+        raise InputError(f"{path}: row {number}: {told}")
+    return table
 
 
 def read_table(
@@ -82,7 +145,7 @@ def read_table(
     """Read a table as text.
 
     Args:
-        path: CSV (commas, semicolons, tabs or blanks; UTF-8 or Windows-1252) or Excel.
+        path: CSV as `read_plain` takes it, or Excel.
         names: columns that must be there; they tell which row is the header.
         header_row: row of the header, from 1; found when left out.
         sheet: of an Excel file; the one that looks most like a bench table when left out.
@@ -96,36 +159,105 @@ def read_table(
     elif sheet is not None:
         raise InputError(f"{source}: has no sheets; --sheet is for Excel")
     else:
-        text, sha256 = file_text(Path(path))
+        text, sha256 = _text(Path(path))
         sheets = [_separated(text, source)]
     rows, top, header = max((
         (rows, *_header(rows, names, header_row)) for rows in sheets),
         key=lambda found: _worth(found[2]))
     if not any(header):
         raise InputError(f"{source}: is empty")
-    titles = _distinct(header)
-    body, broken = below(rows, top, len(header), source)
-    units = {}
-    wanted = [titles.index(name) for name in names if name in titles] or range(len(titles))
-    if body and holds_units([body[0][1][i] for i in wanted]):
-        units = dict(zip(titles, body.pop(0)[1], strict=True))
+    table = _table(rows, top, _distinct(header), source, sha256)
+    wanted = [name for name in names if name in table.columns] or list(table.columns)
+    if not table.rows or not holds_units([table.columns[name][0] for name in wanted]):
+        return table
+    if not table.rows[1:] and not table.broken:
+        raise InputError(f"{source}: holds a header but no samples")
+    return table._replace(
+        units={name: cells[0] for name, cells in table.columns.items()}, rows=table.rows[1:],
+        columns={name: cells[1:] for name, cells in table.columns.items()})
+
+
+def _table(
+    rows: Sequence[list[str]], top: int, header: Sequence[str], source: str, sha256: str
+) -> Table:
+    """The table below a header in row `top`."""
+    numbers, body, broken = [], [], {}
+    for number, row in enumerate(rows[top:], top + 1):
+        while len(row) > len(header) and not row[-1]:
+            row = row[:-1]  # separators at the end of a line
+        if len(row) == len(header) and any(row):
+            numbers.append(number)
+            body.append(row)
+        elif any(row):
+            broken[number] = (f"{len(row)} fields, the header has {len(header)} (decimal comma, "
+                              "other separator, a comment, or lines above the header?)")
     if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
-    cells = [cell for _, row in body for cell in row]
-    comma = any(map(_GROUPED.fullmatch, cells)) or commas_are_points(cells)
-    return Table({name: [row[i] for _, row in body] for i, name in enumerate(titles)}, units,
-                 [number for number, _ in body], broken, comma, source, sha256)
+    columns = {name: [row[i] for row in body] for i, name in enumerate(header)}
+    return Table(columns, {}, numbers, broken, _with_commas(columns), source, sha256)
+
+
+def _with_commas(columns: Mapping[str, Sequence[str]]) -> Collection[str]:
+    """Columns in which a comma can be nothing but a decimal one, or is as in another column."""
+    told = {name for name, cells in columns.items() if any(map(_COMMA.fullmatch, cells))}
+    pointed = {name for name, cells in columns.items() if _decimal_points(cells)}
+    return columns.keys() - pointed if told - pointed else ()
+
+
+def _decimal_points(cells: Sequence[str]) -> bool:
+    """Whether a column holds decimal points, not those between thousands as in 850, 1.200."""
+    dotted = [cell for cell in cells if _POINT.fullmatch(cell)]
+    grouped = all(map(_THOUSANDS.fullmatch, dotted)) and any(map(str.isdecimal, cells))
+    return bool(dotted) and not grouped
+
+
+def csv_text(columns: Mapping[str, Iterable[Any]]) -> str:
+    """Return columns of one length as CSV."""
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerows(
+        [columns, *zip(*columns.values(), strict=True)])
+    return buffer.getvalue()
+
+
+def _text(path: Path) -> tuple[str, str]:
+    """Return the text of a file and its SHA-256; `InputError` where that cannot be."""
+    raw, sha256 = _bytes(path)
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if b"\0" in raw:
+            raise InputError(f"{path}: not UTF-8 text at byte {error.start}: save it as "
+                             "'CSV UTF-8'") from None
+        text = raw.decode("cp1252", "replace")
+    if "\n" not in text:
+        text = text.replace("\r", "\n")  # line ends of old programs
+    return text, sha256
+
+
+def _bytes(path: Path) -> tuple[bytes, str]:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    return raw, hashlib.sha256(raw).hexdigest()
 
 
 def _separated(text: str, source: str) -> list[list[str]]:
-    lines = [line for line in text.splitlines()[:2 * _TOP] if line.strip()]
+    """The cells of every line, without blanks around them."""
+    lines = [line for line in text.splitlines()[:2 * _TOP] if line.strip() and line[0] != "#"]
     counts = {mark: Counter(count for line in lines if (count := line.count(mark)))
               for mark in ";\t,"}
     # The mark that stands most often equally often in a line.
     mark = max(counts, key=lambda each: max(counts[each].values(), default=0))
     if lines and not counts[mark]:
         return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
-    return split(text, mark, source)
+    try:
+        return [[cell.strip() for cell in row]
+                for row in csv.reader(io.StringIO(text), delimiter=mark, strict=True)]
+    except csv.Error as error:
+        raise InputError(f"{source}: not CSV: {error}") from None
 
 
 def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
@@ -134,7 +266,7 @@ def _excel(path: Path, sheet: str | None) -> tuple[str, list[list[list[str]]]]:
     except ImportError:
         raise InputError(f"{path}: an Excel file needs pandas and openpyxl: pip install "
                          "\"hmcvt_ros[table]\", or save it as CSV") from None
-    raw, sha256 = file_bytes(path)
+    raw, sha256 = _bytes(path)
     try:
         frames = pandas.read_excel(io.BytesIO(raw), sheet_name=None, header=None, dtype=object)
     except Exception as error:  # of the library that reads this kind of file
@@ -189,25 +321,29 @@ def _distinct(header: Sequence[str]) -> list[str]:
     return names
 
 
-def _parts(cell: str) -> tuple[str, str]:
-    """Number of a cell, as text, and what stands behind it."""
-    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
-    return (hit[1], hit[2] or "") if hit else ("", "")
+def parsed(cell: str, comma: bool) -> tuple[float, str]:
+    """Number of a cell, NaN where it holds none, and the unit behind it, `""` without one.
 
-
-def _number(cell: str, comma: bool) -> float:
+    Args:
+        cell: as text.
+        comma: whether a comma is a decimal one; else it may set thousands apart.
+    """
+    if comma and _THOUSANDS.fullmatch(cell):
+        cell = cell.replace(".", "")
     with suppress(ValueError):
-        return float(cell.replace("_", "?"))  # Python reads 2_99 as 299
-    text, unit = _parts(cell)
-    if unit and unit_of(unit) is None:
-        return math.nan
+        return float(cell.replace("_", "?")), ""  # Python reads 2_99 as 299
+    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
+    if hit is None:
+        return math.nan, ""
+    text, (_, unit) = hit[1], unit_of(hit[2] or "") or ("", "")
     if comma and "," in text:
         text = text.replace(".", "").replace(",", ".")
     elif re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d+", text):
         text = text.replace(",", "")
-    with suppress(ValueError):
-        return float(text)
-    return math.nan
+    if unit or not hit[2]:
+        with suppress(ValueError):
+            return float(text), unit
+    return math.nan, unit
 
 
 def _seconds(cell: str) -> float:
@@ -217,3 +353,9 @@ def _seconds(cell: str) -> float:
             found = datetime.strptime(text, form)
             return found.replace(tzinfo=found.tzinfo or timezone.utc).timestamp()
     return math.nan
+
+
+def no_number(name: str, cell: str) -> str:
+    """Say what is wrong with a cell of a column that holds no number."""
+    cure = ": write a decimal point, and nothing between thousands" if "," in cell else ""
+    return f"{name} {f'{cell!r} is not a number' if cell else 'is empty'}{cure}"

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import OIL_TEMPERATURE, Range
-from .bench import Cells, decimal_points, read_cells
-from .raw import UNITS
+from .guess import UNITS
+from .table import Table, read_plain
 
 Array = NDArray[np.float64]
 KINDS = ("pump", "motor")
@@ -46,6 +46,8 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType({
 })
 _MEANT = {"stroke": "displacement_ratio", "volumetric": "volumetric_efficiency",
           "mechanical": "mechanical_efficiency"}
+_WRITTEN = {f"{name}_{unit}".lower().replace(" ", "_").rstrip("_"): (_MEANT.get(name, name), size)
+            for name, units in _UNITS.items() for unit, size in {"": 1.0, **units}.items()}
 _LOSSES = ("flow_loss", "torque_loss")
 _EFFICIENCIES = ("volumetric_efficiency", "mechanical_efficiency")
 _RANGES = {limits.name: limits for limits in (
@@ -149,12 +151,11 @@ def read_unit(
     """
     factors: dict[str, float] = {}
 
-    def names(header: list[str]) -> list[str]:
-        known = list(map(_quantity, header))
-        factors.update(known)
-        return [name for name, _ in known]
+    def name_of(cell: str) -> str:
+        name, factors[name] = _quantity(cell)
+        return name
 
-    cells = _of_unit(read_cells(path, (), names), unit)
+    cells = _of_unit(read_plain(path, name_of=name_of), unit)
     given = {cell.strip().lower() for cell in cells.columns.get("kind", [])} | {kind} - {None}
     if len(given) != 1 or not given <= {*KINDS}:
         told = " and ".join(sorted(map(str, given))) or "missing"
@@ -180,14 +181,10 @@ def read_unit(
 def _quantity(cell: str) -> tuple[str, float]:
     """Name of a column of a table, and size of its unit in SI; others stay as they are."""
     plain = re.sub(r"[\s()\[\]:]+", "_", cell.strip()).strip("_").lower()
-    for name, units in _UNITS.items():
-        for unit, factor in {"": 1.0, **units}.items():
-            if plain == f"{name}_{unit}".lower().replace(" ", "_").rstrip("_"):
-                return _MEANT.get(name, name), factor
-    return (plain if plain in ("kind", "unit") else cell.strip()), 1.0
+    return _WRITTEN.get(plain, (plain if plain in ("kind", "unit") else cell.strip(), 1.0))
 
 
-def _of_unit(cells: Cells, unit: str | None) -> Cells:
+def _of_unit(cells: Table, unit: str | None) -> Table:
     names = cells.columns.get("unit", [unit or ""] * len(cells.rows))
     there = ", ".join(dict.fromkeys(names))
     rows = [i for i, name in enumerate(names) if unit in (None, name)]
@@ -197,7 +194,7 @@ def _of_unit(cells: Cells, unit: str | None) -> Cells:
         name: [column[i] for i in rows] for name, column in cells.columns.items()})
 
 
-def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
+def _numbers(cells: Table, factors: Mapping[str, float]) -> dict[str, Array]:
     pair = _LOSSES if _LOSSES[0] in cells.columns else _EFFICIENCIES
     needed = ("displacement", "speed", "pressure", *pair)
     missing = [name for name in needed if name not in cells.columns]
@@ -206,7 +203,7 @@ def _numbers(cells: Cells, factors: Mapping[str, float]) -> dict[str, Array]:
             f"{cells.source}: column {', '.join(missing)} is missing; there is "
             f"{', '.join(cells.columns)} (a unit may stand behind the name: pressure_bar)")
     names = [*needed, *({"displacement_ratio", "oil_temperature"} & cells.columns.keys())]
-    cells, values = decimal_points(cells, names), {}
+    values: dict[str, Array] = {}
     for name in names:
         values[name] = factors[name] * cells.numbers(name)
         if name == _EFFICIENCIES[1]:  # whatever stands there without pressure

@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Many logs side by side: on processes of this machine, or on a Dask cluster.
+"""Many logs side by side, on processes of this machine or on a Dask cluster.
 
-Samples go out, outcomes come back; files stay with the caller. A cluster needs hmcvt on scheduler
-and workers, and tries the log of a lost worker again by itself.
+Samples go out, outcomes come back; files stay with the caller, which is `run`. A cluster needs
+hmcvt on scheduler and workers, and tries the log of a lost worker again by itself.
 """
 
 from __future__ import annotations
@@ -13,20 +13,23 @@ import multiprocessing
 import os
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Generator, Iterator
 from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager
 from itertools import chain, islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..errors import HmcvtError, InputError
 from ..version import __version__
 from . import ONE_BLAS_THREAD
-from .study import Outcome, Settings, Task, internal_failure, study
 
 if TYPE_CHECKING:
     from distributed import Client
 
+Key = TypeVar("Key")
+Sent = TypeVar("Sent")
+Result = TypeVar("Result")
 _CONNECT = 10.0  # seconds
 # Logs handed over ahead: enough that no worker waits, and that an adaptive cluster sees the work.
 _AHEAD_PER_THREAD, _AHEAD_LEAST = 2, 32
@@ -43,38 +46,41 @@ Place = Callable[[], AbstractContextManager[Crew]]
 
 
 def study_all(
-    tasks: Iterator[Task], settings: Settings, place: Place
-) -> Generator[tuple[str, Outcome], None, None]:
-    """Study logs side by side; give name and outcome of each in the order in which they finish.
+    study: Callable[[Sent], Result], tasks: Iterator[tuple[Key, Sent]], place: Place
+) -> Generator[tuple[Key, Result | str], None, None]:
+    """Study logs side by side; give each with its outcome, in the order in which they finish.
 
     Tasks are taken one by one as there is room, so that a fleet need not fit into memory.
 
     Args:
-        tasks: logs to be studied.
-        settings: for all of them.
+        study: gives the result of a log.
+        tasks: what a log is known by, and what is sent out for it.
         place: opens the executor, and another one when that is broken by the death of a worker.
+
+    Yields:
+        The same key and the result, or text that says in one line why there is none.
 
     Raises:
         InputError: the place cannot be used.
         HmcvtError: it is lost.
     """
-    suspects: list[Task] = []
+    suspects: list[tuple[Key, Sent]] = []
     # Suspects each alone, so that it is known which kills; and last, when that hurts fewest.
     for batch in chain((chain([first], tasks) for first in tasks),
                        (iter([suspect]) for suspect in suspects)):
-        in_hand: dict[futures.Future[Outcome], Task] = {}
-        finished: list[tuple[Task, Outcome | None]] = []
+        in_hand: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
+        finished: list[tuple[tuple[Key, Sent], Result | str | None]] = []
         works = True
         with place() as crew:
             while True:
                 # Before the outcomes are told, so that nobody waits while their files are written.
                 for task in islice(batch, max(0, crew.room() - len(in_hand)) if works else 0):
-                    in_hand[_hand_over(crew.executor, task, settings)] = task
+                    in_hand[_hand_over(crew.executor, study, task[1])] = task
                 for task, outcome in finished:
                     if outcome is not None:
-                        yield task.name, outcome
+                        yield task[0], outcome
                     elif task in suspects:
-                        yield task.name, "killed its worker 2 times (memory, most likely)"
+                        yield task[0], "killed its worker 2 times (memory, most likely)"
                     else:
                         suspects.append(task)
                 if not in_hand:
@@ -84,14 +90,32 @@ def study_all(
                 works = works and all(outcome is not None for _, outcome in finished)
 
 
+def attempt(study: Callable[[Sent], Result], sent: Sent) -> Result | str:
+    """Return the result of a study, or in one line why there is none: done by the worker."""
+    try:
+        return study(sent)
+    except HmcvtError as error:
+        return str(error)
+    except Exception as error:  # one log must not stop thousands
+        return _internal_failure(error)
+
+
+def _internal_failure(error: Exception) -> str:
+    """Return an unexpected error as one line that tells the place."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
+    text = " ".join(str(error).split())
+    return f"internal failure (please report it): {type(error).__name__}: {text}{place}"
+
+
 def _hand_over(
-    executor: futures.Executor, task: Task, settings: Settings
-) -> futures.Future[Outcome]:
+    executor: futures.Executor, study: Callable[[Sent], Result], sent: Sent
+) -> futures.Future[Result | str]:
     try:
         with _interrupt_later():
-            return executor.submit(study, task.samples, settings)
+            return executor.submit(attempt, study, sent)
     except futures.BrokenExecutor as error:  # a worker was killed while it had nothing to do
-        failed: futures.Future[Outcome] = futures.Future()
+        failed: futures.Future[Result | str] = futures.Future()
         failed.set_exception(error)
         return failed
 
@@ -115,7 +139,8 @@ def _interrupt_later() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _outcome(future: futures.Future[Outcome]) -> Outcome | None:
+def _outcome(future: futures.Future[Result | str]) -> Result | str | None:
+    """Return what a worker gave; None for one that died over this log or another."""
     try:
         return future.result()
     except futures.BrokenExecutor:
@@ -123,9 +148,9 @@ def _outcome(future: futures.Future[Outcome]) -> Outcome | None:
     except futures.CancelledError:
         raise HmcvtError("the Dask scheduler is lost; finished logs are kept, run again to go "
                          "on") from None
-    except Exception as error:  # `study` raises none: the place failed over this log
+    except Exception as error:  # `attempt` raises none: the place failed over this log
         failures = getattr(error, "allowed_failures", None)  # of distributed.KilledWorker
-        return internal_failure(error) if failures is None else (
+        return _internal_failure(error) if failures is None else (
             f"killed its worker {failures + 1} times (as often as the cluster allows)")
 
 
@@ -136,18 +161,18 @@ def on_processes(count: int) -> Iterator[Crew]:
     # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
     before = os.environ.copy()
     os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
+    pool = futures.ProcessPoolExecutor(
+        count, multiprocessing.get_context("spawn"), _end_with_the_run)
     try:
-        with futures.ProcessPoolExecutor(
-                count, multiprocessing.get_context("spawn"), _end_with_the_run) as pool:
-            try:
-                yield Crew(pool, lambda: count)
-            except BaseException:
-                # At once: a worker writes no files.
-                for process in multiprocessing.active_children():
-                    if process not in others:
-                        process.kill()
-                raise
+        yield Crew(pool, lambda: count)
+    except BaseException:
+        # At once: a worker writes no files.
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.kill()
+        raise
     finally:
+        pool.shutdown()
         os.environ.clear()
         os.environ.update(before)
 

@@ -12,21 +12,85 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..benches.transmission import Transmission, diagnose
 from ..errors import HmcvtError, InputError
 from ..files import plain
 from ..files.atomic import write_atomically
-from ..files.bench import read_bench
+from ..files.bench import BenchSamples, read_bench
+from ..identification import identify
+from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
+from ..physics.effects.base import Effect
+from ..transmission.parameters import PAPER_PARAMETERS
+from ..transmission.ranges import EFFICIENCY_STD
+from ..transmission.stage import Stage
+from ..version import __version__
 from .executors import Place, study_all
-from .study import Settings, Study, Task
 from .summary import Entry, record, summarise
 
 SCHEMA = "hmcvt-fleet-result/1"
 _LOCK = ".hmcvt-fleet.lock"
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """Settings of `identify` and `diagnose`, the same for every log.
+
+    Attributes:
+        stages: gear trains to compare; the one with the lowest objective is kept.
+        formulation: `power_balance` or `published`.
+        effects: effects with fixed parameters that act besides.
+        diagnosed: whether the gap is diagnosed too.
+        noise: standard deviation of the efficiency [-]; None for what the log states.
+        seed: of every random number.
+
+    Raises:
+        InputError: a setting is out of range, or two do not go together.
+    """
+
+    stages: tuple[Stage, ...]
+    formulation: str = "power_balance"
+    effects: tuple[Effect, ...] = ()
+    diagnosed: bool = True
+    noise: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        # Told once, before the work, not by every log.
+        for stage in self.stages:
+            model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], self.formulation, self.effects)
+            if self.diagnosed:
+                Transmission(model)
+        if self.noise is not None:
+            EFFICIENCY_STD.check(self.noise, "noise")
+
+    @cached_property
+    def sha256(self) -> str:
+        """Changes with every setting and with the version of hmcvt."""
+        return hashlib.sha256(f"{__version__} {self!r}".encode()).hexdigest()
+
+
+class Study(NamedTuple):
+    """What a worker makes of a log: the identified model, and what the result says of it."""
+
+    model: EfficiencyModel
+    told: dict[str, Any]
+
+
+def study(settings: Settings, samples: BenchSamples) -> Study:
+    """Identify the parameters of a log and diagnose its gap; equal input gives equal output."""
+    tried = [identify(samples, stage=stage, formulation=settings.formulation,
+                      effects=settings.effects, seed=settings.seed) for stage in settings.stages]
+    found = min(tried, key=lambda item: item.objective)
+    diagnosis = None if not settings.diagnosed else diagnose(
+        found.model, samples, noise=settings.noise, seed=settings.seed).to_dict()
+    return Study(found.model, {"identification": found.to_dict(), "diagnosis": diagnosis})
 
 
 class Log(NamedTuple):
@@ -133,31 +197,31 @@ def run(
         HmcvtError: the work cannot be done there, whatever the log.
     """
     # Before the folder for the results is made: a misspelt one shall leave nothing behind.
-    logs = {log.name: log for log in find_logs(folder, out)}
+    logs = find_logs(folder, out)
     with locked(out):
-        known = {name: finished(log, settings) for name, log in logs.items()}
-        todo = [logs[name] for name, entry in known.items() if entry is None]
-        entries: list[Entry] = []
+        before = {log: entry for log in logs if (entry := finished(log, settings)) is not None}
+        todo = [log for log in logs if log not in before]
+        now: list[Entry] = []
 
         def finish(entry: Entry) -> None:
-            entries.append(entry)
+            now.append(entry)
             progress(entry, len(todo))
 
-        def tasks() -> Iterator[Task]:
+        def tasks() -> Iterator[tuple[Log, BenchSamples]]:
             for log in todo:
                 try:
-                    yield _read(log)
+                    yield log, _read(log)
                 except HmcvtError as error:
                     finish(_broken(log, str(error)))
 
-        with closing(study_all(tasks(), settings, place)) as outcomes:
-            for name, outcome in outcomes:
-                finish(_broken(logs[name], outcome) if isinstance(outcome, str)
-                       else save(logs[name], outcome, settings))
-    return summarise([entry for entry in known.values() if entry is not None], entries)
+        with closing(study_all(partial(study, settings), tasks(), place)) as outcomes:
+            for log, outcome in outcomes:
+                finish(_broken(log, outcome) if isinstance(outcome, str)
+                       else save(log, outcome, settings))
+    return summarise(list(before.values()), now)
 
 
-def save(log: Log, study: Study, settings: Settings) -> Entry:
+def save(log: Log, found: Study, settings: Settings) -> Entry:
     """Write both files, each whole or not at all; return the record.
 
     Raises:
@@ -167,11 +231,11 @@ def save(log: Log, study: Study, settings: Settings) -> Entry:
     if _result(log).get("parameters_sha256") == sha256(log.parameters):
         # One that an earlier run wrote and nobody has touched: no copy of it is kept.
         log.parameters.unlink(missing_ok=True)
-    save_model(study.model, log.parameters)  # keeps what a person may have put there
+    save_model(found.model, log.parameters)  # keeps what a person may have put there
     result: dict[str, Any] = plain({
-        "schema": SCHEMA, "log": log.name, "log_sha256": study.model.provenance["data_sha256"],
+        "schema": SCHEMA, "log": log.name, "log_sha256": found.model.provenance["data_sha256"],
         "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),
-        "identification": study.identification, "diagnosis": study.diagnosis})
+        **found.told})
     write_atomically(log.result, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return record(result)
 
@@ -206,12 +270,12 @@ def sha256(path: Path) -> str:
         return ""
 
 
-def _read(log: Log) -> Task:
+def _read(log: Log) -> BenchSamples:
     if not log.name.isprintable():
         raise InputError("the name cannot be printed: rename the log")
     if log.path.exists() and not log.path.is_file():
         raise InputError("is not a file")  # a pipe would be read for ever
-    return Task(log.name, read_bench(log.path))
+    return read_bench(log.path)
 
 
 def _broken(log: Log, reason: str) -> Entry:

@@ -1,14 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The table over the fleet: one row per log, robust z scores, counts.
-
-A z score tells which transmissions stand apart from their fleet:
-
-.. math:: z = (x - median) / (1.4826 MAD)
-
-1.4826 makes the median absolute deviation that of a normal distribution. |z| > 3.5 counts as an
-outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993). Median and MAD hold while
-less than half of the fleet is odd; mean and standard deviation would follow the odd ones.
-"""
+"""The table over a fleet, and which of its transmissions stand apart."""
 
 from __future__ import annotations
 
@@ -30,21 +21,14 @@ THRESHOLD = 3.5
 LEAST_LOGS = 8
 """Below as many values a median absolute deviation is itself a matter of chance."""
 
+GAP = "gap"
+_LOGARITHMIC = ("leakage",)
 _MAD_TO_DEVIATION = 1.4826
 _LEAST_DEVIATION = 1e-6  # of the largest value: less is rounding, not scatter
 
-GAP = "gap"
-_LOGARITHMIC = ("leakage",)
-
 
 class Scores(NamedTuple):
-    """Where each value stands.
-
-    Attributes:
-        median: of the values.
-        deviation: 1.4826 MAD, in the unit of the values; in decades with `logarithmic`.
-        z: shape (n,); NaN for all when the values are too few or at least half of them equal.
-    """
+    """Where n values stand: `deviation` is 1.4826 MAD, of logarithms in decades."""
 
     median: float
     deviation: float
@@ -52,11 +36,20 @@ class Scores(NamedTuple):
 
 
 def robust_scores(values: Sequence[float], logarithmic: bool = False) -> Scores:
-    """Compare values with their median.
+    """Compare values with their median, to tell which transmissions stand apart from their fleet.
+
+    .. math:: z = (x - median) / (1.4826 MAD)
+
+    1.4826 makes the median absolute deviation that of a normal distribution. |z| > 3.5 counts as an
+    outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993). Median and MAD hold
+    while less than half of the fleet is odd; mean and standard deviation would follow the odd ones.
 
     Args:
         values: n finite numbers, at least one; positive with `logarithmic`.
         logarithmic: for a quantity that spans decades: compare the logarithms (base 10).
+
+    Returns:
+        `z` is NaN for all when the values are too few or at least half of them equal.
     """
     x = np.log10(values) if logarithmic else np.asarray(values, dtype=float)
     median = float(np.median(x))

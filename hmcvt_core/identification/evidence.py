@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,12 @@ from ..transmission.parameters import (
     from_scaled,
 )
 from . import annealing
-from .cross_validation import MEDIAN_TO_DEVIATION, QUICK
-from .identify import thinned
+from .identify import QUICK, thinned
 from .problem import Problem
 
 Array = NDArray[np.float64]
+MEDIAN_TO_DEVIATION = 1.4826
+"""Median of absolute values to standard deviation, normal distribution."""
 
 _SAME_POINT = 0.01  # of the range of displacement ratio, speed or torque: no point of its own
 _HONEST_LOST = 0.01  # campaigns in which an honest sample may be set aside, at most
@@ -88,17 +89,18 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Campaign:
-    """Samples, seen from the model in service."""
+class Campaign(Problem):
+    """Samples, and the model in service; variables are changes of it in terms of `Prior.root`."""
 
-    problem: Problem
-    prior: Prior
+    @cached_property
+    def prior(self) -> Prior:
+        """What the model says of itself."""
+        return Prior.of(self.model)
 
     @cached_property
     def places(self) -> NDArray[np.intp]:
         """Number of the working point of each sample, shape (n,)."""
-        samples = self.problem.samples
-        columns = np.array([getattr(samples, axis) for axis in AXES])
+        columns = np.array([getattr(self.samples, axis) for axis in AXES])
         size = np.array([1.0, *columns[1:].max(axis=1)])
         cells = np.round(columns.T / (_SAME_POINT * size))
         return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
@@ -108,20 +110,13 @@ class Campaign:
         """Weight of each sample: those at one working point have one vote together, shape (n,)."""
         return 1.0 / np.bincount(self.places)[self.places]
 
-    def select(self, index: NDArray[Any]) -> Campaign:
-        """Return the campaign of some of the samples."""
-        return Campaign(Problem(self.problem.model, self.problem.samples.select(index)),
-                         self.prior)
+    def parameters(self, variables: Array) -> Array:
+        """Parameters in SI units of changes (..., 3)."""
+        return self.prior.parameters(variables)
 
-    def predicted(self, change: Array) -> Array:
-        """Efficiency for changes (..., 3), shape (..., n)."""
-        return self.problem.model.efficiency_of_candidates(
-            self.prior.parameters(change), self.problem.samples.points)
-
-    def residuals(self, change: Array) -> Array:
-        """(Predicted - measured) / deviation, shape (..., n)."""
-        found = (self.predicted(change) - self.problem.samples.efficiency) / self.problem.deviation
-        return np.nan_to_num(found, nan=_FAR)
+    def residuals(self, variables: Array) -> Array:
+        """(Predicted - measured) / deviation, shape (..., n); far where there is no answer."""
+        return np.nan_to_num(super().residuals(variables), nan=_FAR)
 
     def slopes(self, change: Array) -> Array:
         """Derivatives of the residuals, shape (n, 3)."""
@@ -185,7 +180,7 @@ class Campaign:
         return change, belongs
 
     def _trimmed(self, seed: int) -> Array:
-        few = Campaign(Problem(self.problem.model, thinned(self.problem.samples)), self.prior)
+        few = replace(self, samples=thinned(self.samples))
 
         def loss(changes: Array) -> Array:
             residuals = few.residuals(changes)
@@ -237,11 +232,11 @@ class Campaign:
         chosen = evidence.part > 0.0
         part, information = evidence.part[chosen], evidence.information[chosen]
         if not chosen.any():
-            return self.problem.model
+            return self.model
         change = self.nearest(part * evidence.steps[chosen], self.votes / evidence.scatter**2,
                               evidence.directions[:, chosen], information * (1.0 - part) / part)
         values = self.prior.parameters(change).tolist()
-        return replace(self.problem.model, parameters=HydraulicParameters(*values))
+        return replace(self.model, parameters=HydraulicParameters(*values))
 
     def _least_significance(
         self, slopes: Array, residuals: Array, information: Array, steps: Array

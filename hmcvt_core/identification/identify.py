@@ -33,8 +33,16 @@ from ..transmission.stage import Stage
 from ..version import __version__
 from . import annealing
 from .annealing import AnnealingRun, Schedule, with_steps
-from .problem import OBJECTIVES, Problem, findings, precision, unchecked
-from .two_part import HydraulicRoots, hydraulic_roots, starting_points
+from .problem import (
+    OBJECTIVES,
+    HydraulicRoots,
+    Problem,
+    findings,
+    hydraulic_roots,
+    precision,
+    starting_points,
+    unchecked,
+)
 
 Array = NDArray[np.float64]
 
@@ -45,6 +53,8 @@ SCHEDULES = {
     "published": Schedule(chains=16, moves=20, shrink=with_steps),
 }
 """The improved annealing of section 4.1, as chains side by side, by formulation."""
+QUICK = Schedule(chains=8, moves=2)
+"""Annealing enough where only what the local search makes of it counts."""
 
 _MOST_ANNEALED = 500  # samples that the annealing looks at: it costs 13,600 predictions of each
 _FINISHED = 4  # chain ends that a local search finishes: a second valley may be as deep
@@ -245,8 +255,8 @@ def identify(
         roots = hydraulic_roots(model.stage, samples)
         start = _filled(starting_points(problem, roots), schedule.chains, seed)
     annealed = annealing.minimise(
-        Problem(model, thinned(samples)).objective, SEARCH_BOUNDS, schedule=schedule, start=start,
-        seed=seed, progress=progress)
+        replace(problem, samples=thinned(samples)).objective, SEARCH_BOUNDS, schedule=schedule,
+        start=start, seed=seed, progress=progress)
     scaled, value = problem.finish(annealed.ends[:_FINISHED])
     if not np.isfinite(value):
         raise IdentificationError(

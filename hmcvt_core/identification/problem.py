@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The identification problem: what is minimised, the search that finishes it, what stays open."""
+"""The problem: what is minimised, where to start, how the search is finished, what stays open."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +16,17 @@ from ..files.bench import BenchSamples
 from ..model.agreement import determination_loss
 from ..model.domain import Domain
 from ..model.model import INCONSISTENT, STALLED, EfficiencyModel
+from ..physics import published
 from ..transmission.parameters import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     PARAMETER_NAMES,
     PARAMETER_UNITS,
     SEARCH_BOUNDS,
+    HydraulicParameters,
     from_scaled,
 )
 from ..transmission.ranges import BENCH_COLUMNS
+from ..transmission.stage import Stage
 
 Array = NDArray[np.float64]
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
@@ -33,12 +37,14 @@ _PRECISION = 1e-14
 _WIDTH = SEARCH_BOUNDS[:, 1] - SEARCH_BOUNDS[:, 0]
 _LOOSE = 0.5  # a standard error above this part of the value leaves the parameter undetermined
 _TIED = 0.95  # a correlation above this leaves only a combination
+_HYDRAULIC = np.linspace(published.STANDING_EFFICIENCY, 1.0 - 1e-9, 4001)  # eta_H looked at
+_MOST_COMBINATIONS = 32
 _LEAST_SCATTER = 1e-3  # of the residuals: samples without any would promise certainty
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Samples, and the model that shall meet them; scaled variables are those of `from_scaled`.
+    """Samples, and the model that shall meet them; the variables are those of `from_scaled`.
 
     Attributes:
         model: stage, formulation and effects; its parameters are the ones to be found.
@@ -54,15 +60,20 @@ class Problem:
         stated = self.samples.efficiency_std
         return PAPER_EFFICIENCY_UNCERTAINTY * self.samples.efficiency if stated is None else stated
 
-    def predict(self, scaled: Array) -> Array:
-        """Efficiency at scaled variables of shape (..., 3): shape (..., n)."""
-        return self.model.efficiency_of_candidates(from_scaled(scaled), self.samples.points)
+    def parameters(self, variables: Array) -> Array:
+        """Parameters in SI units of variables of shape (..., 3)."""
+        return from_scaled(variables)
 
-    def residuals(self, scaled: Array) -> Array:
+    def predict(self, variables: Array) -> Array:
+        """Efficiency at variables of shape (..., 3): shape (..., n)."""
+        return self.model.efficiency_of_candidates(
+            self.parameters(variables), self.samples.points)
+
+    def residuals(self, variables: Array) -> Array:
         """(Predicted - measured) / deviation, shape (..., n); NaN where there is no answer."""
-        return (self.predict(scaled) - self.samples.efficiency) / self.deviation
+        return (self.predict(variables) - self.samples.efficiency) / self.deviation
 
-    def objective(self, scaled: Array) -> Array:
+    def objective(self, variables: Array) -> Array:
         """What the formulation minimises (`OBJECTIVES`), shape (...).
 
         Both are measured in units of a scatter, so that t_0 = 1 of the annealing means the same for
@@ -70,8 +81,8 @@ class Problem:
         a true model; 1 - RSQ in the spread of the predictions.
         """
         if self.model.formulation == "published":
-            return determination_loss(self.predict(scaled), self.samples.efficiency)
-        return np.asarray((self.residuals(scaled) ** 2).mean(axis=-1))
+            return determination_loss(self.predict(variables), self.samples.efficiency)
+        return np.asarray((self.residuals(variables) ** 2).mean(axis=-1))
 
     def finish(self, ends: Array) -> tuple[Array, float]:
         """Finish points of shape (m, 3) by a local search within the bounds.
@@ -102,6 +113,71 @@ class Problem:
                              method="Nelder-Mead", bounds=SEARCH_BOUNDS,
                              options={"xatol": 1e-9, "fatol": 1e-12, "maxfev": 2000}).x
         return point
+
+
+class HydraulicRoots(NamedTuple):
+    """Hydraulic efficiencies that meet one measured efficiency.
+
+    Attributes:
+        consistent: roots at which the published formulas agree with themselves.
+        rejected: roots beyond the pole of eq. (11).
+    """
+
+    consistent: tuple[float, ...]
+    rejected: tuple[float, ...]
+
+
+def hydraulic_roots(stage: Stage, samples: BenchSamples) -> list[HydraulicRoots]:
+    """Part 1 of the paper's piecewise identification (section 4.1, improvement 4).
+
+    Returns:
+        For each sample every eta_H in (0, 1) at which eq. (18) gives the measured efficiency. Where
+        power circulates there may be two; at eps = 0, where eta_H does not enter, there is none.
+    """
+    return [_roots(stage, stroke, float(measured)) for stroke, measured in
+            zip(samples.displacement_ratio, samples.efficiency, strict=True)]
+
+
+def _roots(stage: Stage, stroke: Array, efficiency: float) -> HydraulicRoots:
+    from scipy.optimize import brentq
+
+    def gap(hydraulic: Array | float) -> Array:
+        total = published.efficiencies(stage, stroke, np.asarray(hydraulic)).total
+        return np.nan_to_num(total, nan=np.finfo(float).max) - efficiency  # no number at the pole
+
+    roots: dict[bool, list[float]] = {True: [], False: []}
+    values = gap(_HYDRAULIC)
+    change = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0)
+    for i in change if stroke != 0.0 else ():
+        root = brentq(gap, _HYDRAULIC[i], _HYDRAULIC[i + 1], xtol=1e-15)
+        if abs(gap(root)) < 1e-6:  # a sign change through the pole is no root
+            found = published.efficiencies(stage, stroke, np.array(root))
+            roots[bool(published.is_consistent(found, stroke))].append(root)
+    return HydraulicRoots(tuple(roots[True]), tuple(roots[False]))
+
+
+def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:
+    """Starts of part 2: scaled variables that best reproduce eta_H, shape (m, 3), m at least 1.
+
+    One start for every combination of consistent roots, as long as those are few.
+    """
+    from scipy.optimize import least_squares
+
+    used = [i for i, entry in enumerate(roots) if entry.consistent]
+    middle = SEARCH_BOUNDS.mean(axis=1)
+    if not used:
+        return middle[None, :]
+    chosen = problem.samples.select(used).points
+
+    def miss(scaled: Array, target: Array) -> Array:
+        parameters = HydraulicParameters(*from_scaled(scaled).tolist())
+        found = published.hydraulic_efficiency(problem.model.stage, parameters, chosen)
+        return np.where(np.isnan(found), 1.0, found - target)
+
+    combinations = itertools.product(*(roots[i].consistent for i in used))
+    return np.array([
+        least_squares(miss, middle, bounds=SEARCH_BOUNDS.T, args=(np.array(target),)).x
+        for target in itertools.islice(combinations, _MOST_COMBINATIONS)])
 
 
 def precision(

@@ -15,12 +15,13 @@
    That follows 1 - c2/t2 of a change: wear, though the prior be tight; no noise, though it be wide.
    A model that states no errors and is refuted in one direction is followed in all of them as far
    as is most probable, with the wear as prior: nothing speaks for it.
-4. Whether that may serve: `Refit.refused` says what speaks against it.
+4. Whether that may serve: `Refit.refused` says what speaks against it. One thing is whether it
+   predicts samples that it has not seen as well as the model in service does (`cross_validate`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,26 +29,62 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import carried_at, gear_train_remarks, mean_error
+from ..model.agreement import (
+    carried_at,
+    gear_train_remarks,
+    mean_error,
+    relative_errors,
+)
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PARAMETER_NAMES, to_scaled
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES, to_scaled
 from ..transmission.ranges import OperatingPoints
-from .cross_validation import FEWEST, CrossValidation, cross_validate
-from .evidence import Campaign, Prior
+from .evidence import MEDIAN_TO_DEVIATION, Campaign
 from .identify import origin
-from .problem import Problem, findings
+from .problem import findings
 
 Array = NDArray[np.float64]
 MAX_DRIFT = 0.10
 """A unit whose leakage has doubled and whose dampings have grown by half lies 3 to 6 points below
 a new one on average; one that is further off is another one, or its bench is."""
+FOLDS = 5
+FEWEST = len(PARAMETER_NAMES) + 1
+"""Fewest samples that can spare one; fewer cannot determine the parameters without it."""
 
+_NOISIEST = 3.0  # benches, in terms of the paper's; beyond that it is no noise
+_ALLOWANCE = 2.0
 _MOST_SET_ASIDE = 1.0 / 3.0  # of the samples; with more no majority is to be trusted
 _NOTICED = 0.01  # change of an efficiency that has to be supported by the samples
 _CERTAIN = 2.0  # standard errors
 _NAMED = 20  # samples with a sentence of their own
 _GRID = (11, 5, 5)
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Outcome of the comparison; every error is a mean of |predicted - measured| / measured [-].
+
+    Attributes:
+        samples: how many, each predicted once by a refit that has not seen it.
+        folds: how many refits predicted them.
+        error_refit: of these refits.
+        error_in_service: of the model in service, at the same samples.
+        allowance: by how much the first may exceed the second.
+        change: mean of |refit to all samples - model in service| / measured.
+    """
+
+    samples: int
+    folds: int
+    error_refit: float
+    error_in_service: float
+    allowance: float
+    change: float
+
+    @property
+    def worse(self) -> bool:
+        """Whether the refit is worse by more than noise explains."""
+        return (self.error_refit - self.error_in_service > self.allowance
+                and self.change > self.allowance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +137,7 @@ def refit(
     Raises:
         IdentificationError: fewer working points than parameters, or no answer at the samples.
     """
-    campaign = Campaign(Problem(served, samples), Prior.of(served))
+    campaign = Campaign(served, samples)
     points = len(set(campaign.places.tolist()))
     if points < len(PARAMETER_NAMES):
         raise IdentificationError(
@@ -108,30 +145,27 @@ def refit(
             f"point{'s' * (points > 1)} cannot determine {len(PARAMETER_NAMES)} parameters; a "
             f"refit needs at least {len(PARAMETER_NAMES)} points")
     fit, belongs = campaign.majority(seed)
-    used = campaign.select(belongs)
-    if not np.isfinite(used.predicted(fit)).all():
+    used = replace(campaign, samples=samples.select(belongs))
+    if not np.isfinite(used.predict(fit)).all():
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at most of the "
             "samples: check stage, units and load torque")
     evidence = used.evidence(fit)
     model = evidence.with_errors(used.follow(evidence), campaign.prior)
-    parts: list[EfficiencyModel] = []
-
-    def fitted(part: BenchSamples) -> EfficiencyModel:
-        parts.append(Campaign(Problem(served, part), campaign.prior).follow(evidence))
-        return parts[-1]
-
-    held_back = cross_validate(used.problem.samples, model, served, fitted, seed)
-    domain = _joined(Domain.of(used.problem.samples), served.domain)
+    fold = folds(used.samples, seed)
+    others = [replace(used, samples=used.samples.select(fold != part)).follow(evidence)
+              for part in range(fold.max() + 1)]
+    held_back = cross_validate(used.samples, model, served, fold, others) if others else None
+    domain = _joined(Domain.of(used.samples), served.domain)
     grid = _grid(domain)
     after, before, first = (carried_at(each, grid) for each in (model, served, base))
     drift, measured = float(np.abs(after - first).mean()), samples.efficiency
     limit = max_drift if base.standard_errors else np.inf
     refused = next(_objections(
         samples, belongs, held_back, after - before,
-        np.array([carried_at(part, grid) for part in parts if campaign.prior.stated]), grid, drift,
+        np.array([carried_at(each, grid) for each in others if campaign.prior.stated]), grid, drift,
         limit), "")
-    expected, aside = campaign.predicted(fit), np.flatnonzero(~belongs)
+    expected, aside = campaign.predict(fit), np.flatnonzero(~belongs)
     warnings = [
         *gear_train_remarks(served, samples),
         *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
@@ -141,7 +175,7 @@ def refit(
         *([] if drift <= 0.5 * limit else [
             f"the refit differs from the base model by {100 * drift:.1f} points on average, the "
             f"limit is {100 * limit:.3g}"]),
-        *findings(used.problem.samples, to_scaled(model.parameters.to_array()),
+        *findings(used.samples, to_scaled(model.parameters.to_array()),
                   model.standard_errors, np.asarray(model.correlation)),
         *([] if held_back is not None else [
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
@@ -156,6 +190,61 @@ def refit(
         replace(model, domain=domain, provenance=provenance),
         tuple((aside + 1).tolist()), evidence.kept(campaign.prior), refused,
         float(np.abs(after - before).max()), drift, tuple(warnings), held_back, *errors)
+
+
+def cross_validate(
+    samples: BenchSamples, refit: EfficiencyModel, in_service: EfficiencyModel,
+    fold: NDArray[np.intp], others: Sequence[EfficiencyModel],
+) -> CrossValidation:
+    """Compare a refit with the model in service on samples that it has not seen.
+
+    Noise decides over small differences, so the refit is called worse only when it is worse by more
+    than an allowance, and when it answers differently by more than that. A fit of p parameters to n
+    samples flatters itself by about p / n of the noise against new samples, and the model in
+    service may be such a fit to these very samples; the allowance is twice that. Without the second
+    condition a refit of unchanged samples, which gives the model in service again, could be called
+    worse than it.
+
+    Args:
+        samples: that `refit` was fitted to.
+        refit: the model fitted to all of them.
+        in_service: the model to beat.
+        fold: of each sample, see `folds`.
+        others: for each fold, the refit to the samples that are not in it.
+    """
+    measured, unseen = samples.efficiency, np.empty(len(samples))
+    for part, other in enumerate(others):
+        unseen[fold == part] = carried_at(other, samples.select(fold == part).points)
+    served, refitted = carried_at(in_service, samples.points), carried_at(refit, samples.points)
+    errors = relative_errors(served, measured)
+    # The noise as the better of the two models sees it. From medians, so that a few bad samples do
+    # not pass for noise and excuse the refit they spoil; not below what the paper's bench has: a
+    # fit to a handful of samples leaves no residual.
+    noise = float(np.clip(
+        MEDIAN_TO_DEVIATION * min(np.median(errors),
+                                  np.median(relative_errors(refitted, measured))),
+        PAPER_EFFICIENCY_UNCERTAINTY, _NOISIEST * PAPER_EFFICIENCY_UNCERTAINTY))
+    return CrossValidation(
+        len(samples), len(others), float(relative_errors(unseen, measured).mean()),
+        float(errors.mean()),
+        float(_ALLOWANCE * len(PARAMETER_NAMES) / len(samples) * noise),
+        float(np.mean(np.abs(refitted - served) / measured)))
+
+
+def folds(samples: BenchSamples, seed: int) -> NDArray[np.intp]:
+    """Deal n samples into folds of like displacement ratios; their numbers, shape (n,).
+
+    Power circulates on one side of zero and not on the other: a fit that has seen one side only
+    says little about the other. With four or five samples a fold is one of them; fewer than
+    `FEWEST` are dealt into none, -1.
+    """
+    count, number = len(samples), min(len(samples), FOLDS)
+    fold = np.full(count, -1)
+    if count >= FEWEST:
+        rng = np.random.default_rng(seed)
+        fold[np.argsort(samples.displacement_ratio, kind="stable")] = np.concatenate(
+            [rng.permutation(number) for _ in range(0, count, number)])[:count]
+    return fold
 
 
 def _joined(domain: Domain, other: Domain | None) -> Domain:

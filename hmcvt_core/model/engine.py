@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..files.bench import Cells, decimal_points, read_cells
 from ..files.plain_yaml import named, read_tree, require_known
+from ..files.table import Table, read_plain
 from ..transmission.mapping import Section
 from ..transmission.ranges import ENGINE_SPEED, RPM, Range
 
@@ -90,8 +90,7 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
             data, tree = read_tree(path, SCHEMA)
             require_known(tree, _KNOWN)
             table = table.parent / str(Section(data).get("map"))
-    cells = read_cells(table, (), lambda header: [cell.strip() for cell in header])
-    cells = decimal_points(cells, set(cells.columns))
+    cells = read_plain(table)
     speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
     cells.require_range(speed, ENGINE_SPEED)
     cells.require_range(torque, _TORQUE)
@@ -100,7 +99,7 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     return _engine(cells, speed, torque, fuel)
 
 
-def _column(cells: Cells, quantity: str) -> Array:
+def _column(cells: Table, quantity: str) -> Array:
     """Numbers of a column `quantity [unit]` in SI; g/kWh as kg/J."""
     for column in cells.columns:
         match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
@@ -113,7 +112,7 @@ def _column(cells: Cells, quantity: str) -> Array:
                      f"{', '.join(cells.columns)}")
 
 
-def _engine(cells: Cells, speed: Array, torque: Array, fuel: Array) -> Engine:
+def _engine(cells: Table, speed: Array, torque: Array, fuel: Array) -> Engine:
     speeds = np.unique(speed)
     if len(speeds) < 2:
         raise InputError(f"{cells.source}: one engine speed is no map; needs two or more")

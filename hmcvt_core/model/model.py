@@ -19,8 +19,8 @@ from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
-from ..physics.point import PointSolver
 from ..physics.published import PublishedSolver
+from ..physics.steady_state import PointSolver
 from ..transmission.parameters import (
     PARAMETER_NAMES,
     PARAMETER_RANGES,

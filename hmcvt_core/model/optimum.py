@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..physics.point import PointSolver
-from ..physics.steady_state import ArraySolver
+from ..physics.balance import BalanceSolver
+from ..physics.steady_state import PointSolver
 from ..transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
@@ -105,7 +105,7 @@ class DriveOptimum:
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def optimum(
-    solver: ArraySolver, lookup: PointSolver | None, engine_speed: ArrayLike,
+    solver: BalanceSolver, lookup: PointSolver | None, engine_speed: ArrayLike,
     load_torque: ArrayLike, hold: str, displacement_ratio: ArrayLike | None,
     output_speed: ArrayLike | None, engine_speed_limits: Limits,
 ) -> Optimum:
@@ -138,7 +138,7 @@ def optimum(
 
 
 def _at_output_speed(
-    solver: ArraySolver, limits: Limits, speed: float, torque: float, held: float
+    solver: BalanceSolver, limits: Limits, speed: float, torque: float, held: float
 ) -> Optimum:
     best = _best({"": Line(solver, held, speed * torque)}, *limits)
     return Optimum(best.displacement_ratio, best.efficiency, best.engine_speed, best.load_torque,
@@ -146,7 +146,7 @@ def _at_output_speed(
 
 
 def _at_engine_speed(
-    solver: ArraySolver, lookup: PointSolver | None, speed: float, torque: float
+    solver: BalanceSolver, lookup: PointSolver | None, speed: float, torque: float
 ) -> Optimum:
     if lookup is not None:
         stroke = _best_stroke(lookup, speed, torque)
@@ -159,7 +159,7 @@ def _at_engine_speed(
                    _limit("displacement_ratio", stroke, -1.0, 1.0))
 
 
-def _best_on_grid(solver: ArraySolver, speed: float, torque: float) -> float:
+def _best_on_grid(solver: BalanceSolver, speed: float, torque: float) -> float:
     """Best displacement ratio at one engine speed and load torque; NaN where none will do."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
     beside = speed * solver.mechanical_ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
@@ -242,7 +242,7 @@ def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float,
 class Line:
     """What one stage costs along engine speeds at a held output speed and power."""
 
-    solver: ArraySolver
+    solver: BalanceSolver
     output_speed: float
     output_power: float
     engine: Engine | None = None
@@ -304,7 +304,7 @@ class Line:
 
 
 def drive_optimum(
-    stages: Mapping[str, ArraySolver], output_speed: float, output_power: float,
+    stages: Mapping[str, BalanceSolver], output_speed: float, output_power: float,
     engine: Engine | None, engine_speed_limits: Limits, torque_reserve: float,
     stage: str | None, hysteresis: float,
 ) -> DriveOptimum:

@@ -1,14 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""The power balance with effects: the whole power flow, shaft by shaft.
-
-The problem has one unknown, the motor speed u:
-
-.. math:: u = \varepsilon\omega_p V_p/V_m - q(\Delta p)/V_m \;(13), \qquad
-          \Delta p = \Delta p(u, T_{out}) \;(14), \quad T_{out} = P_{out}/\omega_{out}(u) \;(4)
-
-`steady_state` solves it with the losses of the equations alone. Effects bend the terms; secant
-steps from that solution then find u, in each regime of the motor.
-"""
+"""What answers at many points: the balance without effects, and with them."""
 
 from __future__ import annotations
 
@@ -21,10 +12,10 @@ from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
 from ..transmission.ranges import OperatingPoints, Solution
-from ..transmission.stage import Stage
+from ..transmission.stage import Stage, speed_ratio
 from .effects.base import Effect
 from .shafts import PowerFlow, Shafts
-from .steady_state import ArraySolver
+from .steady_state import Quadrant, Ways, sign
 
 Array = NDArray[np.float64]
 _HELD = 1e-6  # of the output speed
@@ -47,84 +38,76 @@ class Breakdown:
     losses: Mapping[str, Array]
 
 
-class BalanceSolver(ArraySolver):
-    """The steady state with effects, each acting at its own place; without any, `ArraySolver`."""
+class BalanceSolver:
+    """The steady state at points of shape (n,); parameters of shape (..., 1) give (..., n).
+
+    Effects act each at its own place; without any the state has a closed form.
+    """
 
     def __init__(
         self, stage: Stage, parameters: Parameters, effects: Sequence[Effect] = ()
     ) -> None:
-        super().__init__(stage, parameters)
-        self._effects = tuple(effects)
-        self._optional = {"pressure_drop", *(effect.name for effect in effects)}
+        self.stage, self._parameters, self._effects = stage, parameters, tuple(effects)
+        self._quadrants: dict[Ways, Quadrant] = {}
+        self.mechanical_ratio = stage.mechanical_speed_ratio
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def solve(self, points: OperatingPoints) -> Solution:
+        """Efficiency, output speed and engine torque as read; NaN where no load is carried."""
+        if not self._effects:
+            return self._quadrant(self.ways(points)).solve(points)
+        efficiency, speed, _, torque = self._readings(points)
+        return Solution(efficiency, speed, torque)
+
     def readings(self, points: OperatingPoints) -> Array:
         """Efficiency [-], output speed [rad/s] and pressure [Pa] that a bench reads, shape (3, n).
 
         The pressure is the difference over the motor, eq. (14).
         """
-        efficiency, speed, _, pressure = self.in_quadrants(points, self._readings)
-        return np.stack([efficiency, speed, pressure])
+        return np.stack(self._readings(points)[:3])
 
-    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
-        """What a bench reads in one quadrant, through its meters."""
-        if not self._effects:
-            return super().solve_in(part, points)
-        return Solution(*self._readings(part, points)[:3])
-
-    def _readings(self, part: tuple[int, int], points: OperatingPoints) -> tuple[Array, ...]:
-        shafts, flow = self.flow(part, points)
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def _readings(self, points: OperatingPoints, ways: Ways | None = None) -> tuple[Array, ...]:
+        shafts, flow = self.flow(points, ways)
         state, torque = flow.state, flow.engine_power / points.engine_speed
         efficiency, speed, torque = Solution.of(
             state.load_power / points.engine_speed, torque, shafts.reflection * flow.output_speed)
-        pressure = shafts.turns * state.pressure
+        pressure = shafts.turning * state.pressure
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._effects:
             efficiency = effect.reading(efficiency, state)
             speed = effect.output_speed_reading(speed)
             pressure = effect.pressure_reading(pressure)
-        return efficiency, speed, torque, pressure
+        return efficiency, speed, pressure, torque
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(
-        self, part: tuple[int, int], points: OperatingPoints
+        self, points: OperatingPoints, ways: Ways | None = None
     ) -> tuple[Shafts, PowerFlow]:
-        """Constants of a quadrant and the power flow at points there; NaN where there is none."""
-        shafts = Shafts(self.stage, self._parameters, self._effects, points, *part)
-        return shafts, shafts.with_pump(*shafts.motor_speed())
+        """Constants and power flow at points; NaN where there is none."""
+        shafts = Shafts(self.stage, self._parameters, self._effects, points,
+                        ways or self.ways(points))
+        return shafts, shafts.power_flow()
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def breakdown(self, points: OperatingPoints) -> Breakdown:
         """Share the lost power among the parts that take it."""
-        names: list[str] = []
-
-        def watts(part: tuple[int, int], at: OperatingPoints) -> list[Array]:
-            found = self._breakdown(*self.flow(part, at))
-            names[:] = found.losses
-            return [found.input_power, found.output_power, *found.losses.values()]
-
-        into, out, *losses = self.in_quadrants(points, watts)
-        return Breakdown(into, out, {name: lost for name, lost in zip(names, losses, strict=True)
-                                     if name not in self._optional or lost.any()})
-
-    def _breakdown(self, shafts: Shafts, flow: PowerFlow) -> Breakdown:
-        (stage, parameters), effects = (self.stage, self._parameters), self._effects
-        state, units = flow.state, stage.pump_motor
+        stage, (shafts, flow) = self.stage, self.flow(points)
+        state, units, given = flow.state, stage.pump_motor, shafts.given
         delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
         taken = units.motor_displacement * state.motor_speed
-        viscosity = state.viscosity_ratio
         losses = {
             # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all
             # flow passes.
             "leakage": state.pressure * (delivered - taken),
-            "pump_damping": parameters.pump_damping * viscosity * state.pump_speed**2,
+            "pump_damping": given.pump_damping * state.pump_speed**2,
             "pump_friction": units.pump_friction * np.abs(flow.pump_pressure * delivered),
-            "motor_damping": parameters.motor_damping * viscosity * state.motor_speed**2,
+            "motor_damping": given.motor_damping * state.motor_speed**2,
             "motor_friction": units.motor_friction * np.abs(state.pressure * taken),
         }
         losses["pressure_drop"] = (flow.pump_pressure - state.pressure) * delivered
-        sense = shafts.sense  # torques of output and motor are reflected, speeds are not
-        speeds = {"output": flow.output_speed, "motor": sense * state.motor_speed,
+        # Torques of output and motor are reflected, speeds are not.
+        speeds = {"output": flow.output_speed, "motor": shafts.sense * state.motor_speed,
                   "mechanical": state.engine_speed, "pump": state.pump_speed}
         for path, speed in speeds.items():
             pairs = reversed(getattr(stage, path).gear_pairs)
@@ -138,7 +121,7 @@ class BalanceSolver(ArraySolver):
             losses["planetary_row"] = (hydraulic
                                        + flow.torques["mechanical"][0] * state.engine_speed
                                        - flow.torques["output"][-1] * speeds["output"])
-        for effect in effects:
+        for effect in self._effects:
             watts = np.asarray(
                 effect.engine_drag(state) * state.engine_speed
                 + effect.at("pump_drag", state) * state.pump_speed
@@ -146,16 +129,52 @@ class BalanceSolver(ArraySolver):
                 + effect.output_drag(state) * state.output_speed
             )
             losses[effect.name] = losses.get(effect.name, 0.0) + watts
-        return Breakdown(np.asarray(flow.engine_power), flow.output_power, losses)
+        optional = {"pressure_drop", *(effect.name for effect in self._effects)}
+        return Breakdown(np.asarray(flow.engine_power), flow.output_power, {
+            name: lost for name, lost in losses.items() if name not in optional or lost.any()})
 
-    def held_in(self, part: tuple[int, int], *columns: Array) -> tuple[Array, Array]:
-        """As `held`, in one quadrant; by a search and a look at where it leads."""
-        first, exact = super().held_in(part, *columns)
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def held(
+        self, engine_speed: Array, output_speed: Array, load_torque: Array
+    ) -> tuple[Array, Array]:
+        """Displacement ratio [-] and engine torque [N m] that make an output speed.
+
+        See `Quadrant.held`.
+        """
+        columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
+        return self.held_in((sign(columns[1] > 0.0), sign(columns[2] >= 0.0)), *columns)
+
+    def held_in(self, ways: Ways, *columns: Array) -> tuple[Array, Array]:
+        """As `held`, with the senses of output and power known.
+
+        With effects by a search, and a look at where it leads.
+        """
+        stroke, torque = self._quadrant(ways).held(*columns)
         if not self._effects:
-            return first, exact
-        speed, output, torque = columns
-        points = OperatingPoints(first, speed, torque)
-        shafts = Shafts(self.stage, self._parameters, self._effects, points, *part)
+            return stroke, torque
+        speed, output, load = columns
+        points = OperatingPoints(stroke, speed, load)
+        shafts = Shafts(self.stage, self._parameters, self._effects, points, ways)
         stroke = shafts.stroke_for(output)
-        _, reached, given = self.solve_in(part, points._replace(displacement_ratio=stroke))
-        return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), given, np.nan)
+        _, reached, _, torque = self._readings(points._replace(displacement_ratio=stroke), ways)
+        return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), torque, np.nan)
+
+    def _quadrant(self, ways: Ways) -> Quadrant:
+        if any(isinstance(way, np.ndarray) for way in ways):
+            return Quadrant(self.stage, self._parameters, *ways)
+        if ways not in self._quadrants:
+            self._quadrants[ways] = Quadrant(self.stage, self._parameters, *ways)
+        return self._quadrants[ways]
+
+    def ways(self, points: OperatingPoints) -> Ways:
+        """Senses of output and power: the output turns as it does without load.
+
+        Of many candidates, without damping too.
+        """
+        stroke = points.displacement_ratio
+        if np.ndim(self._parameters.motor_damping) > 0:
+            forward = speed_ratio(self.stage, stroke) > 0.0
+        else:
+            first = self._quadrant((1, 1))
+            forward = (stroke - first.standing) * first.full > 0.0
+        return sign(forward), sign(points.load_torque >= 0.0)

@@ -1,5 +1,12 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Speeds and torques from shaft to shaft with effects, solved for the motor speed."""
+r"""The whole power flow with effects, shaft by shaft, solved for the motor speed u.
+
+.. math:: u = \varepsilon\omega_p V_p/V_m - q(\Delta p)/V_m \;(13), \qquad
+          \Delta p = \Delta p(u, T_{out}) \;(14), \quad T_{out} = P_{out}/\omega_{out}(u) \;(4)
+
+`steady_state` solves it with the losses of the equations alone. Effects bend the terms; secant
+steps from that solution then find u, in each regime of the motor.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +21,7 @@ from ..transmission.parameters import Candidates, Parameters
 from ..transmission.ranges import OperatingPoints
 from ..transmission.stage import Stage, member_speed_coefficients
 from .effects.base import Effect, ShaftState, Value
-from .steady_state import ArrayQuadrant
+from .steady_state import Quadrant, Ways
 
 Array = NDArray[np.float64]
 _ITERATIONS = 40
@@ -28,7 +35,6 @@ class PowerFlow(NamedTuple):
 
     Attributes:
         state: speeds and pressure, and the power that the bench reads at the output.
-        direction: +1 where power flows from motor to row, -1 back, between where it stands.
         output_speed: y times engine speed, with its sign [rad/s].
         output_power: power that really leaves [W].
         pump_pressure: pressure over the pump [Pa].
@@ -39,7 +45,6 @@ class PowerFlow(NamedTuple):
     """
 
     state: ShaftState
-    direction: Array
     output_speed: Array
     output_power: Array
     pump_pressure: Array
@@ -48,8 +53,8 @@ class PowerFlow(NamedTuple):
     engine_power: Value = np.nan
 
 
-class Shafts(ArrayQuadrant):
-    """One call's constants in one quadrant; the functions of the unknown read them.
+class Shafts(Quadrant):
+    """One call's constants; the functions of the unknown read them.
 
     With the pump on the row (output-coupled) the row's member that drives the output is braced by
     the pump, so that pump and motor share the output torque: m = 0, and nothing is reflected but
@@ -58,21 +63,19 @@ class Shafts(ArrayQuadrant):
 
     def __init__(
         self, stage: Stage, parameters: Parameters, effects: tuple[Effect, ...],
-        points: OperatingPoints, turning: int, power: int,
+        points: OperatingPoints, ways: Ways,
     ) -> None:
         self.stage, self.effects, self.points = stage, effects, points
         self.viscosity: Value = 1.0
         if points.oil_temperature is not None:
-            for effect in effects:
-                self.viscosity = self.viscosity * effect.viscosity_ratio(points.oil_temperature)
+            self.viscosity = math.prod(
+                effect.viscosity_ratio(points.oil_temperature) for effect in effects)
         self.given = Candidates(
             parameters.leakage / self.viscosity, parameters.motor_damping * self.viscosity,
             parameters.pump_damping * self.viscosity)
-        super().__init__(stage, self.given, turning, power)
-        self.turns, self.power = turning, power
+        super().__init__(stage, self.given, *ways)
         self.engine_speed = points.engine_speed
         self.load_power = points.load_torque * points.engine_speed
-        self.direction = math.copysign(1.0, self.full)
         self.row = member_speed_coefficients(stage.planetary_constant)
         self.stroke = self.true_stroke(points.displacement_ratio)
 
@@ -82,9 +85,27 @@ class Shafts(ArrayQuadrant):
             displacement_ratio = effect.true_displacement_ratio(displacement_ratio)
         return displacement_ratio
 
+    def power_flow(self) -> PowerFlow:
+        """Return the whole power flow."""
+        speed, direction = self._motor_speed()
+        found = self.torques(speed, direction, self.stroke)
+        for _ in range(_ITERATIONS if self.effects or self.braced else 0):
+            # Friction that an effect ties to the pressure settles in a few passes.
+            before = found.state.pressure
+            found = self.torques(speed, direction, self.stroke, self.sense * before)
+            if not (np.abs(found.state.pressure - before) > _TOLERANCE * np.abs(before)).any():
+                break
+        state, torques = found.state, found.torques
+        pump = torques.get("pump") or self._pump(state)
+        torque = self._sum("engine_drag", state) + torques["mechanical"][-1]
+        if not self.braced:
+            torque = torque + pump[-1] * self.pump_ratios[0]
+        return found._replace(torques={**torques, "pump": pump},
+                              engine_power=np.asarray(torque * self.engine_speed))
+
     # --- the unknown -------------------------------------------------------------------------
 
-    def motor_speed(self) -> tuple[Array, Array]:
+    def _motor_speed(self) -> tuple[Array, Array]:
         """Return motor speed and direction (the part of friction in use where it stands)."""
         ratio, load = self.full * self.stroke, self.points.load_torque / self.engine_speed
         if self.braced:
@@ -127,10 +148,10 @@ class Shafts(ArrayQuadrant):
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
-        speed = (self.reflection * output_speed - self.mechanical_ratio * self.engine_speed) / (
-            self.hydraulic_ratio)  # (4)
+        turned = self.reflection * output_speed
+        speed = (turned - self.mechanical_ratio * self.engine_speed) / self.hydraulic_ratio  # (4)
         surplus = self._surplus_at(np.where(speed > 0.0, 1.0, -1.0))
-        flow = self.full * self._pump_speed(speed)
+        flow = self.full * self._pump_speed(turned)
 
         def corrected(commanded: Array) -> Array:
             return np.asarray(commanded - surplus(speed, self.true_stroke(commanded)) / flow)
@@ -155,9 +176,8 @@ class Shafts(ArrayQuadrant):
 
         return surplus
 
-    def _pump_speed(self, speed: Array) -> Array:
+    def _pump_speed(self, turned: Array) -> Array:
         engine, output = self.pump_ratios
-        turned = self.mechanical_ratio * self.engine_speed + self.hydraulic_ratio * speed
         return np.asarray(engine * self.engine_speed + output * turned)
 
     def _row_share(self, stroke: Array) -> Array:
@@ -205,7 +225,7 @@ class Shafts(ArrayQuadrant):
         state = self._lagged(state._replace(pressure=self.sense * pressure))
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         lost = self.given.leakage * state.pressure + self._sum("leakage_flow", state)
-        return PowerFlow(state, direction, output_speed, power, self._pump_pressure(state),
+        return PowerFlow(state, output_speed, power, self._pump_pressure(state),
                          np.asarray(lost), {**torques, "motor": motor})
 
     def _lagged(self, state: ShaftState) -> ShaftState:
@@ -243,23 +263,29 @@ class Shafts(ArrayQuadrant):
         self, speed: Array, output_speed: Array, stroke: Array, pressure: Array
     ) -> ShaftState:
         """Return what effects may read: as if the output turned forward."""
-        units, stage = self.stage.pump_motor, self.stage
-        pump_speed, output = self._pump_speed(speed), np.abs(output_speed)
-        rolling: Array = np.zeros_like(speed)
+        units, stage, row = self.stage.pump_motor, self.stage, self.row
+        output, rolling = np.abs(output_speed), np.zeros_like(speed)
         sun_torque = rolling
         if stage.has_row:
-            rolling = _sun_against_carrier(stage, self.engine_speed, self.turns * output)
-            sun = self.row["sun"]
+            speeds = {
+                stage.mechanical_member:
+                    stage.mechanical.direction * self.engine_speed / stage.mechanical.ratio,
+                stage.output_member:
+                    stage.output.direction * self.turning * output * stage.output.ratio}
+            speeds[stage.motor_member] = -sum(
+                row[member] * turns for member, turns in speeds.items()) / row[stage.motor_member]
+            rolling = speeds["sun"] - speeds["carrier"]
             sun_torque = np.abs(
                 pressure * units.pump_displacement * stroke * stage.pump.ratio
-                * sun / self.row[stage.motor_member] if self.braced else
-                self.load_power / output * sun / self.row[stage.output_member]
+                * row["sun"] / row[stage.motor_member] if self.braced else
+                self.load_power / output * row["sun"] / row[stage.output_member]
                 / stage.output.ratio)
         return ShaftState(
-            self.engine_speed, pump_speed, output, self.sense * speed,
-            self.sense * self.direction * stroke, self.sense * pressure, self.viscosity, rolling,
-            sun_torque, self.load_power, max(units.pump_displacement, units.motor_displacement),
-            [(engine, self.turns * output) for _, engine, output in stage.open_clutches]
+            self.engine_speed, self._pump_speed(output_speed), output, self.sense * speed,
+            self.sense * np.sign(self.full) * stroke, self.sense * pressure, self.viscosity,
+            rolling, sun_torque, self.load_power,
+            max(units.pump_displacement, units.motor_displacement),
+            [(engine, self.turning * output) for _, engine, output in stage.open_clutches]
             or ((0.0, 1.0),))
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
@@ -269,10 +295,7 @@ class Shafts(ArrayQuadrant):
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 
     def _sum(self, hook: str, state: ShaftState) -> Value:
-        total: Value = 0.0
-        for effect in self.effects:
-            total = total + effect.at(hook, state)
-        return total
+        return sum((effect.at(hook, state) for effect in self.effects), 0.0)
 
     def _geared(
         self, path: str, torque: Array, speed: Array, direction: Value, from_row: bool = False
@@ -308,27 +331,6 @@ class Shafts(ArrayQuadrant):
         return tuple(real[member] / ideal[member] / reference
                      for member in (other, self.stage.mechanical_member))
 
-    # --- the answer -----------------------------------------------------------------------------
-
-    def with_pump(self, speed: Array, direction: Array) -> PowerFlow:
-        """Return the whole power flow at a motor speed found."""
-        found = self.torques(speed, direction, self.stroke)
-        for _ in range(_ITERATIONS if self.effects or self.braced else 0):
-            # Friction that an effect ties to the pressure settles in a few passes.
-            before = found.state.pressure
-            found = self.torques(speed, direction, self.stroke, self.sense * before)
-            if not (np.abs(found.state.pressure - before) > _TOLERANCE * np.abs(before)).any():
-                break
-        state, torques = found.state, found.torques
-        pump = torques.get("pump") or self._pump(state)
-        torque = self._sum("engine_drag", state)
-        if "mechanical" in torques:
-            torque = torque + torques["mechanical"][-1]
-        if not self.braced:
-            torque = torque + pump[-1] * self.pump_ratios[0]
-        power = np.asarray(torque * self.engine_speed)
-        return found._replace(torques={**torques, "pump": pump}, engine_power=power)
-
 
 def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value) -> Array:
     """Solve x = function(x) by secant steps, element by element; NaN where they do not settle."""
@@ -345,15 +347,3 @@ def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value)
         previous, shortfall = x, error
         x = np.where(open_, x - error / slope, x)
     return np.where(open_ & (np.abs(error) > _SETTLED * scale), np.nan, x)
-
-
-def _sun_against_carrier(stage: Stage, engine_speed: Array, output_speed: Array) -> Array:
-    row = member_speed_coefficients(stage.planetary_constant)
-    engine, output, hydraulic = stage.mechanical_member, stage.output_member, stage.motor_member
-    speeds: dict[str, Array] = {
-        engine: stage.mechanical.direction * engine_speed / stage.mechanical.ratio,
-        output: stage.output.direction * output_speed * stage.output.ratio,
-    }
-    speeds[hydraulic] = -(row[engine] * speeds[engine] + row[output] * speeds[output]) / (
-        row[hydraulic])
-    return np.asarray(speeds["sun"] - speeds["carrier"])

@@ -29,7 +29,8 @@ Between the first two friction holds a motor on the row, as any stiction does.
 
 An output that turns backward reflects y, x, e, m, c. On the row a load that drives the engine
 (overrun) reflects them too, so that the row always asks the motor for a torque in its positive
-sense; overrun then has y < 0, and the lower root. Each of these four quadrants has its constants.
+sense; overrun then has y < 0, and the lower root. These signs make four quadrants, each with its
+constants.
 
 Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; here it takes torque.
 """
@@ -37,18 +38,21 @@ Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; her
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import OperatingPoints, Solution, in_parts
-from ..transmission.stage import Stage, speed_ratio
+from ..transmission.ranges import OperatingPoints, Solution
+from ..transmission.stage import Stage
 
 Array = NDArray[np.float64]
-Quadrants = Sequence[tuple[tuple[int, int], NDArray[np.bool_]]]
+Point = tuple[float, float, float]
+Ways = tuple[Any, Any]
+"""Sense of the output and of the power: 1, -1, or arrays of these where points differ."""
 _ROUNDED = 1e-14  # x that is none but for rounding
 STANDING = math.ulp(0.0)  # y of an output at rest without load: no torque over no speed is none
 DRIVEN, REVERSED, MOTORED = 1, 2, 3  # regimes after the first, in which the motor drives
@@ -75,7 +79,9 @@ class Regime(NamedTuple):
 
 
 class Quadrant:
-    """The constants of one quadrant without effects; arrays where its parameters are.
+    """One quadrant without effects: its constants, arrays where an argument is, and the state.
+
+    Points have shape (n,); parameters of shape (..., 1) give (..., n).
 
     Args:
         stage: of any layout.
@@ -96,35 +102,34 @@ class Quadrant:
         pump_gears: mean and half the difference of gamma where the pump is driven and drives.
         stall_load: L above which a motor that comes to rest goes on to stall: a slower output then
             asks for more leakage than flow [N m s/rad].
-        standing: displacement ratio at which an output without load stands [-].
     """
 
     def __init__(
-        self, stage: Stage, parameters: Parameters, turning: int = 1, power: int = 1
+        self, stage: Stage, parameters: Parameters, turning: Any = 1, power: Any = 1
     ) -> None:
         units, ratio = stage.pump_motor, stage.motor_speed_ratio
-        self.braced = stage.layout == "output_coupled"
-        self.sense = 1 if self.braced else power
-        self.reflection = turning * self.sense
+        self.turning, self.power, self.braced = turning, power, stage.layout == "output_coupled"
+        self.sense: Any = 1 if self.braced else power
+        self.reflection: Any = turning * self.sense
         self.hydraulic_ratio = h = abs(ratio)
-        self.mechanical_ratio = m = 0.0 if self.braced else (
+        self.mechanical_ratio: Any = 0.0 if self.braced else (
             self.reflection * stage.mechanical_speed_ratio)
+        m = self.mechanical_ratio
         a, fed = stage.pump_speed_ratios
         self.pump_ratios = a, c = a, self.reflection * fed
-        self.full = (math.copysign(1.0, self.reflection * ratio)
-                     * units.pump_displacement / units.motor_displacement)
+        self.full: Any = self.reflection * math.copysign(
+            units.pump_displacement / units.motor_displacement, ratio)
         self.stiffness: Any = units.motor_displacement**2 / parameters.leakage
         self.pump_friction = units.pump_friction
         self.pump_damping: Any = parameters.pump_damping
-        self.mechanical_load = 0.0
+        self.mechanical_load: Any = 0.0
         pump_gears, output_gears = stage.pump.efficiency, stage.output.efficiency
         if self.braced:
             pump_gears *= stage.mechanical.efficiency
         else:
             # The row drives the mechanical path back where the other one gives more than the load.
-            way = -1 if m < 0.0 else 1
-            self.mechanical_load = m / (
-                output_gears**power * stage.mechanical.efficiency**way)
+            self.mechanical_load = m / (_passed(output_gears, power) * _passed(
+                stage.mechanical.efficiency, sign(m >= 0.0)))
         self.pump_gears = 0.5 * a * (1.0 / pump_gears + pump_gears), (
             0.5 * a * (1.0 / pump_gears - pump_gears))
         self.regimes = []
@@ -132,11 +137,11 @@ class Quadrant:
             gear, brace = stage.motor.efficiency**drives / h, 0.0
             if self.braced:
                 # The row drives the output while the pump brakes it; driven by it, it drives on.
-                gives = takes if c < 0.0 else -takes
-                brace = -c * stage.pump.efficiency**-takes * output_gears**gives
+                brace = -c * stage.pump.efficiency**-takes * _passed(
+                    output_gears, takes * sign(c < 0.0))
                 friction = units.motor_friction * pressure
             else:
-                gear *= output_gears**power
+                gear = gear * _passed(output_gears, power)
                 friction = units.motor_friction * pressure * drives
             drag, brace_drag = gear * parameters.motor_damping, brace * parameters.pump_damping
             stiff = self.stiffness * gear * (1.0 - friction)
@@ -147,13 +152,14 @@ class Quadrant:
                 0.5 * ((stiff + drag) * m / h + brace_drag * a), 0.5 * stiff * a))
         if not self.braced:
             del self.regimes[MOTORED]
-        self.stall_load: Any = (m**2 * self.regimes[0].square if m >= 0.0 and not self.braced
-                                else -math.inf)
-        self.standing: Any = self._standing(self.regimes[REVERSED if c < 0.0 else 0])
+        self.stall_load = -math.inf if self.braced else np.where(
+            m >= 0.0, m**2 * self.regimes[0].square, -math.inf)
 
-    def _standing(self, regime: Regime) -> Any:
-        """Displacement ratio of B = 0, where the pump takes torque."""
-        a, _ = self.pump_ratios
+    @cached_property
+    def standing(self) -> Any:
+        """Displacement ratio at which an output without load stands [-]: B = 0."""
+        a, c = self.pump_ratios
+        regime = self.regimes[REVERSED if c < 0.0 else 0]  # where the pump takes torque
         square = self.stiffness * regime.brace * (1.0 + self.pump_friction) * a
         inside = regime.flow * regime.flow - 2.0 * square * regime.level
         root = (inside * (inside > 0.0)) ** 0.5
@@ -162,7 +168,7 @@ class Quadrant:
     def quadratic(self, regime: Regime, ratio: Any, load: Any) -> tuple[Any, Any, Any]:
         """B / 2A, L / A and A in one regime, for e and L."""
         square, level = regime.square, regime.level + regime.flow * ratio
-        if regime.brace:
+        if self.braced:
             a, c = self.pump_ratios
             brace = self.stiffness * regime.brace * (ratio + (regime.pump - 1.0) * abs(ratio))
             level = level + 0.5 * brace * a * ratio
@@ -192,9 +198,7 @@ class Quadrant:
             self.pump_gears)
         return self.mechanical_load * load / output + mean * pump + half * abs(pump)
 
-
-class ArrayQuadrant(Quadrant):
-    """One quadrant at points of shape (n,); parameters of shape (..., 1) give (..., n)."""
+    # --- at many points -----------------------------------------------------------------------
 
     def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
@@ -258,8 +262,8 @@ class ArrayQuadrant(Quadrant):
             gear, drag, brace, brace_drag, rubbed, square, *_ = regime
             pressure = (load / output + drag * motor) / gear
             ratio = (motor + pressure / self.stiffness) / pump  # (13)
-            if brace:
-                brace *= rubbed
+            if self.braced:
+                brace = brace * rubbed
                 rest, linear = pressure * gear - brace_drag * pump, gear + brace * motor / pump
                 pressure = 2.0 * rest / (linear + np.sqrt(
                     linear * linear + 4.0 * brace * rest / (self.stiffness * pump)))
@@ -284,66 +288,111 @@ class ArrayQuadrant(Quadrant):
         return ratio / self.full, np.where(keeps, torque, np.nan)
 
 
-class ArraySolver:
-    """The steady state at points of shape (n,); parameters of shape (..., 1) give (..., n)."""
+def sign(holds: Any) -> Any:
+    """1 where a condition holds, else -1; a plain number where that is the same everywhere."""
+    if np.all(holds):
+        return 1
+    return np.where(holds, 1, -1) if np.any(holds) else -1
+
+
+def _passed(efficiency: float, way: Any) -> Any:
+    """What gears pass on: their efficiency where power flows forward (1), or its reciprocal."""
+    return np.where(way > 0, efficiency, efficiency**-1) if np.ndim(way) else efficiency**way
+
+
+def at_point(own: Quadrant) -> Callable[[float, float, float], Point]:
+    """Return what solves one quadrant at one point, in plain floats.
+
+    It says what `Quadrant.solve` says, to the last digit, without a call: a control loop waits
+    for it.
+    """
+    (a, c), h, rest, braced, sense = (own.pump_ratios, own.hydraulic_ratio, own.mechanical_ratio,
+                                      own.braced, own.sense)
+    full, stiffness, stall, carried = own.full, own.stiffness, own.stall_load, own.mechanical_load
+    rubbing, damping, (mean, half) = own.pump_friction, own.pump_damping, own.pump_gears
+    drag, reflection, power = own.regimes[0].motor_drag, own.reflection, own.power
+    sqrt, nan = math.sqrt, math.nan
+    regimes = [(number, each.square, each.level, each.flow, (
+        each.motor, stiffness * each.motor, stiffness * each.brace, each.pump - 1.0))
+        for number, each in enumerate(own.regimes)]
+
+    def solve(displacement_ratio: float, engine_speed: float, load_torque: float) -> Point:
+        ratio, load = full * displacement_ratio, load_torque / engine_speed
+        for number, square, level, flow, row in regimes:
+            middle = level + flow * ratio
+            if braced:
+                motor, stiff, brace, rubbed = row
+                held = brace * (ratio + rubbed * abs(ratio))
+                middle += 0.5 * held * a * ratio
+                square = square + held / h - (stiff + held) * c * ratio
+            middle /= square
+            inside = middle * middle - load / square
+            if not inside >= 0.0 or square <= 0.0:
+                if number == DRIVEN or (number == 0 and not load > stall):
+                    continue
+                return nan, nan, nan
+            output = middle + sense * sqrt(inside) if load else 2.0 * middle
+            if number == 0 and not braced:
+                if output > rest:
+                    break
+                continue
+            if number == DRIVEN and not braced and output >= rest:
+                output = rest
+                break
+            pressure = stiffness * (ratio * (a + c * output) - (output - rest) / h)
+            if number == 0:
+                if motor * pressure > drag * output / h:
+                    break
+            elif number == DRIVEN:
+                if pressure >= 0.0:
+                    break
+            elif braced:
+                ideal = ratio * pressure
+                if ideal + rubbing * abs(ideal) + damping * (a + c * output) >= 0.0:
+                    break
+        if not output * sense > 0.0:
+            if load:
+                return nan, nan, nan
+            output = output or STANDING
+        pump = a + c * output if braced else a
+        ideal = ratio * (stiffness * (ratio * pump - (output - rest) / h))
+        torque = ideal + rubbing * abs(ideal) + damping * pump
+        torque = (carried * load / output + mean * torque + half * abs(torque)) * engine_speed
+        efficiency = nan
+        if torque * power > 0.0:
+            efficiency = load_torque / torque if power > 0 else torque / load_torque
+        return efficiency, reflection * engine_speed * output, torque
+
+    return solve
+
+
+class PointSolver:
+    """The steady state at one point in range, in plain floats."""
 
     def __init__(self, stage: Stage, parameters: Parameters) -> None:
-        self.stage, self._parameters = stage, parameters
-        self._quadrants: dict[tuple[int, int], ArrayQuadrant] = {}
-        self.mechanical_ratio = stage.mechanical_speed_ratio
+        first = Quadrant(stage, parameters)
+        self._sense, self._standing = math.copysign(1.0, first.full), first.standing
+        self._usual = Quadrant(stage, parameters, -1) if stage.reverse else first
+        self._backward, self._forward = ([at_point(Quadrant(stage, parameters, turning, power))
+                                          for power in (-1, 1)] for turning in (-1, 1))
 
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def solve(self, points: OperatingPoints) -> Solution:
-        """Efficiency, output speed and engine torque; NaN where the load cannot be carried."""
-        return Solution(*self.in_quadrants(points, self.solve_in))
+    def solve(self, displacement_ratio: float, engine_speed: float, load_torque: float) -> Point:
+        """What `Solution` holds; NaN where the load cannot be carried."""
+        quadrants = self._forward if (
+            displacement_ratio - self._standing) * self._sense > 0.0 else self._backward
+        return quadrants[load_torque >= 0.0](displacement_ratio, engine_speed, load_torque)
 
-    def in_quadrants(
-        self, points: OperatingPoints,
-        function: Callable[[tuple[int, int], OperatingPoints], Sequence[Array]],
-    ) -> Sequence[Array]:
-        """Columns that a function gives for each quadrant and its points, put together."""
-        return in_parts(self.quadrants(points), points,
-                        lambda part, *columns: function(part, OperatingPoints(*columns)))
+    def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
+        """Displacement ratios between which friction holds the motor or it stalls, lowest first.
 
-    def solve_in(self, part: tuple[int, int], points: OperatingPoints) -> Solution:
-        """As `solve`, of points in one quadrant (sense of the output, of the power)."""
-        return self._quadrant(part).solve(points)
-
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def held(
-        self, engine_speed: Array, output_speed: Array, load_torque: Array
-    ) -> tuple[Array, Array]:
-        """Displacement ratio [-] and engine torque [N m] that make an output speed.
-
-        See `ArrayQuadrant.held`.
+        Both 0 where the motor is not on the row.
         """
-        columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
-        stroke, torque = in_parts(quadrants(columns[1] > 0.0, columns[2]), columns, self.held_in)
-        return stroke, torque
-
-    def held_in(self, part: tuple[int, int], *columns: Array) -> tuple[Array, Array]:
-        """As `held`, in one quadrant."""
-        return self._quadrant(part).held(*columns)
-
-    def _quadrant(self, part: tuple[int, int]) -> ArrayQuadrant:
-        if part not in self._quadrants:
-            self._quadrants[part] = ArrayQuadrant(self.stage, self._parameters, *part)
-        return self._quadrants[part]
-
-    def quadrants(self, points: OperatingPoints) -> Quadrants:
-        """Quadrants that occur: the output turns as it does without load.
-
-        Of many candidates, without damping too.
-        """
-        stroke = points.displacement_ratio
-        if np.ndim(self._parameters.motor_damping) > 0:
-            return quadrants(speed_ratio(self.stage, stroke) > 0.0, points.load_torque)
-        first = self._quadrant((1, 1))
-        return quadrants((stroke - first.standing) * first.full > 0.0, points.load_torque)
-
-
-def quadrants(forward: NDArray[np.bool_], load: Array) -> Quadrants:
-    """Return the quadrants (turning, power) that occur, each with where it does."""
-    code = 2 * forward + (load >= 0.0)
-    return [((1 if each > 1 else -1, 1 if each % 2 else -1), code == each)
-            for each in (np.unique(code).tolist()[::-1] or [3])]
+        usual, ratios = self._usual, []
+        if usual.braced:
+            return [0.0, 0.0]
+        load = load_torque / engine_speed
+        for regime in usual.regimes[:REVERSED]:
+            slowest = max(usual.mechanical_ratio, math.sqrt(load / regime.square))
+            level = 0.5 * (regime.square * slowest + load / slowest)
+            ratios.append((level - regime.level) / regime.flow / usual.full)
+        return sorted(ratios)

@@ -1,10 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Pictures of fits, losses and efficiency maps as files of their own."""
+"""Pictures of fits, losses and efficiency maps, and the files that hold them."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,20 @@ from ..model.optimum import DriveOptimum
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
 from ..transmission.stage import speed_ratio
-from .style import BLUE, ORANGE, picture_format, render, styled, to_png, to_svg
+from .style import (
+    BLUE,
+    LOSSES,
+    ORANGE,
+    loss_style,
+    picture_format,
+    render,
+    styled,
+    to_png,
+    to_svg,
+)
 
 Array = NDArray[np.float64]
+STROKES = np.linspace(-1.0, 1.0, 201)
 
 _SIZE = (10.0, 6.4)
 _STROKES, _SPEEDS, _BEST = 161, 121, 60
@@ -30,6 +42,7 @@ _LEVELS = np.array([30, 40, 50, 60, 65, 70, 75, 80, 85, 90, 95])
 _GREYS = np.linspace(0.2, 0.92, len(_LEVELS) + 1)  # white is kept for what has no efficiency
 _BACK = 0.003  # of the speeds: a line that rises goes back so far only where the best point jumps
 _SAME_POWER = 0.15
+_LEAST = 1e-3  # of the largest loss; what never takes more is not drawn
 
 
 def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
@@ -232,3 +245,90 @@ def _draw_samples(
         axes.annotate(f"{gap:+.1f}", (x, y), xytext=(8, 6), textcoords="offset points",
                       fontsize=12, bbox={"boxstyle": "round,pad=0.15", "fc": "w", "ec": "none",
                                          "alpha": 0.85})
+
+
+def lost_power(
+    model: EfficiencyModel, engine_speed: float, load_torque: float,
+    oil_temperature: float | None = None,
+) -> dict[str, Array]:
+    """Return the watts of each part at all `STROKES`; NaN where the load stalls it.
+
+    Parts are in words, gear pairs are one.
+
+    Args:
+        model: of formulation `power_balance`.
+        engine_speed: [rad/s].
+        load_torque: [N m].
+        oil_temperature: [deg C].
+    """
+    parts: dict[str, Array] = {}
+    for name, watts in model.breakdown(STROKES, engine_speed, load_torque,
+                                       oil_temperature).losses.items():
+        part = "gear pairs" if name.startswith("gear_pair_") else name.replace("_", " ")
+        parts[part] = parts.get(part, 0.0) + np.broadcast_to(watts, STROKES.shape)
+    # What turns idly loses something known even where the load cannot be carried: drop it.
+    stalled = np.isnan(sum(parts.values()))
+    return {part: np.where(stalled, np.nan, watts) for part, watts in parts.items()}
+
+
+def worth_drawing(*balances: Mapping[str, Array]) -> list[str]:
+    """Return the parts that take anything to be seen, in the order of the stack."""
+    most = {part: max(np.nanmax(np.abs(each.get(part, 0.0)), initial=0.0) for each in balances)
+            for part in dict.fromkeys(chain(*balances))}
+    order = (*(part for part in LOSSES if part in most), *sorted(most.keys() - LOSSES.keys()))
+    return [part for part in order if most[part] >= _LEAST * max(most.values())]
+
+
+def scale(*balances: Mapping[str, Array]) -> tuple[float, float]:
+    """Return limits of an axis that holds the stacks of balances."""
+    stacks = [np.nan_to_num(np.stack(list(balance.values()))) for balance in balances]
+    low = min(float(np.minimum(each, 0.0).sum(axis=0).min()) for each in stacks)
+    high = max(float(np.maximum(each, 0.0).sum(axis=0).max()) for each in stacks) or 1.0
+    return (1.05 * low if -low > _LEAST * high else 0.0), 1.05 * high
+
+
+def stack(axes: Any, balance: Mapping[str, Array], parts: Sequence[str]) -> None:
+    """Draw parts of a balance above each other, lowest first and gains below zero.
+
+    The `gid` is the part.
+    """
+    lost = gained = np.zeros(len(STROKES))
+    for part in (part for part in parts if part in balance):
+        above = lost + np.maximum(balance[part], 0.0)
+        below = gained + np.minimum(balance[part], 0.0)
+        style = loss_style(part)
+        axes.fill_between(STROKES, lost, above, label=part, gid=part, **style)
+        if np.any(below < gained):
+            axes.fill_between(STROKES, below, gained, **style)
+        lost, gained = above, below
+    missing = np.concatenate([[False], np.isnan(lost), [False]])
+    for start, end in np.flatnonzero(np.diff(missing)).reshape(-1, 2):
+        axes.text(STROKES[start:end].mean(), 0.5, "no answer", rotation=90, ha="center",
+                  va="center", transform=axes.get_xaxis_transform())
+    axes.tick_params(pad=8.0)  # the numbers at the corner stay apart
+    axes.set(xlim=STROKES[[0, -1]], xlabel="displacement ratio [-]")
+
+
+def draw_losses(
+    figure: Any, model: EfficiencyModel, engine_speed: float, load_torque: float,
+    displacement_ratio: float | None = None,
+) -> None:
+    """Draw the lost part of the input power, part by part, on an empty matplotlib figure.
+
+    Args:
+        model: of formulation `power_balance`.
+        engine_speed: [rad/s].
+        load_torque: [N m].
+        displacement_ratio: a point to mark [-].
+    """
+    axes = figure.subplots()
+    power = model.breakdown(STROKES, engine_speed, load_torque).input_power
+    balance = {part: 100.0 * watts / power for part, watts in
+               lost_power(model, engine_speed, load_torque).items()}
+    stack(axes, balance, worth_drawing(balance))
+    if displacement_ratio is not None:
+        axes.axvline(displacement_ratio, color="k", lw=1.6, ls="--")
+    axes.set(ylim=scale(balance), ylabel="lost, % of engine power",
+             title=f"Where the watts go: {engine_speed / RPM:.0f} r/min, {load_torque:g} N m")
+    axes.legend(*(entries[::-1] for entries in axes.get_legend_handles_labels()),
+                loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..errors import InputError
 
@@ -72,20 +72,6 @@ def picture_format(path: str) -> str:
         raise InputError(f"{path}: a picture ends in {', '.join(FORMATS)}")
     check_drawable()
     return ending
-
-
-class Figures(NamedTuple):
-    """Drawings side by side on a page.
-
-    Attributes:
-        drawings: SVG.
-        legend: text and SVG of a mark.
-        notes: sentences for the caption.
-    """
-
-    drawings: Sequence[str]
-    legend: Sequence[tuple[str, str]] = ()
-    notes: Sequence[str] = ()
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import numpy as np
 
 from hmcvt_core import BenchSamples, InputError
 from hmcvt_core.files.steady import (
+    SETTLED,
     Readings,
     Steadiness,
     SteadyWindow,
@@ -104,7 +105,8 @@ def import_bag(
     settings = settings or ImportSettings()
     with Bag(path) as bag:
         topics = find_topics(bag, settings)
-        readings, clock, read, refused = record(bag, topics, settings.age_limit, progress)
+        readings, clock, read, refused = record(
+            bag, topics, settings.age_limit, settings.gap, progress)
     # An average stands alone, no matter when the next one comes.
     index = split_at_gaps(readings.time, -1.0 if settings.averaged else settings.gap)
     if out_of_order := len(readings.time) - sum(map(len, index)):
@@ -167,13 +169,11 @@ def _nothing_steady(
 
 def _unsettled(readings: Readings, limits: Steadiness) -> str:
     settled = channels(readings, limits)
-    blocks = block_statistics(readings.time, settled, limits.block)
-    parts = []
-    for channel, means, deviations in zip(settled, blocks.means, blocks.deviations, strict=True):
-        scale = np.abs(means) if channel.relative else np.ones_like(means)
-        scatter, change = _median(deviations / scale), _median(np.abs(np.diff(means)) / scale[1:])
-        parts.append(f"{channel.name} {scatter} (limit {channel.scatter:g}) and {change} "
-                     f"({channel.drift:g})")
+    _, means, deviations = block_statistics(readings.time, settled.values, limits.block)
+    scale = np.where(settled.relative[:, None], np.abs(means), 1.0)
+    scatter, change = deviations / scale, np.abs(np.diff(means)) / scale[:, 1:]
+    parts = [f"{name} {_median(scatter[i])} (limit {settled.scatter[i]:g}) and "
+             f"{_median(change[i])} ({settled.drift[i]:g})" for i, name in enumerate(SETTLED)]
     return (f"median scatter in blocks of {limits.block:g} s and change from one to the next: "
             f"{', '.join(parts)}")
 

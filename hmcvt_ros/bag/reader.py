@@ -10,19 +10,21 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Collection, Iterator
+import re
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hmcvt_core import InputError
-from hmcvt_core.files.steady import Steadiness, limit, require_positive
+from hmcvt_core.files.steady import Shafts, Steadiness, limit, require_positive
 
 BAG_FILES = (".mcap", ".db3")
 """How the names of the files end that hold messages."""
 DISPLACEMENT_TOPIC = "displacement_ratio"
 _INPUT_TOPICS = ("engine_speed", "load_torque", DISPLACEMENT_TOPIC)
+_NUMERIC = r"std_msgs/msg/(Float|U?Int)\d+"
 _SHOWN = 12
 _NANOSECONDS = 1e-9
 
@@ -38,9 +40,11 @@ class ImportSettings:
         age_limit, gap: see their metadata; a step back of the clock ends a window too.
         averaged: every message is a steady average already; no windows are sought.
         use_oil_temperature: whether to look for the oil temperature.
+        signals: topic of numbers and size of their unit in SI, by field of `Shafts`, where no topic
+            holds them all.
 
     Raises:
-        InputError: a time is not positive.
+        InputError: a time is not positive, some signals are missing, or all have a topic too.
     """
 
     topic: str = "bench_sample"
@@ -51,9 +55,16 @@ class ImportSettings:
     gap: float = limit(1.0, "A longer pause between messages in s ends a window.")
     averaged: bool = False
     use_oil_temperature: bool = True
+    signals: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_positive(self)
+        missing = [name for name in Shafts._fields if name not in self.signals]
+        if self.signals and missing:
+            raise InputError(f"no topic is named for {', '.join(missing)}")
+        if self.signals and self.topic != ImportSettings.topic:
+            raise InputError(f"topic = {self.topic!r} holds all signals, or each has one of its "
+                             "own: name one or the other")
 
 
 @dataclass(frozen=True)
@@ -61,22 +72,28 @@ class Topics:
     """Full names of the topics to read.
 
     Attributes:
-        bench: speeds and torques of the shafts.
-        displacement_ratio: for messages on `bench` without the joint `displacement`, or None.
+        bench: speeds and torques of the shafts, or the engine speed alone.
+        signals: topic of numbers and size of their unit in SI, by field of `Shafts`: all of them,
+            or the displacement ratio for messages on `bench` without the joint `displacement`.
         oil_temperature: or None.
         notes: what was found and not used, in sentences.
     """
 
     bench: str
-    displacement_ratio: str | None = None
+    signals: Mapping[str, tuple[str, float]]
     oil_temperature: str | None = None
     notes: tuple[str, ...] = ()
 
     @property
+    def apart(self) -> bool:
+        """Whether each signal has a topic of its own."""
+        return "engine_speed" in self.signals
+
+    @property
     def names(self) -> tuple[str, ...]:
         """All of them."""
-        found = (self.bench, self.displacement_ratio, self.oil_temperature)
-        return tuple(name for name in found if name is not None)
+        found = [self.bench, *(topic for topic, _ in self.signals.values())]
+        return tuple(dict.fromkeys([*found, *filter(None, [self.oil_temperature])]))
 
 
 class Bag(ExitStack):
@@ -177,7 +194,12 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
         InputError: the topic of the shafts is missing, there are several, or its type is another;
             the topics in the bag are named.
     """
-    bench = _bench_topic(bag, settings)
+    signals = {name: (_topic(bag, topic, settings.namespace, _NUMERIC, "a number"), size)
+               for name, (topic, size) in settings.signals.items()}
+    if len({topic for topic, _ in signals.values()}) < len(signals):
+        raise InputError(f"{bag.path}: two signals name the same topic")
+    bench = signals["engine_speed"][0] if signals else _topic(
+        bag, settings.topic, settings.namespace, ".*/JointState", "JointState")
     notes: list[str] = []
 
     def beside(name: str, kind: str) -> str | None:
@@ -193,30 +215,31 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
             return first
         return None
 
-    stroke = beside(DISPLACEMENT_TOPIC, "Float64")
+    if not signals and (stroke := beside(DISPLACEMENT_TOPIC, "Float64")):
+        signals = {DISPLACEMENT_TOPIC: (stroke, 1.0)}
     warmth = beside("oil_temperature", "Temperature") if settings.use_oil_temperature else None
-    return Topics(bench, stroke, warmth, tuple(notes))
+    return Topics(bench, signals, warmth, tuple(notes))
 
 
-def _bench_topic(bag: Bag, settings: ImportSettings) -> str:
-    found = bag.matching(settings.topic, settings.namespace)
+def _topic(bag: Bag, name: str, namespace: str | None, kind: str, told: str) -> str:
+    """The one topic that a name means, with messages of a kind, a regular expression."""
+    found = bag.matching(name, namespace)
     if len(found) > 1:
         raise InputError(f"{bag.path}: holds {' and '.join(found)}; choose one by --namespace "
                          "or its full name")
     if not found:
-        where = "" if settings.namespace is None or settings.topic.startswith("/") else (
-            f" in namespace {settings.namespace}")
-        held = ", ".join(name for name in _INPUT_TOPICS if bag.matching(name))
+        where = "" if namespace is None or name.startswith("/") else f" in namespace {namespace}"
+        held = ", ".join(each for each in _INPUT_TOPICS if bag.matching(each))
         hint = (f" ({held} alone cannot give a measured efficiency: that takes speed and torque of "
                 "both shafts)") if held else ""
-        problem = f"holds no topic {settings.topic}{where}{hint}"
-    elif not bag.topics[found[0]].endswith("/JointState"):
-        problem = f"{found[0]} is {bag.topics[found[0]]}, not JointState"
+        problem = f"holds no topic {name}{where}{hint}"
+    elif not re.fullmatch(kind, bag.topics[found[0]]):
+        problem = f"{found[0]} is {bag.topics[found[0]]}, not {told}"
     elif not bag.counts[found[0]]:
         problem = f"{found[0]} holds no messages"
     else:
         return found[0]
-    names = [f"{name} ({kind})" for name, kind in sorted(bag.topics.items())]
+    names = [f"{topic} ({type_})" for topic, type_ in sorted(bag.topics.items())]
     shown = ", ".join(names[:_SHOWN]) or "none"
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     raise InputError(f"{bag.path}: {problem}; topics in it: {shown}{more}")

@@ -32,13 +32,20 @@ _OVERSHOOT = 0.05
 """A stroke reading at full stroke, with its noise, may exceed 1 by this much."""
 _STROKE = Range("displacement_ratio", DISPLACEMENT_RATIO.low - _OVERSHOOT,
                 DISPLACEMENT_RATIO.high + _OVERSHOOT, "-")
+# What no sensor can rightly show; either sign, for in a transient the output may drive, and noise
+# straddles zero.
+_SIGNALS = {"engine_speed": ENGINE_SPEED, DISPLACEMENT_TOPIC: _STROKE, **{
+    name: Range(name, -most, most, unit) for name, most, unit in (
+        ("engine_torque", LOAD_TORQUE.high, "N m"), ("output_torque", 20_000.0, "N m"),
+        ("output_speed", OUTPUT_SPEED.high, "rad/s"))}}
 _NANOSECONDS = 1e-9
 CLOCKS = ("header stamp", "time of receipt")
 _EVERY = 2000  # messages between two reports of progress
 
 
 def record(
-    bag: Bag, topics: Topics, age_limit: float, progress: Callable[[str], None] | None = None
+    bag: Bag, topics: Topics, age_limit: float, gap: float,
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[Readings, str, Counter[str], dict[str, Counter[str]]]:
     """Read a bag.
 
@@ -46,6 +53,7 @@ def record(
         bag: open.
         topics: to read.
         age_limit: how far in time a reading of a slow topic may lie from one of the shafts [s].
+        gap: the same of a signal with a topic of its own [s].
         progress: told how far the reading is.
 
     Returns:
@@ -71,24 +79,27 @@ def record(
             progress(f"{number} of {total} messages")
     # Of each message its stamp [s], 0 where there is none, its time of receipt [s], its values.
     tables = {name: np.array(found, dtype=float).reshape(
-        -1, 2 + (len(Shafts._fields) if name == topics.bench else 1))
+        -1, 2 + (len(Shafts._fields) if name == topics.bench and not topics.apart else 1))
         for name, found in numbers.items()}
     bench = tables[topics.bench]
-    if topics.displacement_ratio is not None:
+    if topics.apart:  # at the times of the engine speed
+        bench = np.column_stack([bench[:, :2], np.full((len(bench), len(Shafts._fields)), np.nan)])
+    for name, (topic, _) in topics.signals.items():
         # Where the shafts' message has none; messages without one in time are left out.
-        stroke = bench[:, -1]
-        elsewhere = align(tables[topics.displacement_ratio], bench, age_limit)
-        stroke[:] = np.where(np.isnan(stroke), elsewhere, stroke)
-        known = ~np.isnan(stroke)
+        column = bench[:, 2 + Shafts._fields.index(name)]
+        elsewhere = align(tables[topic], bench, gap if topics.apart else age_limit)
+        column[:] = np.where(np.isnan(column), elsewhere, column)
+        known = ~np.isnan(column)
         bench = bench[known]
         if not known.all():
-            refused[topics.bench][f"no {DISPLACEMENT_TOPIC} in time"] = int((~known).sum())
+            refused[topics.bench][f"no {name} in time"] = int((~known).sum())
     if not len(bench):
         reasons = listed(dict(refused[topics.bench].most_common()))
         raise InputError(
             f"{bag.path}: none of the {read[topics.bench]} messages on {topics.bench} can be used: "
-            f"{reasons} (needs velocity and effort of joints engine and output, and position of "
-            f"joint displacement or a topic {DISPLACEMENT_TOPIC})")
+            f"{reasons} (needs " + ("all signals in time)" if topics.apart else
+                                    "velocity and effort of joints engine and output, and position "
+                                    f"of joint displacement or a topic {DISPLACEMENT_TOPIC})"))
     temperature = None if topics.oil_temperature is None else align(
         tables[topics.oil_temperature], bench, age_limit)
     clock = _clock(bench)
@@ -117,14 +128,14 @@ def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
     """
     if message is None:
         raise UnreadableError("unreadable")
-    if topic == topics.displacement_ratio:
-        return (_checked(message.data, _STROKE),)
+    for name, (one, size) in topics.signals.items():
+        if topic == one:
+            return (_checked(size * message.data, _SIGNALS[name]),)
     if topic == topics.oil_temperature:
         return (_checked(message.temperature, OIL_TEMPERATURE),)
-    found = read_shafts(message, stroke_elsewhere=topics.displacement_ratio is not None)
+    found = read_shafts(message, stroke_elsewhere=bool(topics.signals))
     if not all(map(math.isfinite, found if "displacement" in message.name else found[:4])):
         raise UnreadableError("not finite")
-    # Either sign: in a transient the output may drive, and noise straddles zero.
     if (not ENGINE_SPEED.low <= found.engine_speed <= ENGINE_SPEED.high
             or abs(found.load_torque) > LOAD_TORQUE.high
             or abs(found.engine_torque) > LOAD_TORQUE.high

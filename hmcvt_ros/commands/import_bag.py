@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,9 @@ from typing import Any
 import click
 
 from hmcvt_core import InputError, write_bench
-from hmcvt_core.cli.common import OutputFile, Progress, json_option, print_json
+from hmcvt_core.cli.common import Answer, OutputFile, Progress, answers
+from hmcvt_core.files.guess import UNITS
+from hmcvt_core.files.steady import Shafts
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 
@@ -26,6 +28,19 @@ def _limits(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+def _signal(text: str) -> tuple[str, tuple[str, float]]:
+    name, _, place = text.partition("=")
+    topic, _, unit = place.partition(":")
+    if name not in Shafts._fields or not topic:
+        raise click.BadParameter(f"{text!r}: write NAME=TOPIC[:UNIT], the name one of "
+                                 f"{', '.join(Shafts._fields)}")
+    sizes = UNITS[name]
+    if unit and unit not in sizes:
+        raise click.BadParameter(f"{text!r}: {unit!r} is no unit of {name}; there is "
+                                 f"{', '.join(sizes)}")
+    return name, (topic, sizes.get(unit, 1.0))
+
+
 @click.command("import-bag", epilog="""\b
 Examples:
   hmcvt import-bag run1 --out samples.csv
@@ -37,34 +52,32 @@ Examples:
               help="Write the bench samples.")
 @click.option("--topic", default=ImportSettings.topic, show_default=True, metavar="NAME",
               help="JointState with speed and torque of joints engine and output.")
+@click.option("--signal", "signals", type=_signal, multiple=True, metavar="NAME=TOPIC[:UNIT]",
+              help="Where each signal has a topic of numbers (Float64, Int32): once for each of "
+                   f"{', '.join(Shafts._fields)}; in SI, or engine_speed=/engine/speed:rpm.")
 @click.option("--namespace", default=None, metavar="NS",
               help="Of all topics, when the bag holds several.")
 @_limits
 @click.option("--averaged", is_flag=True,
               help="Each message is a steady average already: one sample each.")
 @click.option("--no-oil-temperature", is_flag=True, help="Leave topic oil_temperature alone.")
-@json_option
+@answers
 def command(
-    bag: str, out: str, topic: str, namespace: str | None, age_limit: float, gap: float,
-    averaged: bool, no_oil_temperature: bool, as_json: bool, **steady: float,
-) -> None:
+    bag: str, out: str, topic: str, signals: Sequence[tuple[str, tuple[str, float]]],
+    namespace: str | None, age_limit: float, gap: float, averaged: bool, no_oil_temperature: bool,
+    **steady: float,
+) -> Answer:
     """Turn a recorded bag (rosbag2: sqlite3, mcap) into bench samples.
 
     One sample for each window with settled speeds, torques and displacement ratio; transients are
     rejected. BAG is the folder or one of its files.
     """
-    settings = ImportSettings(
-        topic, namespace, Steadiness(**steady), age_limit, gap, averaged, not no_oil_temperature)
+    settings = ImportSettings(topic, namespace, Steadiness(**steady), age_limit, gap, averaged,
+                              not no_oil_temperature, dict(signals))
     if Path(out).exists() and Path(out).suffix in BAG_FILES:
         raise InputError(f"{out}: a file of a bag is not written over")
-    progress = Progress("reading")
-    try:
+    with Progress("reading") as progress:
         samples, report = import_bag(bag, settings, progress)
-    finally:
-        progress.close()
     write_bench(out, samples)
-    if as_json:
-        print_json({**asdict(report), "samples": len(samples), "out": out})
-        return
-    click.echo(report.text())
-    click.echo(f"{len(samples)} bench samples written to {out}")
+    return Answer({**asdict(report), "samples": len(samples), "out": out},
+                  [report.text(), f"{len(samples)} bench samples written to {out}"])

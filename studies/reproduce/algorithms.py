@@ -26,8 +26,7 @@ from pymoo.optimize import minimize
 
 from hmcvt_core.identification import identify
 from hmcvt_core.identification.annealing import Schedule, minimise, with_steps
-from hmcvt_core.identification.problem import Problem
-from hmcvt_core.identification.two_part import hydraulic_roots, starting_points
+from hmcvt_core.identification.problem import Problem, hydraulic_roots, starting_points
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 from . import paper

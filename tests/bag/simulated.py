@@ -116,6 +116,22 @@ def bench_records(bench, topic="/bench_sample", stamped=True, latency=0.003):
             for seconds, row in zip(bench.time, bench.rows, strict=True)]
 
 
+def signal_records(bench):
+    """The same, each signal as numbers on a topic of its own, at times of its own."""
+    kinds = {"/engine/speed": ("Float64", 60.0 / math.tau), "/engine/torque": ("Float32", 1.0),
+             "/output/speed": ("Float64", 60.0 / math.tau), "/output/torque": ("Float64", 1.0),
+             "/pump/stroke": ("Float32", 100.0)}
+    records = [("/note", "std_msgs/msg/String", START + 1.0,
+                TYPES.types["std_msgs/msg/String"](data="warm"))]
+    for i, (topic, (kind, size)) in enumerate(kinds.items()):
+        numbers = TYPES.types[f"std_msgs/msg/{kind}"]
+        records += [
+            (topic, f"std_msgs/msg/{kind}", seconds + 0.004 * i, numbers(data=float(size * value)))
+            for seconds, value in zip(bench.time, bench[1 + i], strict=True)
+            if topic != "/engine/torque" or not START + 20.0 < seconds <= START + 24.0]
+    return records
+
+
 def write_bag(path, records, storage="mcap", topics=()):
     """Record messages in order of receipt; `topics` are (name, type) without a message."""
     with Writer(path, version=9, storage_plugin=STORAGE[storage]) as writer:

@@ -14,7 +14,7 @@ from hmcvt_core import read_bench
 from hmcvt_ros.bag import ImportSettings, Steadiness
 from hmcvt_ros.commands.import_bag import command
 
-from .simulated import START, TEMPERATURE, bench_records, temperature, write_bag
+from .simulated import START, TEMPERATURE, bench_records, signal_records, temperature, write_bag
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -26,6 +26,7 @@ def bags(bench, tmp_path_factory):
     write_bag(folder / "run1", bench_records(bench))
     write_bag(folder / "run2", bench_records(bench, "/tractor1/shafts"))
     (folder / "run2" / "run2.mcap").rename(folder / "run1.mcap")
+    write_bag(folder / "run3", signal_records(bench))
     return folder
 
 
@@ -86,6 +87,37 @@ def test_what_cannot_be_done_is_one_line_and_leaves_the_old_file(hmcvt, workplac
         assert option.strip("-").partition("=")[0].replace("-", "_") in err
         assert ("positive" in err) != ("holds fewer than 3 blocks of 1 s" in err)
     assert Path("samples.csv").read_text() == "old"
+
+
+SIGNALS = {"engine_speed": "/engine/speed:rpm", "engine_torque": "/engine/torque",
+           "output_speed": "/output/speed:rpm", "output_torque": "/output/torque",
+           "displacement_ratio": "/pump/stroke:%"}
+
+
+def test_signals_with_topics_of_their_own_give_the_same_samples(hmcvt, workplace):
+    named = [f"--signal={name}={topic}" for name, topic in SIGNALS.items()]
+    report = hmcvt("import-bag", "run3", "--out", "apart.csv", "--json", *named).json
+    assert report["clock"] == "time of receipt"
+    # The torque of the engine stops for 4 s and holds for --gap on either side.
+    assert report["refused"]["/engine/speed"] == {"no engine_torque in time": 101}
+    hmcvt("import-bag", "run1", "--out", "together.csv")
+    apart, together = read_bench("apart.csv"), read_bench("together.csv")
+    assert len(apart) >= len(together) - 1
+    nearest = [int(np.argmin(np.abs(together.stamp - each))) for each in apart.stamp]
+    for name in ("displacement_ratio", "engine_speed", "load_torque", "efficiency"):
+        assert getattr(apart, name) == pytest.approx(getattr(together, name)[nearest], rel=5e-3)
+    for wrong, words in (
+            ("", "no topic is named for displacement_ratio"),
+            ("displacement_ratio=/pump/angle", "holds no topic /pump/angle"),
+            ("displacement_ratio=/engine/torque", "two signals name the same topic"),
+            ("displacement_ratio=/note", "/note is std_msgs/msg/String, not a number"),
+            ("displacement_ratio=/pump/stroke:deg", "'deg' is no unit of displacement_ratio"),
+            ("stroke=/pump/stroke", "write NAME=TOPIC[:UNIT]")):
+        done = hmcvt("import-bag", "run3", "--out", "apart.csv", *named[:-1],
+                     *[f"--signal={wrong}"] * bool(wrong))
+        assert done.code == 2 and words in done.err, done
+    done = hmcvt("import-bag", "run3", "--out", "apart.csv", "--topic", "shafts", *named)
+    assert done.code == 2 and "topic = 'shafts' holds all signals" in done.err
 
 
 def test_out_is_needed_and_never_a_file_of_a_bag(hmcvt, workplace):

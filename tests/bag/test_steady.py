@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hmcvt_core.files.steady import (
-    Channel,
+    Channels,
     Steadiness,
     effective_size,
     find_windows,
@@ -22,8 +22,9 @@ LIMITS = Steadiness()
 def _find(values, drift=0.01, scatter=0.05, relative=True, limits=LIMITS, rate=RATE):
     values = np.asarray(values, dtype=float)
     time = np.arange(len(values)) / rate
-    return [(time[window.start], time[window.stop - 1]) for window in
-            find_windows(time, [Channel("torque", values, drift, scatter, relative)], limits)]
+    channel = Channels(values[None], *map(np.atleast_1d, (drift, scatter, relative)))
+    return [(time[window.start], time[window.stop - 1])
+            for window in find_windows(time, channel, limits)]
 
 
 def _flat(seconds, value=100.0):
@@ -84,9 +85,9 @@ def test_count_of_windows(count, given):
 
 def test_every_channel_has_to_be_settled():
     time = np.arange(0.0, 20.0, 1.0 / RATE)
-    still = Channel("engine_speed", np.full(len(time), 100.0), 0.01, 0.05)
-    late = Channel("load_torque", np.where(time < 8.0, 100.0 + time, 150.0), 0.01, 0.05)
-    (window,) = find_windows(time, [still, late], LIMITS)
+    still, late = np.full(len(time), 100.0), np.where(time < 8.0, 100.0 + time, 150.0)
+    (window,) = find_windows(time, Channels(
+        np.stack([still, late]), np.full(2, 0.01), np.full(2, 0.05), np.ones(2, bool)), LIMITS)
     assert time[window.start] == pytest.approx(8.0)
 
 

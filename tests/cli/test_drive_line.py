@@ -7,6 +7,7 @@ import math
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.cli.common import torque
 from hmcvt_core.transmission.ranges import RPM
 
 from .running import ENGINE, TRACTOR, assert_refused
@@ -43,6 +44,12 @@ def test_a_point_by_whatever_is_measured(hmcvt, stroke, load):
             assert told["load_torque"] == pytest.approx(load, abs=1e-3)
             assert found["output_speed"] == pytest.approx(
                 HM3.output_speed(stroke, SPEED, load), rel=1e-7)
+
+
+@pytest.mark.parametrize(("text", "value"), [
+    ("150.250", 150.25), ("1.2kNm", 1200.0), ("1,5 kN m", 1500.0), ("-50", -50.0)])
+def test_a_point_is_never_between_thousands(text, value):
+    assert torque(text) == value
 
 
 def test_ground_speed(hmcvt):

@@ -18,7 +18,7 @@ import pytest
 from click import shell_completion
 
 import hmcvt_core
-from hmcvt_core.cli import COMMANDS, cli, common, main, predict
+from hmcvt_core.cli import COMMANDS, cli, common, main, point
 
 from .running import COMMAND, POINT, ROOT, TABLE2, assert_refused, process
 
@@ -88,7 +88,7 @@ def test_completion_is_set_up_by_the_line_of_the_page(hmcvt, monkeypatch):
 
 
 def test_internal_failure_is_told_from_wrong_input(monkeypatch):
-    monkeypatch.setattr(predict, "common", None)
+    monkeypatch.setattr(point, "common", None)
     with pytest.raises(AttributeError):  # which ends a process with a traceback and code 1
         main(["predict", *POINT])
 

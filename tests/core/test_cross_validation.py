@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.cross_validation import FOLDS, cross_validate, folds
 from hmcvt_core.identification.problem import Problem
+from hmcvt_core.identification.refit import FOLDS, cross_validate, folds
 from hmcvt_core.transmission.parameters import from_scaled, to_scaled
 
 from .test_refit import campaign, spoiled
@@ -30,21 +30,22 @@ def refit(plant, samples):
 
 
 def compare(plant, samples, in_service=None):
-    found = refit(plant, samples)
-    return cross_validate(samples, found, in_service or found, lambda part: refit(plant, part))
+    found, fold = refit(plant, samples), folds(samples, seed=0)
+    others = [refit(plant, samples.select(fold != part)) for part in range(fold.max() + 1)]
+    return cross_validate(samples, found, in_service or found, fold, others)
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 23, 10_000])
 def test_every_sample_is_left_out_once_and_every_fold_spans_the_ratios(count):
     ratio = np.random.default_rng(1).permutation(np.linspace(-1.0, 1.0, count))
-    parts = list(folds(ratio, seed=3))
-    np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(count))
-    assert len(parts) == min(count, FOLDS)
-    assert max(map(len, parts)) - min(map(len, parts)) <= 1
+    samples = hmcvt.BenchSamples(ratio, *(np.full(count, value) for value in (150.0, 200.0, 0.8)))
+    fold = folds(samples, seed=3)
+    sizes = np.bincount(fold)
+    assert len(sizes) == min(count, FOLDS) and sizes.max() - sizes.min() <= 1
     if count >= 20:
-        assert all(ratio[part].min() < -0.6 and ratio[part].max() > 0.3 for part in parts)
-    again = list(folds(ratio, seed=3))
-    assert all(np.array_equal(a, b) for a, b in zip(parts, again, strict=True))
+        assert all(ratio[fold == part].min() < -0.6 and ratio[fold == part].max() > 0.3
+                   for part in range(FOLDS))
+    np.testing.assert_array_equal(fold, folds(samples, seed=3))
 
 
 def test_errors_are_those_of_models_that_have_not_seen_the_sample(plant):
@@ -80,7 +81,7 @@ def test_refit_to_spoiled_samples_is_worse(plant, count, part):
 
 
 def test_three_samples_cannot_spare_one(plant):
-    assert compare(plant, campaign(plant, 3, seed=0, noise=NOISE), plant) is None
+    assert (folds(campaign(plant, 3, seed=0, noise=NOISE), seed=0) == -1).all()
 
 
 def test_no_answer_counts_as_no_power_out(plant):

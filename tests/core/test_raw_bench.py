@@ -6,7 +6,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core import read_raw_bench
-from hmcvt_core.files.raw import UNITS
+from hmcvt_core.files.guess import UNITS
 from hmcvt_core.transmission.ranges import RPM
 
 SHAFTS = {
@@ -99,6 +99,18 @@ def test_a_row_of_units_and_lines_above_the_header(tmp_path):
 def test_a_row_without_values_is_no_row_of_units(tmp_path, row):
     with pytest.raises(hmcvt.InputError, match="row 2: "):
         read_raw_bench(raw(tmp_path, f"eps,n,M,eta\n{row}\n0.5,146,200,0.8\n"), PLAIN)
+
+
+@pytest.mark.parametrize(("rows", "load"), [
+    ("0,5;146;850;0,8\n0,5;146;1.200;0,8", [850.0, 1200.0]),
+    ("0,5;146;850,250;0,8\n0,5;146;1.200,5;0,8", [850.25, 1200.5]),
+    ("0.5;146;850.250;0.8\n0.5;146;200.125;0.8", [850.25, 200.125]),
+    ("0,5;146;850.250;0,8\n0,5;146;200.125;0,8", [850.25, 200.125])])
+def test_points_and_commas_are_told_apart(tmp_path, rows, load):
+    path = raw(tmp_path, f"displacement_ratio;engine_speed;load_torque;efficiency\n{rows}\n")
+    named = {name: name for name in PLAIN}
+    for found in (read_raw_bench(path, named), hmcvt.read_bench(path)):
+        assert found.load_torque.tolist() == load
 
 
 def test_the_first_unit_is_the_one_that_is_kept():

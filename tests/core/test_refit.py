@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.cross_validation import QUICK
+from hmcvt_core.identification.identify import QUICK
 from hmcvt_core.identification.refit import refit
 
 NOISE = 0.004

@@ -98,7 +98,7 @@ def test_published_formulas_follow_the_members(tmp_path):
     # sun is a quarter of the carrier's, so its share is 12.5 / 4 / (312.5 / 4) = 0.04.
     assert published.hydraulic_split_ratio(stage, np.array([-0.5]))[0] == pytest.approx(0.04)
     _, flow = BalanceSolver(stage, hmcvt.HydraulicParameters(1e-16, 0.0, 0.0)).flow(
-        (1, 1), OperatingPoints(np.array([-0.5]), np.array([100.0]), np.array([50.0])))
+        OperatingPoints(np.array([-0.5]), np.array([100.0]), np.array([50.0])))
     share = flow.torques["motor"][0] * flow.state.motor_speed / flow.output_power
     assert share[0] == pytest.approx(0.04, rel=1e-6)
 

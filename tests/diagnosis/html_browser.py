@@ -33,7 +33,7 @@ function crossing(a, b) {
 function measure(frame) {
   const page = frame.contentDocument, view = frame.contentWindow;
   const found = {width: view.innerWidth, scroll: page.documentElement.scrollWidth,
-                 beyond: [], crossing: [], clipped: [], smallest: 1e9, figures: 0};
+                 beyond: [], crossing: [], clipped: [], covered: [], smallest: 1e9, figures: 0};
   for (const item of page.body.querySelectorAll('*')) {
     const box = item.getBoundingClientRect();
     if (box.width && box.right > view.innerWidth + 0.5 && !item.closest('.scroll'))
@@ -50,6 +50,10 @@ function measure(frame) {
       const says = svg.id + ': ' + texts[i].textContent;
       if (box.left < edge.left - 0.5 || box.right > edge.right + 0.5 ||
           box.top < edge.top - 0.5 || box.bottom > edge.bottom + 0.5) found.clipped.push(says);
+      const flag = (texts[i].closest('g') || texts[i]).getBoundingClientRect();  // with its box
+      if (view.getComputedStyle(texts[i]).fontWeight === '700' && [...svg.querySelectorAll(
+          '[data-test]')].some(mark => crossing(flag, mark.getBoundingClientRect())))
+        found.covered.push(says);
       for (let j = 0; j < i; j++)
         if (crossing(box, boxes[j])) found.crossing.push(says + ' | ' + texts[j].textContent);
     });

@@ -12,7 +12,7 @@ import pytest
 
 from hmcvt_core import diagnosis
 from hmcvt_core.diagnosis import diagnose_system, isolability
-from hmcvt_core.diagnosis.observations import Observations, reading_of
+from hmcvt_core.diagnosis.observations import TRUST_STATED, Observations
 from hmcvt_core.diagnosis.system import Axis, BaseParameters, Channel
 
 NOISE = 0.05
@@ -104,10 +104,10 @@ def hose(effects=(), n=60, read=2, bang=0.0):
     points = {"pressure": rng.uniform(20.0, 300.0, n), "speed": rng.uniform(20.0, 300.0, n)}
     true = Bench().predict(np.array([2.5, 2.0]), effects, points)
     true[0] += bang * ((points["speed"] > 140.0) & (points["speed"] < 180.0))
-    readings = [reading_of(channel, row + NOISE * rng.standard_normal(n), NOISE, None, Bench.axes,
-                           points)[0]
-                for channel, row in zip(Bench.channels[:read], true[:read], strict=True)]
-    return Observations(Bench.axes, points, tuple(readings), Hose(range(n)), np.arange(n), "given")
+    measured = true[:read] + NOISE * rng.standard_normal((read, n))
+    return Observations(Bench.axes, points, Bench.channels[:read], measured,
+                        np.full((read, n), NOISE), np.full(read, TRUST_STATED), Hose(range(n)),
+                        np.arange(n), "given")
 
 
 def test_nothing_is_no_gap():

@@ -127,7 +127,7 @@ def test_walther_gives_the_grade_of_the_oil():
 
 
 def test_effects_add_up_in_one_model():
-    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow((1, 1), POINTS)[1]
+    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow(POINTS)[1]
                    for effects in ((ChargePump(5.0), Churning(5.0)), (ChargePump(5.0),)))
     churned = 5.0 * (POINTS.engine_speed / 150.0) ** Churning().exponent * POINTS.engine_speed
     np.testing.assert_allclose(both.engine_power - alone.engine_power, churned, rtol=1e-9)

@@ -84,7 +84,7 @@ PUBLISHED = {
 def unspanned():
     """By name, the part of each published form that its family leaves, and what it shows."""
     points = random_points(5)
-    motor = BalanceSolver(BASE.stage, BASE.parameters).flow((1, 1), points)[1].state.motor_speed
+    motor = BalanceSolver(BASE.stage, BASE.parameters).flow(points)[1].state.motor_speed
     moving = np.abs(motor) > 25.0  # no friction holds it: a jump would be all that one sees
     bench = observe(measure(points.map(lambda row: row[moving])), 0.004)
     system = Transmission(BASE)

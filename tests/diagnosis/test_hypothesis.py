@@ -73,12 +73,12 @@ def test_a_refit_is_where_the_penalised_squares_are_least_and_its_jacobian_their
     slope[:4] -= away[:4] / SYSTEM.base.spread**2
     curvature = np.einsum("cnp,cnp,c->p", found.jacobian, found.jacobian, 1.0 / found.noise)
     assert np.abs(slope / np.sqrt(curvature + 1.0)).max() < 0.05, "standard deviations off"
-    trust, squares = observed.trusts, np.sum(found.whitened**2, axis=1)
+    trust, squares = observed.trust, np.sum(found.whitened**2, axis=1)
     np.testing.assert_allclose(found.noise, (trust + squares) / (trust + 40 - 5 / 2), rtol=2e-2)
     step = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3])
-    moved = hypothesis.predict(found.theta + step, observed.points)
-    here = hypothesis.predict(found.theta, observed.points)
-    change = observed.read(moved - here) / observed.scale
+    moved, here = (hypothesis.predict(theta, observed.points, observed.channels)
+                   for theta in (found.theta + step, found.theta))
+    change = (moved - here) / observed.deviation
     np.testing.assert_allclose(change, found.jacobian @ step, atol=2e-3)
     np.testing.assert_allclose(found.target, found.whitened + found.jacobian @ away)
     there = linearise(hypothesis, observed, found.theta, found.noise)

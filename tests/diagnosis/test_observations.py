@@ -34,7 +34,7 @@ def test_points_set_again_by_a_real_bench_are_repeats(seed):
     np.testing.assert_array_equal([len(set(part)) for part in groups.reshape(10, 4)], 1)
     observed = observe(samples)
     assert observed.noise_source == "repeated points"
-    assert observed.scale[0, 0] == pytest.approx(0.004, rel=0.35)
+    assert observed.deviation[0, 0] == pytest.approx(0.004, rel=0.35)
     order = np.random.default_rng(2).permutation(len(samples))
     np.testing.assert_array_equal(groups[order], _groups(samples.select(order)))
 
@@ -69,22 +69,22 @@ def test_where_the_noise_comes_from():
     samples = campaign(seed=1, n=20)
     stated = with_column(samples, efficiency_std=np.linspace(0.0, 0.01, 20).clip(1e-6))
     given, column, assumed = observe(stated, 0.003), observe(stated), observe(samples)
-    np.testing.assert_array_equal(given.scale[0], 0.003)
-    assert column.scale[0].min() == 1e-5, "a meter resolves no less"
-    assert column.scale[0].max() == 0.01
-    np.testing.assert_allclose(assumed.scale[0], 0.0112 * samples.efficiency)
-    np.testing.assert_allclose(assumed.scale[1], 0.001 * samples.output_speed)
-    for reading, loss in zip(given.readings, (1.0 / 0.003, 1.0 / 0.001), strict=True):
-        np.testing.assert_allclose(reading.unit_loss, loss)
+    np.testing.assert_array_equal(given.deviation[0], 0.003)
+    assert column.deviation[0].min() == 1e-5, "a meter resolves no less"
+    assert column.deviation[0].max() == 0.01
+    np.testing.assert_allclose(assumed.deviation[0], 0.0112 * samples.efficiency)
+    np.testing.assert_allclose(assumed.deviation[1], 0.001 * samples.output_speed)
+    for row, loss in zip(given.unit_loss, (1.0 / 0.003, 1.0 / 0.001), strict=True):
+        np.testing.assert_allclose(row, loss)
     assert [item.noise_source for item in (given, column, assumed)] == [
         "given", "column efficiency_std", "assumed, 1.12 % (paper, eq. (3))"]
     assert [item.assumed for item in (given, column, assumed)] == [False, False, True]
-    assert [item.trusts[0] for item in (given, column, assumed)] == [8.0, 8.0, 1.0]
+    assert [item.trust[0] for item in (given, column, assumed)] == [8.0, 8.0, 1.0]
     few = np.arange(15)
-    assert [observe(item.select(few), noise).trusts.tolist() for item, noise in (
+    assert [observe(item.select(few), noise).trust.tolist() for item, noise in (
         (stated, None), (samples, None))] == [[30.0, 1.0], [3.0, 1.0]]
     again = assumed.stating(0.004)
-    assert (again.usual_noise, again.assumed, again.trusts[0]) == (pytest.approx(0.004), False, 8.0)
+    assert (again.usual_noise, again.assumed, again.trust[0]) == (pytest.approx(0.004), False, 8.0)
 
 
 def test_copies_are_dropped_and_repeated_readings_kept():

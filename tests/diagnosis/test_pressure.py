@@ -8,7 +8,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import CHANNELS, Transmission, observe
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
+from hmcvt_core.diagnosis.hypothesis import Hypothesis, linearise, refit
 from hmcvt_core.model.agreement import pressure_remark
 from hmcvt_core.physics.effects.hydraulic import PressureFrictionFull
 from hmcvt_core.physics.effects.sensor import PressureGain, PressureZero
@@ -49,9 +49,10 @@ def test_any_of_the_channels_may_be_read(read):
     truth = np.array([np.log10(2e-11), 0.12, 0.2, *np.zeros(len(system.base) - 3)])
     predicted = system.predict(truth, (), observed.points)
     assert predicted.shape == (len(CHANNELS), 40)
-    assert observed.read(np.array([item.name for item in CHANNELS])).tolist() == list(read)
-    assert observed.whiten(predicted).shape == (len(read), 40)
-    assert np.abs(observed.whiten(predicted)).max() < 0.01
+    assert [item.name for item in observed.channels] == list(read)
+    whitened = linearise(Hypothesis(system), observed, truth, np.ones(len(read))).whitened
+    assert whitened.shape == (len(read), 40)
+    assert np.abs(whitened).max() < 0.01
 
 
 def test_pressure_tells_friction_of_the_motor_where_speed_is_not_read():

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import observe
-from hmcvt_core.diagnosis.regions import regions, scaled_to_extent, smooth_functions
+from hmcvt_core.diagnosis.observations import scaled_to_extent, smooth_functions
+from hmcvt_core.diagnosis.regions import regions
 
 from .campaigns import campaign, factorial_points, measure
 

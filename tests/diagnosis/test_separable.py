@@ -138,7 +138,7 @@ def test_pressure_tells_the_sides_of_the_motor_apart():
     assert gears["told_by_pressure"] == ["torque_sensor"]
     without_speed = _matrix(with_column(full, output_speed=None))
     assert without_speed.further == "output_speed"
-    assert without_speed.fuller.plan.readings[1].channel.name == "output_speed"
+    assert without_speed.fuller.plan.channels[1].name == "output_speed"
 
 
 # --- what to measure next -------------------------------------------------------------------------

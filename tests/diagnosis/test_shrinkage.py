@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import observe
+from hmcvt_core.diagnosis.evidence import cross_validated_errors, deals, weigh
 from hmcvt_core.diagnosis.observations import replicate_groups
-from hmcvt_core.diagnosis.rivals import weigh
-from hmcvt_core.diagnosis.shrinkage import cross_validated_errors, deals, shrinkage
+from hmcvt_core.diagnosis.procedure import shrinkage
 
 from .campaigns import campaign, measure, random_points
 
 
 def _observed(samples, trust=1e8):
-    observed = observe(samples, 0.01)
-    return replace(observed, readings=(replace(observed.readings[0], trust=trust),))
+    observed = observe(replace(samples, output_speed=None), 0.01)
+    return replace(observed, trust=np.array([trust]))
 
 
 def _linear(observed, columns, target, spread, signs=np.nan):

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from hmcvt_core.diagnosis.regions import regions
-from hmcvt_core.diagnosis.significance import significance
+from hmcvt_core.diagnosis.regions import regions, significance
 
 from .campaigns import NOISE, campaign, fitted
 

@@ -9,11 +9,8 @@ from cli.permissions import BOUND_BY_PERMISSIONS
 from cli.running import assert_refused, process
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.files import data_path
-from hmcvt_core.fleet import study as study_module
+from hmcvt_core.fleet.executors import attempt
 from hmcvt_core.fleet.run import locked
-from hmcvt_core.fleet.study import Settings, study
-from hmcvt_core.model.parameter_file import load_stage
 
 
 def test_broken_logs_are_told_and_stop_nothing(hmcvt, logs, tmp_path):
@@ -61,13 +58,11 @@ def test_broken_logs_are_told_and_stop_nothing(hmcvt, logs, tmp_path):
     assert "10 logs: 0 finished now, 1 before, 9 broken" in again.out
 
 
-def test_failure_inside_one_log_is_told_with_its_place(monkeypatch):
-    def fail(*_, **__):
+def test_failure_inside_one_log_is_told_with_its_place():
+    def fail(_):
         raise ZeroDivisionError("a\nb")
 
-    monkeypatch.setattr(study_module, "identify", fail)
-    found = study(None, Settings((load_stage(data_path("params/transmission.yaml")),)))
-    assert isinstance(found, str)
+    found = attempt(fail, None)
     assert found.startswith("internal failure (please report it): ZeroDivisionError: a b at")
     assert "test_broken_logs.py:" in found and "\n" not in found
 

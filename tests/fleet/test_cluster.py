@@ -14,7 +14,7 @@ from hmcvt_core import HmcvtError, InputError, read_bench
 from hmcvt_core.files import data_path
 from hmcvt_core.fleet import executors
 from hmcvt_core.fleet.executors import on_cluster, study_all
-from hmcvt_core.fleet.study import Settings, Study, Task
+from hmcvt_core.fleet.run import Settings, Study, study
 from hmcvt_core.model.parameter_file import load_stage
 
 from .fleets import results
@@ -23,7 +23,8 @@ pytestmark = pytest.mark.slow
 
 distributed = pytest.importorskip("distributed")
 
-SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
+WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
+                               diagnosed=False))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
 def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs, monkeypatch):
     monkeypatch.setattr(executors, "_AHEAD_LEAST", 8)
     samples = read_bench(logs / "00000.csv")
-    outcomes = study_all((Task(str(number), samples) for number in count()), SETTINGS,
+    outcomes = study_all(WORK, ((str(number), samples) for number in count()),
                          partial(on_cluster, cluster.scheduler_address))
     with distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))

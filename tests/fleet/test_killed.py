@@ -13,19 +13,20 @@ import pytest
 from hmcvt_core import read_bench
 from hmcvt_core.files import data_path
 from hmcvt_core.fleet.executors import _hand_over, on_processes, study_all
-from hmcvt_core.fleet.study import Settings, Study, Task
+from hmcvt_core.fleet.run import Settings, Study, study
 from hmcvt_core.model.parameter_file import load_stage
 
 from .fleets import finish, results, start, wait_for, workers
 
 pytestmark = pytest.mark.slow
 
-SETTINGS = Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False)
+WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
+                               diagnosed=False))
 
 
 @pytest.fixture
 def tasks(logs):
-    return [Task(path.stem, read_bench(path)) for path in sorted(logs.glob("*.csv"))]
+    return [(path.stem, read_bench(path)) for path in sorted(logs.glob("*.csv"))]
 
 
 def kill(process):
@@ -72,13 +73,13 @@ def test_log_that_kills_its_worker_twice_is_broken(tasks):
         killers[-1].start()
 
     start(kill_next)
-    for name, outcome in study_all(iter(tasks), SETTINGS, partial(on_processes, 1)):
+    for name, outcome in study_all(WORK, iter(tasks), partial(on_processes, 1)):
         found[name] = outcome
         if len(found) == 2:
             start(end_with_next, *multiprocessing.active_children())
     for killer in killers:
         killer.join()
-    assert [type(found[task.name]) for task in tasks] == [str, Study, Study]
+    assert [type(found[name]) for name, _ in tasks] == [str, Study, Study]
     assert found["00000"] == "killed its worker 2 times (memory, most likely)"
 
 
@@ -89,7 +90,7 @@ def test_worker_killed_between_logs_is_replaced(tasks):
         kill(multiprocessing.active_children()[0])
         yield tasks[1]
 
-    found = dict(study_all(two(), SETTINGS, partial(on_processes, 1)))
+    found = dict(study_all(WORK, two(), partial(on_processes, 1)))
     assert [type(outcome) for outcome in found.values()] == [Study, Study]
 
 
@@ -102,7 +103,7 @@ def test_logs_are_read_as_there_is_room(tasks):
             assert len(read) - len(told) <= 3  # two in hand, one that waits for being told
             yield task
 
-    for name, _ in study_all(watched(), SETTINGS, partial(on_processes, 2)):
+    for name, _ in study_all(WORK, watched(), partial(on_processes, 2)):
         told.append(name)
     assert len(told) == 6
 
@@ -153,7 +154,7 @@ def test_interrupt_waits_until_a_worker_has_its_input(tasks):
     executor = Executor()
     try:
         with pytest.raises(KeyboardInterrupt):
-            _hand_over(executor, tasks[0], SETTINGS)
+            _hand_over(executor, WORK, tasks[0][1])
         assert executor.finished
     finally:
         done.set()
@@ -177,5 +178,5 @@ def test_error_while_logs_are_taken_ends_the_workers(tasks):
         raise OSError("disk gone")
 
     with pytest.raises(OSError, match="disk gone"):
-        list(study_all(broken(), SETTINGS, partial(on_processes, 2)))
+        list(study_all(WORK, broken(), partial(on_processes, 2)))
     assert multiprocessing.active_children() == []

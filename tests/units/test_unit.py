@@ -1,7 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A pump or motor through the diagnosis, and from there into a transmission."""
 
-from dataclasses import replace
+import gc
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,8 @@ from hmcvt_core.identification.evidence import Prior
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping
-from hmcvt_core.physics.effects.unit import ConstantTorque
+from hmcvt_core.physics.effects.hydraulic import DisplacementGain, OilTemperature
+from hmcvt_core.physics.effects.mechanical import ChargePump, ConstantTorque
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
 from studies.units.simulate import simulated
@@ -130,7 +132,7 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     points = OperatingPoints(np.array([0.6, 1.0]), np.array([120.0, 180.0]),
                              np.array([60.0, 150.0]))
     solver = BalanceSolver(stage.stage, model.parameters, model.effects)
-    _, flow = solver.flow((1, 1), points)
+    _, flow = solver.flow(points)
     state, pair = flow.state, stage.stage.pump_motor
     lost = {}
     for kind, speed in (("pump", state.pump_speed), ("motor", state.motor_speed)):
@@ -145,6 +147,32 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     np.testing.assert_allclose(ideal - lost["motor"][1], flow.torques["motor"][-1], rtol=1e-6)
     ideal = pair.pump_displacement * state.displacement_ratio * flow.pump_pressure
     np.testing.assert_allclose(flow.torques["pump"][0], ideal + lost["pump"][1], rtol=1e-6)
+
+
+def test_what_acts_on_stroke_or_oil_keeps_its_size(tmp_path, tractor):
+    _put_an_effect_of_the_users_own(tmp_path, tractor)
+    gc.collect()  # its class must not reach other tests
+
+
+def _put_an_effect_of_the_users_own(tmp_path, tractor):
+    @dataclass(frozen=True)
+    class Bent(DisplacementGain):
+        """By a name that hmcvt does not know."""
+
+        name = "test_bent"
+        component = "pump"
+
+    before, of_the_unit = load_model(tractor), (Bent(0.02), OilTemperature(0.8), ChargePump(3.0))
+    for kind, other, bent in (("pump", "motor", [("test_bent", 0.02)]), ("motor", "pump", [])):
+        unit = diagnose_unit(read_unit(pump(tmp_path, kind=kind), kind=kind), deals=0)
+        unit = replace(unit, model=replace(unit.model, effects=of_the_unit))
+        oil, torque = ("oil_temperature", 0.8), ("charge_pump", 3.0 * 55.0 / CM3)
+        for first, then in (((), [*bent, oil, torque]),
+                            ((OilTemperature(1.0, part=other),), [*bent, torque])):
+            found = put_into(replace(before, effects=first), unit).effects
+            assert [(effect.name, *effect.values().values()) for effect in found
+                    if effect.part == kind] == [
+                (name, pytest.approx(value)) for name, value in then]
 
 
 def test_the_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):

@@ -69,13 +69,9 @@ def load_effects(source: str) -> None:
     Raises:
         InputError: there is none, it cannot be imported, or it holds no effect.
     """
-    path = Path(source)
-    known = next((module for module in list(sys.modules.values())
-                  if getattr(module, "__file__", None) and path.suffix == ".py"
-                  and Path(str(module.__file__)).resolve() == path.resolve()), None)
     try:
-        module = known or (_import_file(path) if path.suffix == ".py"
-                           else importlib.import_module(source))
+        module = (_import_file(Path(source).resolve()) if source.endswith(".py")
+                  else importlib.import_module(source))
     except Exception as error:  # whatever somebody else's module may raise
         raise InputError(f"{source}: cannot be loaded: {type(error).__name__}: {error}") from error
     if not any(isinstance(item, type) and issubclass(item, Effect) and item.name
@@ -84,8 +80,11 @@ def load_effects(source: str) -> None:
 
 
 def _import_file(path: Path) -> Any:
-    name = f"hmcvt_effects_{path.stem}_{zlib.crc32(os.fsencode(path.resolve())):08x}"
-    spec = importlib.util.spec_from_file_location(name, path.resolve())
+    for known in list(sys.modules.values()):
+        if (file := getattr(known, "__file__", None)) and Path(str(file)).resolve() == path:
+            return known
+    name = f"hmcvt_effects_{path.stem}_{zlib.crc32(os.fsencode(path)):08x}"
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None  # it ends with .py
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     try:
@@ -102,16 +101,10 @@ def _subclasses(base: type[Effect]) -> list[type[Effect]]:
 
 def effect_to_mapping(effect: Effect) -> dict[str, Any]:
     """Return an effect as plain data."""
-    entry: dict[str, Any] = {"effect": effect.name}
-    if effect.form:
-        entry["form"] = effect.form
-    if effect.part:
-        entry["part"] = effect.part
-    entry["parameters"] = {
-        parameter.name: {"value": effect.values()[parameter.name], "unit": parameter.unit}
-        for parameter in effect.parameters()
-    }
-    return entry
+    words = {"effect": effect.name, "form": effect.form, "part": effect.part}
+    return {**{key: word for key, word in words.items() if word}, "parameters": {
+        item.name: {"value": effect.values()[item.name], "unit": item.unit}
+        for item in effect.parameters()}}
 
 
 def effect_from_mapping(data: object, where: str = "effect") -> Effect:
@@ -136,11 +129,9 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
         if key not in fields:
             raise InputError(f"{where}.parameters.{key} is not known; there is "
                              f"{', '.join(sorted(fields))}")
-        limits = fields[key]
+        limits = fields[key].times(_LARGEST if part else 1.0)
         value, place = quantity(entry, limits.unit, f"{where}.parameters.{key}")
-        wide = _LARGEST if part and limits.is_size and limits.unit != "-" else 1.0
-        values[key] = float(
-            Range(place, wide * limits.low, wide * limits.high, limits.unit).check(value))
+        values[key] = float(Range(place, limits.low, limits.high, limits.unit).check(value))
     return kind(**values, part=part)
 
 

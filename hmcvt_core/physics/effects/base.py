@@ -1,9 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What an unmodelled effect is: a small object that acts at its place in the power balance.
+"""What an effect is: it overrides the hooks of the places where it acts; the rest stay as they are.
 
-An effect overrides the hooks of the places where it acts; the rest stay as they are. Its dataclass
-fields, declared with `size` and `shape`, are its parameters. Defining the class is enough: it is
-found through `Effect.__subclasses__`.
+Its dataclass fields, declared with `size` and `shape`, are its parameters.
 """
 
 from __future__ import annotations
@@ -20,6 +18,7 @@ from ...errors import InputError
 
 Array = NDArray[np.float64]
 Value = Array | float
+_OF_ANY_SIZE = ("-", "1/GPa")  # units of sizes that are the same in small pumps and in large ones
 
 
 class ShaftState(NamedTuple):
@@ -76,6 +75,16 @@ class EffectParameter:
     def is_size(self) -> bool:
         """Whether zero switches the effect off."""
         return not self.grid
+
+    @property
+    def grows(self) -> bool:
+        """Whether it is a size that grows with the displacement of pump or motor."""
+        return self.is_size and self.unit not in _OF_ANY_SIZE
+
+    def times(self, factor: float) -> EffectParameter:
+        """Return the parameter in a unit so many times as large."""
+        return self if not self.grows else replace(
+            self, typical=factor * self.typical, low=factor * self.low, high=factor * self.high)
 
 
 def size(unit: str, typical: float, low: float, high: float, meaning: str) -> Any:
@@ -148,6 +157,23 @@ class Effect:
         """Return parameter values by name."""
         return {parameter.name: float(getattr(self, parameter.name))
                 for parameter in self.parameters()}
+
+    @classmethod
+    def acts_at(cls, *hooks: str) -> bool:
+        """Whether the effect overrides one of these hooks."""
+        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
+
+    @classmethod
+    def in_unit(cls, kind: str, factor: float) -> Effect:
+        """Return the effect as one of a single `pump` or `motor`.
+
+        Its sizes are those of the paper's unit times a factor, the displacement against that.
+        """
+        own = tuple(item.times(factor) for item in cls.parameters())
+        component = kind if cls.component in ("pump", "motor") else cls.component
+        changed: type[Effect] = type(cls.__name__, (cls,), {
+            "component": component, "parameters": staticmethod(lambda: own)})
+        return changed()
 
     def at(self, hook: str, state: ShaftState) -> Value:
         """What a hook of a state says; in one unit alone, as if the other stood still."""

@@ -1,5 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Effects inside the pump-motor pair: swash actuator, leakage, friction, ports, and its oil."""
+"""Effects inside the pump-motor pair: swash actuator, leakage, friction, ports, and its oil.
+
+Those that are `unit_only` the bench of a transmission shows under other names.
+"""
 
 from __future__ import annotations
 
@@ -163,6 +166,26 @@ class StrokeLeakage(Effect):
 
 
 @dataclass(frozen=True)
+class SlowLeakage(Effect):
+    """q = c dp / (1 + w / w_s): leakage that falls as the unit turns faster."""
+
+    unit_only = True
+    name = "slow_leakage"
+    component = "pump"
+    summary = "a slow unit leaks more: films that centre its parts have not built up"
+    source = "Dorey 1988: slip coefficient as a power of pressure and speed"
+    remedy = "measure the flow at one pressure and several low speeds"
+
+    leakage: float = size("m3/(s Pa)", 5e-12, 0.0, 3e-10, "further leakage at standstill")
+    fade_speed: float = shape("rad/s", (5.0, 20.0, 80.0), "speed at which half of it is left")
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        speed = np.maximum(np.abs(state.pump_speed), np.abs(state.motor_speed))
+        left = 1.0 / (1.0 + speed / self.fade_speed)
+        return self.leakage / state.viscosity_ratio * state.pressure * left
+
+
+@dataclass(frozen=True)
 class Compressibility(Effect):
     """q = dp (1/beta) sum of V w (V_r + swept part): oil squeezed on every stroke is flow lost.
 
@@ -205,6 +228,31 @@ class CompressibilityStroke(Compressibility):
 
     def _swept(self, displacement_ratio: Array) -> Array:
         return super()._swept(np.abs(displacement_ratio))
+
+
+@dataclass(frozen=True)
+class CompressionWork(Compressibility):
+    r"""As `Compressibility`, the work of compression returned to the shaft of a pump.
+
+    Pistons that compress what they hold before it meets the port, and let the dead volume push them
+    back, take the torque :math:`V dp (1 - (dp/\beta)(V_0/V + 1/2))` instead of V dp: the mechanical
+    efficiency by ISO 4409 looks too good at high pressure, and may pass 100 %.
+    """
+
+    unit_only = True
+    form = "work returned"
+    summary = ("oil is squeezed on every stroke: flow is lost in proportion to pressure times "
+               "speed, and part of the work comes back as torque")
+    source = "Achten et al., FPMC2019: ISO 4409 and the bulk modulus"
+
+    motor_part: float = shape("-", (0.0,), "1 if the motor squeezes oil too, 0 if not")
+    softening: float = shape("MPa", (0.0,), "pressure below which the oil is softer")
+
+    def pump_drag(self, state: ShaftState) -> Value:
+        # No dead angle compresses anything without a stroke.
+        pumping = np.maximum(state.displacement_ratio * np.sign(state.pressure), 0.0)
+        part = state.pressure**2 * self.compliance / 1e9 * (self.dead_volume + 0.5)
+        return -part * pumping * state.displacement
 
 
 @dataclass(frozen=True)
@@ -261,6 +309,28 @@ class PressureFrictionStribeck(PressureFrictionStroke):
     def motor_drag(self, state: ShaftState) -> Value:
         fade = np.exp(-np.abs(state.motor_speed) / self.fade_speed)
         return self.coefficient * fade * np.abs(state.pressure) * state.displacement
+
+
+@dataclass(frozen=True)
+class CoulombStribeck(PressureFrictionStroke):
+    """c dp V (1 + r exp(-|w| / w_s)): friction that falls to a rest as the film builds up."""
+
+    unit_only = True
+    form = "Coulomb and Stribeck"
+    summary = "parts pressed together rub, at low speed more: friction falls with speed to a rest"
+    source = "Stribeck curve; mixed film at low speed: SAE 2012-01-2041"
+
+    rise: float = shape("-", (1.0, 4.0), "friction at standstill / friction at speed - 1")
+    fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
+
+    def pump_drag(self, state: ShaftState) -> Value:
+        return super().pump_drag(state) * self._part(state.pump_speed)
+
+    def motor_drag(self, state: ShaftState) -> Value:
+        return super().motor_drag(state) * self._part(state.motor_speed)
+
+    def _part(self, speed: Array) -> Array:
+        return np.asarray(1.0 + self.rise * np.exp(-np.abs(speed) / self.fade_speed))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from .base import Array, Effect, ShaftState, Value, shape, size
 _ENGINE_REFERENCE = 150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
 _OUTPUT_REFERENCE = 180.0  # rad/s, the same at the output of HM4
 _TORQUE_REFERENCE = 250.0  # N m of a path's shaft
+_UNIT_REFERENCE = 200.0  # rad/s of pump or motor
+_PRESSURE_REFERENCE = 20e6  # Pa
 
 
 @dataclass(frozen=True)
@@ -221,3 +224,64 @@ class PlanetaryRolling(PlanetaryMesh):
 
     def engine_drag(self, state: ShaftState) -> Value:
         return self.loss * state.sun_torque * np.abs(state.sun_speed) / state.engine_speed
+
+
+@dataclass(frozen=True)
+class _Drag(Effect):
+    """T = T_0 (w / 200 rad/s)^a (dp / 20 MPa)^b, against the shaft of a unit on its own bench."""
+
+    unit_only = True
+    component = "pump"
+    powers: ClassVar[tuple[int, int]] = (0, 0)
+    torque: float = 0.0
+
+    def pump_drag(self, state: ShaftState) -> Value:
+        return self._torque(state.pump_speed, state.pressure)
+
+    def motor_drag(self, state: ShaftState) -> Value:
+        return self._torque(state.motor_speed, state.pressure)
+
+    def _torque(self, speed: Array, pressure: Array) -> Value:
+        a, b = self.powers
+        return self.torque * np.abs(speed / _UNIT_REFERENCE) ** a * np.abs(
+            pressure / _PRESSURE_REFERENCE) ** b
+
+
+@dataclass(frozen=True)
+class ConstantTorque(_Drag):
+    """T = T_c: what neither pressure nor speed changes."""
+
+    name = "constant_torque"
+    summary = ("a torque that is always there: shaft seals, springs and preloaded bearings, or a "
+               "charge pump on the shaft")
+    source = "Wilson 1950, T_c; Thoma 1964"
+    remedy = "turn the unit by hand without pressure"
+    torque: float = size("N m", 4.0, 0.0, 25.0, "torque on the shaft")
+
+
+@dataclass(frozen=True)
+class BarrelChurning(_Drag):
+    """T = T_200 (w / 200 rad/s)^2: the barrel turns in a case full of oil."""
+
+    name = "barrel_churning"
+    summary = "the barrel churns the oil of its case: the torque grows with the square of speed"
+    source = "Schloesser 1961: C_h rho w^2 V^(5/3); Ivantysyn & Ivantysynova"
+    remedy = "repeat a test without pressure at high speed with the case drained"
+    powers = 2, 0
+    torque: float = size("N m", 4.0, 0.0, 80.0, "torque at 200 rad/s")
+
+
+@dataclass(frozen=True)
+class PressureViscosity(_Drag):
+    """T = T_200 (w / 200 rad/s) (dp / 20 MPa): damping that grows with pressure.
+
+    By Barus a mineral oil is 1.5 times as thick at 20 MPa, and loaded gaps are narrower.
+    """
+
+    name = "pressure_viscosity"
+    component = "oil"
+    summary = "oil is thicker under pressure and gaps are narrower: damping grows with the load"
+    source = "Barus 1893, alpha = 0.02 / MPa; loaded gaps: Ivantysyn & Ivantysynova"
+    remedy = "measure the torque at one pressure and two speeds"
+    powers = 1, 1
+    torque: float = size("N m", 8.0, 0.0, 80.0, "further torque at 20 MPa and 200 rad/s")

@@ -99,3 +99,24 @@ class PressureGain(_PressureGauge):
 
     def pressure_reading(self, pressure: Array) -> Array:
         return pressure * (1.0 + self.gain)
+
+
+@dataclass(frozen=True)
+class ReferenceDisplacement(Effect):
+    """True displacement = stated (1 - excess): an error of the losses, not of the unit.
+
+    Flow is lost then in proportion to speed, also without pressure, and the same part of the
+    pressure torque is gained.
+    """
+
+    unit_only = True
+    name = "reference_displacement"
+    component = "sensor"
+    summary = "the displacement by which the losses are reckoned is not that of the unit"
+    source = "derived capacity: ISO 8426; Toet et al., Energies 2019, 12, 415"
+    remedy = "measure the flow near no pressure at several speeds (ISO 8426)"
+
+    excess: float = size("-", 0.01, -0.1, 0.1, "stated / true displacement - 1")
+
+    def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
+        return displacement_ratio * (1.0 - self.excess)

@@ -1,0 +1,204 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`hmcvt diagnose`, `next`, `separable`, `watch` and `unit`: the gap between model and bench."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import click
+
+from ..benches import transmission
+from ..benches.unit import diagnose_unit, put_into
+from ..benches.watch import FALSE_ALARMS
+from ..benches.watch import watch as watch_samples
+from ..diagnosis import Diagnosis, words
+from ..files.bench import BenchSamples, read_bench
+from ..files.units import AXES, KINDS, read_unit
+from ..model.parameter_file import save_model
+from . import common
+from .common import Answer
+
+READERS = "hmcvt.readers"
+"""Entry points that read bench samples from other files: ending (or `folder`) = function(path)."""
+
+OPEN = 4
+"""Exit code when a gap has opened."""
+
+
+@click.command("diagnose", epilog="""\b
+Examples:
+  hmcvt diagnose data/table2.csv
+  hmcvt diagnose bench.csv --noise 0.004 --report report.html
+  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""")
+@click.argument("bench", metavar="BENCH.csv")
+@common.params_option
+@click.option("--holdout", metavar="H.csv",
+              help="Samples to measure the shrinkage on; cross-validation when left out.")
+@common.noise_option
+@common.report_option
+@click.option("--save-model", "saved", type=common.OutputFile(), metavar="P.yaml",
+              help="Write the model with the leading set of causes in it.")
+@common.seed_option
+@common.answers
+def diagnose(
+    bench: str, params: str | None, holdout: str | None, noise: float | None,
+    report: str | None, saved: str | None, seed: int,
+) -> Answer:
+    """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
+    common.keep_inputs([bench, holdout], [report, saved])
+    common.keep_inputs([params], [report])
+    model, samples = common.model_from(params), read_bench(bench)
+    held = None if holdout is None else read_bench(holdout)
+    with common.Progress("diagnosis") as progress:
+        found = transmission.diagnose(model, samples, held, noise=noise, seed=seed,
+                                      progress=progress)
+    lines = [found.report()]
+    if saved is not None:
+        save_model(found.model, saved)
+        lines.append(f"model{_added(found)} written to {saved}")
+    return Answer(found.to_dict(), lines + common.report_written(found, report))
+
+
+def _added(found: Diagnosis) -> str:
+    if found.model is found.base:
+        return ""
+    leading = found.sets[0]
+    sure = ("" if found.verdict == "cause_found"
+            else f" ({100 * leading.probability:.0f} %, not certain)")
+    return f" with {' and '.join(leading.effects)}{sure}"
+
+
+@click.command("next", epilog="""\b
+Examples:
+  hmcvt next bench.csv --noise 0.004
+  hmcvt next bench.csv --limits plan.csv --json""")
+@click.argument("bench", metavar="BENCH.csv")
+@common.params_option
+@common.noise_option
+@click.option("--limits", metavar="PLAN.csv",
+              help="The tests that can be run; the working range when left out.")
+@common.answers
+def next_test(
+    bench: str, params: str | None, noise: float | None, limits: str | None
+) -> Answer:
+    """Choose the next bench test, the one that tells most about the gap, or say why to stop."""
+    model = common.model_from(params)
+    possible = None if limits is None else transmission.read_plan(limits, model)
+    found = transmission.next_test(model, read_bench(bench), noise=noise, possible=possible)
+    return Answer(found.to_dict(), [words.advice(found)])
+
+
+@click.command("separable", epilog="""\b
+Examples:
+  hmcvt separable data/table2.csv
+  hmcvt separable plan.csv --noise 0.004 --output-speed""")
+@click.argument("plan", metavar="PLAN.csv")
+@common.noise_option
+@click.option("--output-speed", is_flag=True, help="As if the output speed were read too.")
+@click.option("--pressure", is_flag=True, help="As if the pressure over the motor were read too.")
+@click.option("--matrix", is_flag=True, help="Print every pair as a number too.")
+@common.params_option
+@common.answers
+def separable(
+    plan: str, noise: float | None, matrix: bool, params: str | None, **asked: bool
+) -> Answer:
+    """Tell which effects a test plan can show and tell apart, before any test is run.
+
+    PLAN.csv needs displacement_ratio, engine_speed and load_torque; an efficiency in it is not
+    used. Column oil_temperature counts as read, columns output_speed and pressure too.
+    """
+    model = common.model_from(params)
+    channels = [name for name, wanted in asked.items() if wanted]
+    found = transmission.separable(
+        model, transmission.read_plan(plan, model, channels), noise=noise)
+    return Answer(found.to_dict(), [found.report(matrix)])
+
+
+@click.command("watch", epilog="""\b
+Examples:
+  hmcvt watch samples.csv
+  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""")
+@click.argument("samples", metavar="SAMPLES")
+@common.params_option
+@common.noise_option
+@click.option("--false-alarms", type=click.FloatRange(0.0, 0.5, min_open=True), show_default=True,
+              default=FALSE_ALARMS, help="Chance of one in a whole stream, however long.")
+@common.answers
+def watch(
+    samples: str, params: str | None, noise: float | None, false_alarms: float
+) -> Answer:
+    """Tell whether a gap has opened between model and bench, since when and how large.
+
+    SAMPLES is a bench file, or a bag where hmcvt_ros is installed; its samples are taken one by
+    one, by their stamps where they have any. Exit code 4 when a gap has opened, else 0.
+    """
+    model = common.model_from(params)
+    found = watch_samples(model, _read(samples), noise=noise, false_alarms=false_alarms)
+    return Answer(asdict(found), [str(found)], OPEN if found.open else 0)
+
+
+def _read(path: str) -> BenchSamples:
+    kind = "folder" if Path(path).is_dir() else Path(path).suffix.removeprefix(".")
+    reader = next(iter(entry_points(group=READERS, name=kind)), None)
+    found: BenchSamples = read_bench(path) if reader is None else reader.load()(path)
+    return found
+
+
+def _band(text: str) -> tuple[str, float]:
+    axis, _, part = text.partition("=")
+    if axis not in AXES:
+        raise click.BadParameter(f"{axis!r} is none of {', '.join(AXES)}: write pressure=0.7")
+    return axis, common.fraction(part)
+
+
+@click.command("unit", epilog="""\b
+Examples:
+  hmcvt unit pump.csv
+  hmcvt unit table.csv --kind motor --unit S4D --above pressure=0.7 --json
+  hmcvt unit pump.csv --report pump.html --into params/tractor.yaml""")
+@click.argument("table", metavar="UNIT.csv")
+@click.option("--kind", type=click.Choice(KINDS), help="Of the unit, where no column says so.")
+@click.option("--unit", "name", metavar="NAME",
+              help="Which one, where column `unit` names several.")
+@click.option("--holdout", metavar="H.csv", help="Samples to measure the shrinkage on.")
+@click.option("--above", type=_band, metavar="AXIS=PART",
+              help="Hold out what lies above such a part of the highest pressure, speed or "
+                   "displacement_ratio, and predict it: pressure=0.7.")
+@click.option("--noise", type=click.FloatRange(1e-6, 0.2), metavar="STD",
+              help="Standard deviation of flow and torque, as a part of the ideal ones.  [default: "
+                   "0.0034, by class A of ISO 4409]")
+@common.report_option
+@common.effects_option
+@click.option("--into", type=common.OutputFile(), metavar="TRACTOR.yaml",
+              help="Put parameters and effects of this unit into a transmission's file.")
+@common.seed_option
+@common.answers
+def unit(
+    table: str, kind: str | None, name: str | None, holdout: str | None,
+    above: tuple[str, float] | None, noise: float | None, report: str | None, into: str | None,
+    seed: int,
+) -> Answer:
+    """Diagnose one pump or motor: its losses against the loss terms of the paper.
+
+    UNIT.csv holds kind, displacement, displacement_ratio, speed, pressure, and flow_loss and
+    torque_loss or volumetric_efficiency and mechanical_efficiency. In SI, or with the unit behind
+    the name: pressure_bar, speed_rpm, displacement_cm3.
+    """
+    if holdout is not None and above is not None:
+        raise click.UsageError("--holdout and --above both choose what is held out: give one")
+    common.keep_inputs([table, holdout], [report, into])
+    samples = read_unit(table, kind=kind, unit=name, noise=noise)
+    held = None if holdout is None else read_unit(
+        holdout, kind=samples.kind, unit=name, noise=noise)
+    if above is not None:
+        samples, held = samples.divided(*above)
+    model = None if into is None else common.model_from(into)
+    with common.Progress("diagnosis") as progress:
+        found = diagnose_unit(samples, held, seed=seed, progress=progress)
+    lines = [found.report()]
+    if into is not None and model is not None:
+        save_model(put_into(model, found), into)
+        lines.append(f"{samples.kind} written into {into}")
+    return Answer(found.to_dict(), lines + common.report_written(found, report))
