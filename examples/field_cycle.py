@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.model.measured import operating_point
+from hmcvt_core.model.agreement import operating_point
 
 TYRE_RADIUS, FINAL_DRIVE = 0.85, 21.0  # m, -
 ASSUMED = 0.8  # of the transmission, by the rule

@@ -19,7 +19,7 @@ import rclpy
 from control_stack import PERIOD, ControlStack
 from std_msgs.msg import String
 
-from hmcvt_core.model.measured import operating_point
+from hmcvt_core.model.agreement import operating_point
 from hmcvt_ros import qos
 
 SETTLING, PATIENCE = 1.0, 10.0  # s

@@ -19,10 +19,9 @@ from .files.raw import read_raw_bench
 from .files.units import read_unit
 from .identification import Identification, Schedule, identify
 from .model.domain import Domain, EfficiencyMap, Prediction
-from .model.drive_line import DriveOptimum
 from .model.engine import Engine, load_engine
 from .model.model import EfficiencyModel
-from .model.optimum import Optimum
+from .model.optimum import DriveOptimum, Optimum
 from .model.parameter_file import load_model, load_stage, save_model
 from .physics.balance import Breakdown
 from .physics.effects import load_effects

@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
-from ..model.domain import Uncertainty
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS
@@ -214,11 +213,8 @@ class Watch:
 
         self._noise = None if noise is None else float(EFFICIENCY_STD.check(noise, "noise"))
         self.model, self._false_alarms = model, false_alarms
-        self._known, self._prior = None, np.eye(_PLANE) * PAPER_EFFICIENCY_UNCERTAINTY**2
-        self._values = model.parameters.to_array()[None]
+        self._prior = np.eye(_PLANE) * PAPER_EFFICIENCY_UNCERTAINTY**2
         if model.standard_errors and model.correlation is not None:
-            self._known = Uncertainty(model.parameters, model.standard_errors, model.correlation)
-            self._values = np.vstack([self._values, self._known.neighbours])
             self._prior = block_diag(
                 np.eye(_PLANE) * EFFICIENCY_CHANNEL.misfit_spread**2, model.correlation)
         self._test = ChangeTest(self._prior, EFFICIENCY_CHANNEL.field_spreads)
@@ -243,7 +239,7 @@ class Watch:
 
     def _compared(self, samples: BenchSamples) -> Array:
         model, points = self.model, samples.points
-        here, *there = model.efficiency_of_candidates(self._values, points)
+        here, unknown = model.sensitivity(*points)
         deviation = PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency
         if self._noise is not None:
             deviation, self._source = np.full(len(samples), self._noise), "as stated"
@@ -253,9 +249,7 @@ class Watch:
         middle, half = np.mean(ENGINE_SPEED_LIMITS), np.ptp(ENGINE_SPEED_LIMITS) / 2.0
         slopes = [np.ones(len(samples)), points.displacement_ratio,
                   (points.engine_speed - middle) / half,
-                  points.load_torque / _LOAD - 1.0]
-        if self._known is not None:
-            slopes += [*self._known.gradient(here, np.array(there)).T]
+                  points.load_torque / _LOAD - 1.0, *unknown.T]
         deviation = np.hypot(deviation, EFFICIENCY_CHANNEL.misfit_spread)
         return np.column_stack([samples.efficiency - here, deviation, stamp, *slopes])
 

@@ -23,8 +23,8 @@ from ..files import data_path, plain
 from ..files.bench import BenchSamples
 from ..files.guess import UNITS
 from ..files.table import parsed
+from ..model.agreement import LOADS, STROKES, operating_point
 from ..model.domain import AXES
-from ..model.measured import LOADS, STROKES, operating_point
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import load_effects

@@ -11,9 +11,8 @@ import click
 
 from ..errors import HmcvtError
 from ..files.bench import read_bench
-from ..model.agreement import mean_error, predicted_at
+from ..model.agreement import LOADS, mean_error
 from ..model.engine import load_engine
-from ..model.measured import LOADS
 from ..model.model import DRAGGED, STALLED, EfficiencyModel
 from ..model.optimum import HOLDS
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
@@ -72,7 +71,7 @@ def _compared(model: EfficiencyModel, bench: str) -> Answer:
     samples = read_bench(bench)
     records = common.sample_records(model, samples)
     lines = [common.sample_table(records)]
-    error = mean_error(predicted_at(model, samples), samples.efficiency)
+    error = mean_error(model.efficiency(*samples.points), samples.efficiency)
     if not math.isnan(error):
         lines.append(f"mean |error|  {100 * error:.2f} %")
     if none := sum(math.isnan(entry["predicted"]) for entry in records):

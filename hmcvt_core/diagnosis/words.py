@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from ..files import drawing, preformatted
+from ..files import picture, preformatted
 from .advice import Advice, NextTest
 from .advice import named as named
 from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Outcome, Region
@@ -319,7 +319,7 @@ class Diagnosis(Outcome):
 
     def plot(self) -> Any:
         """Return a matplotlib figure of the residuals before and after."""
-        return drawing().drawn(lambda figure: drawing().draw_residuals(figure, self))
+        return picture(self)
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())

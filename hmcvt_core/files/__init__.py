@@ -6,7 +6,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Mapping
-from importlib import import_module
+from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,13 @@ def data_path(name: str) -> Path:
     raise InputError(f"{name} does not ship with hmcvt")
 
 
-def drawing() -> Any:
-    """What draws: it stands above what it draws, and is loaded when a picture is asked for."""
-    return import_module("hmcvt_core.report")
+@singledispatch
+def picture(shown: Any, *options: Any, **named: Any) -> Any:
+    """Return a matplotlib figure of a result; `hmcvt_core.report` says how for each kind.
+
+    It stands above what it draws, which is why it registers here.
+    """
+    raise TypeError(f"there is no picture of {type(shown).__name__}")
 
 
 def preformatted(text: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IdentificationError, InputError
-from ..files import data_path, drawing, preformatted
+from ..files import data_path, picture, preformatted
 from ..files.bench import BenchSamples
 from ..model.agreement import by_stage, gear_train_remarks, mean_error
 from ..model.domain import Domain
@@ -143,7 +143,7 @@ class Identification:
 
     def plot(self, held_back: BenchSamples | None = None) -> Any:
         """Return a matplotlib figure of measured over predicted efficiency."""
-        return drawing().drawn(lambda figure: drawing().draw_fit(figure, self, held_back))
+        return picture(self, held_back)
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())
@@ -246,7 +246,7 @@ def identify(
     model = EfficiencyModel(stages[0], PAPER_PARAMETERS[0.98], formulation, tuple(effects),
                             other_stages=tuple(stages[1:]))
     problem = Problem(model, samples)
-    parts = dict(by_stage(model, samples))
+    parts = by_stage(model, samples)
     told = gear_train_remarks(model, samples)
     schedule = SCHEDULES[formulation] if schedule is None else schedule
     roots: list[HydraulicRoots] = []

@@ -33,7 +33,6 @@ from ..model.agreement import (
     carried_at,
     gear_train_remarks,
     mean_error,
-    predicted_at,
     relative_errors,
 )
 from ..model.domain import AXES, Domain
@@ -180,7 +179,7 @@ def refit(
                   model.standard_errors, np.asarray(model.correlation)),
         *([] if held_back is not None else [
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
-    errors = [mean_error(predicted_at(each, samples), measured) for each in (served, model)]
+    errors = [mean_error(each.efficiency(*samples.points), measured) for each in (served, model)]
     provenance = {
         **{name: told for name, told in served.provenance.items() if name == "units"},
         **origin("refit", samples, seed),

@@ -1,20 +1,25 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""How well samples agree with a model (the paper's two measures) and with a gear train."""
+"""What meters show beside a model: the operating point; how well samples and gear train agree."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..transmission.parameters import PRIOR_MEAN, from_scaled
-from ..transmission.ranges import OperatingPoints
+from ..transmission.ranges import ANY_LOAD, DISPLACEMENT_RATIO, ENGINE_SPEED, OperatingPoints
 from ..transmission.stage import CM3_PER_REV, Stage, speed_ratio
-from .model import EfficiencyModel
+from .model import NO_OPTIMUM, EfficiencyModel
 
 Array = NDArray[np.float64]
+STROKES = ("displacement_ratio", "output_speed")
+LOADS = ("load_torque", "output_power", "output_torque", "engine_torque")
+_HALVINGS = 60
 _LEAKAGE = float(from_scaled(PRIOR_MEAN)[0])  # m3/(s Pa), before any bench
 _BENT = 0.01  # of the ratio: how far the losses bend the line
 # Of a full stroke: the most that an actuator is off, as `displacement_error` has it; what a dead
@@ -24,24 +29,17 @@ _LOADED = 1e6  # Pa
 _OTHER_MOTOR = 1.25  # losses that nobody modelled change the pressure by less
 
 
-def predicted_at(model: EfficiencyModel, samples: BenchSamples) -> Array:
-    """Efficiency that a model predicts for n samples, shape (n,) [-]; NaN where it has none."""
-    return model.solution_at(samples.points).efficiency
-
-
-def by_stage(model: EfficiencyModel, samples: BenchSamples) -> Iterator[tuple[str, BenchSamples]]:
-    """Yield the samples of each stage that occurs; all of them where they do not say.
+def by_stage(model: EfficiencyModel, samples: BenchSamples) -> dict[str, BenchSamples]:
+    """Return the samples of each stage that occurs; all of them where they do not say.
 
     Raises:
         InputError: a sample names a stage that the model does not have.
     """
     names = samples.points.stage
     if names is None:
-        yield model.stage.name, samples
-        return
-    for name in dict.fromkeys(names.tolist()):
-        model.in_stage(name)
-        yield name, samples.select(names == name)
+        return {model.stage.name: samples}
+    return {model.in_stage(name).stage.name: samples.select(names == name)
+            for name in dict.fromkeys(names.tolist())}
 
 
 def carried_at(model: EfficiencyModel, points: OperatingPoints) -> Array:
@@ -89,7 +87,7 @@ def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None
 def gear_train_remarks(model: EfficiencyModel, samples: BenchSamples) -> list[str]:
     """Say of each stage that occurs that its output speed is not one of its gear train, if so."""
     remarks = (gear_train_remark(model.in_stage(name).stage, part)
-               for name, part in by_stage(model, samples))
+               for name, part in by_stage(model, samples).items())
     return [remark for remark in remarks if remark is not None]
 
 
@@ -125,3 +123,65 @@ def gear_train_remark(stage: Stage, samples: BenchSamples) -> str | None:
             f"the file says {level:.2f}; a full stroke changes it by {line.x[1]:+.2f}, the file "
             f"says {change:+.2f}: check the stage and its ratios, the sign of the displacement "
             "ratio, and unit and column of the output speed")
+
+
+def operating_point(
+    model: EfficiencyModel, engine_speed: float, given: Mapping[str, float | None]
+) -> tuple[float, float]:
+    """Displacement ratio [-] and load torque [N m] at an engine speed [rad/s].
+
+    Args:
+        model: of one stage, formulation `power_balance`.
+        engine_speed: [rad/s].
+        given: one of `STROKES` and one of `LOADS`, the others None or left out; SI units. Torques
+            are negative in overrun, in either sense of the output.
+
+    Raises:
+        InputError: a value is out of range or cannot be reached.
+    """
+    known = {name: value for name, value in given.items() if value is not None}
+    speed, output = float(ENGINE_SPEED.check(engine_speed)), known.get("output_speed", math.nan)
+    if "output_torque" in known and "output_speed" in known:
+        known["output_power"] = known.pop("output_torque") * abs(output)
+    if "output_power" in known:
+        known["load_torque"] = known["output_power"] / speed
+
+    def stroke_at(load: float) -> float:
+        if "displacement_ratio" in known:
+            return float(DISPLACEMENT_RATIO.check(known["displacement_ratio"]))
+        return float(model.balance(NO_OPTIMUM).held(*np.array([[speed], [output], [load]]))[0][0])
+
+    if "load_torque" not in known:
+        known["load_torque"] = _load(model, speed, known, stroke_at)
+    load = float(ANY_LOAD.check(known["load_torque"]))
+    stroke = stroke_at(load)
+    if not abs(stroke) <= 1.0 + 1e-9:
+        raise InputError(f"output_speed = {output:g} rad/s is out of reach of stage "
+                         f"{model.stage.name} at this engine speed and load: it would take a "
+                         f"displacement ratio of {stroke:.3g}")
+    return min(max(stroke, -1.0), 1.0), load
+
+
+def _load(
+    model: EfficiencyModel, speed: float, known: Mapping[str, float],
+    stroke_at: Callable[[float], float],
+) -> float:
+    """Load torque that goes with the torque of a shaft: by halving, for it rises with the load."""
+    name = "engine_torque" if "engine_torque" in known else "output_torque"
+
+    def torque(load: float) -> float:
+        point = min(max(stroke_at(load), -1.0), 1.0), speed, load
+        if name == "engine_torque":
+            found = load + model.power_loss(*point) / speed
+        else:
+            found = load * speed / abs(model.output_speed(*point))
+        return math.inf if math.isnan(found) else float(found)  # no load beyond a stall
+
+    low, high = ANY_LOAD.low, ANY_LOAD.high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if torque(middle) < known[name] else (low, middle)
+    if not abs(torque(low) - known[name]) <= 1e-6 * max(abs(known[name]), 1.0):
+        raise InputError(f"{name} = {known[name]:g} N m is more than stage {model.stage.name} can "
+                         "carry at this engine speed and displacement ratio")
+    return low

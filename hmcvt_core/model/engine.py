@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
-from ..transmission.mapping import get
+from ..transmission.mapping import Section
 from ..transmission.ranges import ENGINE_SPEED, RPM, Range
 
 Array = NDArray[np.float64]
@@ -41,14 +41,12 @@ class Engine:
         full_load: torque at full load there [N m].
         load: torque / full-load torque, shape (m,), from 0 to 1.
         fuel: shape (n, m) [kg/s].
-        name: of the engine.
     """
 
     speed: Array
     full_load: Array
     load: Array
     fuel: Array
-    name: str = ""
 
     def full_load_torque(self, engine_speed: ArrayLike) -> Any:
         """Highest torque at engine speeds [rad/s], as they are shaped [N m]; NaN beyond."""
@@ -86,19 +84,19 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
             rows leave a hole; file and row are named.
     """
-    name, table = "", Path(path)
+    table = Path(path)
     if table.suffix.lower() in (".yaml", ".yml"):
         with named(path):
             data, tree = read_tree(path, SCHEMA)
             require_known(tree, _KNOWN)
-            name, table = str(data.get("name", "")), table.parent / str(get(data, "map"))
+            table = table.parent / str(Section(data).get("map"))
     cells = read_plain(table)
     speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
     cells.require_range(speed, ENGINE_SPEED)
     cells.require_range(torque, _TORQUE)
     if any("g/kWh" in column for column in cells.columns):
         fuel = fuel * speed * torque
-    return _engine(cells, speed, torque, fuel, name)
+    return _engine(cells, speed, torque, fuel)
 
 
 def _column(cells: Table, quantity: str) -> Array:
@@ -114,7 +112,7 @@ def _column(cells: Table, quantity: str) -> Array:
                      f"{', '.join(cells.columns)}")
 
 
-def _engine(cells: Table, speed: Array, torque: Array, fuel: Array, name: str) -> Engine:
+def _engine(cells: Table, speed: Array, torque: Array, fuel: Array) -> Engine:
     speeds = np.unique(speed)
     if len(speeds) < 2:
         raise InputError(f"{cells.source}: one engine speed is no map; needs two or more")
@@ -140,4 +138,4 @@ def _engine(cells: Table, speed: Array, torque: Array, fuel: Array, name: str) -
     full = np.array([here[-1] for here, _ in curves])
     load = np.unique(np.concatenate([here / here[-1] for here, _ in curves]).round(9))
     grid = np.array([np.interp(load * here[-1], here, rates) for here, rates in curves])
-    return Engine(speeds, full, load, grid, name)
+    return Engine(speeds, full, load, grid)

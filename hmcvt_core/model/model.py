@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -15,19 +14,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..files import picture, preformatted
+from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import PointSolver
-from ..transmission.parameters import Candidates, HydraulicParameters, Parameters
+from ..transmission.parameters import (
+    PARAMETER_NAMES,
+    PARAMETER_RANGES,
+    Candidates,
+    HydraulicParameters,
+    Parameters,
+)
 from ..transmission.ranges import CHUNK, ENGINE_SPEED_LIMITS, OperatingPoints, Solution, is_plain
 from ..transmission.stage import Stage, stages_to_mapping
-from .domain import AXES, Domain, EfficiencyMap, Prediction, Uncertainty
-from .drive_line import DriveOptimum, drive_optimum
+from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
-from .optimum import Optimum, optimum
-from .shown import Shown
+from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 
 Array = NDArray[np.float64]
 SCHEMA = "hmcvt-model/1"
@@ -42,7 +47,7 @@ INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. 
 
 
 @dataclass(frozen=True, eq=False)
-class EfficiencyModel(Shown):
+class EfficiencyModel:
     """Efficiency of one stage at any operating point, or of all stages of a transmission.
 
     A model of several stages answers for `stage`, the first of its file; `stages` holds each as a
@@ -100,8 +105,10 @@ class EfficiencyModel(Shown):
         return {stage.name: replace(self, stage=stage, other_stages=())
                 for stage in (self.stage, *self.other_stages)}
 
-    def in_stage(self, name: str) -> EfficiencyModel:
-        """Return the model of one stage; `InputError` where there is none of that name."""
+    def in_stage(self, name: str | None) -> EfficiencyModel:
+        """Return the model of one stage, itself for None; `InputError` where there is none such."""
+        if name is None:
+            return self
         if name not in self.stages:
             raise InputError(f"stage {name!r} is not known to the model; there is "
                              f"{', '.join(self.stages)}")
@@ -118,9 +125,14 @@ class EfficiencyModel(Shown):
         return self._solver_of(self.parameters)
 
     def _solver_of(self, parameters: Parameters) -> BalanceSolver | PublishedSolver:
-        if self.formulation == "published":
-            return PublishedSolver(self.stage, parameters)
-        return BalanceSolver(self.stage, parameters, self.effects)
+        return (BalanceSolver(self.stage, parameters, self.effects)
+                if self.formulation == "power_balance" else PublishedSolver(self.stage, parameters))
+
+    def balance(self, refusal: str) -> BalanceSolver:
+        """What solves the power balance; an `InputError` with this text where `published` does."""
+        if isinstance(self._solver, PublishedSolver):
+            raise InputError(refusal)
+        return self._solver
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
@@ -146,32 +158,59 @@ class EfficiencyModel(Shown):
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[1]
 
     def _answer(
-        self, displacement_ratio: Any, engine_speed: Any, load_torque: Any,
-        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
-    ) -> tuple[Any, Any, Any]:
-        if (self._point_solver is not None and oil_temperature is None and stage is None
-                and is_plain(displacement_ratio, engine_speed, load_torque)):
+        self, displacement_ratio: Any, engine_speed: Any, load_torque: Any, oil_temperature: Any,
+        stage: Any,
+    ) -> Sequence[Any]:
+        if (oil_temperature is None and stage is None
+                and is_plain(displacement_ratio, engine_speed, load_torque)
+                and self._point_solver is not None):
             # What a control loop asks for at every message, without the cost of arrays.
             return self._point_solver.solve(displacement_ratio, engine_speed, load_torque)
-        points, scalar = OperatingPoints.checked(
-            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
-        efficiency, output_speed, torque = self.solution_at(points)
-        return _like(efficiency, scalar), _like(output_speed, scalar), _like(torque, scalar)
+        points = OperatingPoints.checked(
+            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)
+        return [*map(_plain, self.solution_at(points))]
 
     def predict(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
-        point: tuple[Any, Any, Any] = displacement_ratio, engine_speed, load_torque
-        if (self._point_solver is not None and oil_temperature is None and stage is None
-                and is_plain(*point)):
-            return self._predict_point(self._point_solver, *point)
-        points, scalar = OperatingPoints.checked(*point, oil_temperature, stage)
-        inside = (self.domain.contains(points) if self.domain is not None
-                  else np.zeros(points.engine_speed.shape, dtype=bool))
-        found = self.solution_at(points).efficiency, self._standard_error(points), inside
-        return Prediction(*(_like(values, scalar) for values in found))
+        point = displacement_ratio, engine_speed, load_torque
+        here, slopes = self.sensitivity(*point, oil_temperature, stage)
+        correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
+        variance = ((slopes @ correlation) * slopes).sum(axis=-1)
+        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
+        error = np.where(slopes.any(axis=-1), np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        inside = np.zeros(error.shape, dtype=bool)
+        if self.domain is not None:
+            inside = inside | self.domain.contains(*point)
+        return Prediction(*map(_plain, (here, error, inside)))
+
+    def sensitivity(self, *point: Any) -> tuple[Any, Array]:
+        """Efficiency, and its change by one standard error of each parameter, shape (..., 3).
+
+        The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
+        """
+        here, *there = (model.efficiency(*point)
+                        for model in (self, *(model for _, model in self._neighbours)))
+        slopes = np.empty((*np.shape(here), len(there)))
+        for i, ((steps, _), answer) in enumerate(zip(self._neighbours, there, strict=True)):
+            slopes[..., i] = (answer - here) * steps
+        return here, slopes
+
+    @cached_property
+    def _neighbours(self) -> list[tuple[float, EfficiencyModel]]:
+        """Models that are off by a step of one parameter, and its standard error in such steps."""
+        if not self.standard_errors or self.correlation is None:
+            return []
+        base = self.parameters.to_array()
+        errors = np.array([self.standard_errors[name] for name in PARAMETER_NAMES])
+        # A step of a thousandth of the error stays in the linear range, also next to a bound.
+        steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
+        steps = np.where(base + steps <= [each.high for each in PARAMETER_RANGES], steps, -steps)
+        return [(count, replace(self, parameters=HydraulicParameters(*values)))
+                for count, values in zip(
+                    (errors / steps).tolist(), (base + np.diag(steps)).tolist(), strict=True)]
 
     def power_loss(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
@@ -180,21 +219,20 @@ class EfficiencyModel(Shown):
         """Engine power less output power [W], at any load: zero and overrun (negative) included."""
         torque = self.without_meters()._answer(
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[2]
-        lost = np.multiply(engine_speed, np.subtract(torque, load_torque))
-        return lost if np.ndim(lost) else float(lost)
+        return _plain(np.multiply(engine_speed, np.subtract(torque, load_torque)))
 
     def refusal(
         self, displacement_ratio: float, engine_speed: float, load_torque: float,
         oil_temperature: float | None = None, stage: str | None = None,
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
-        found = self._answer(
+        efficiency, _, torque = self._answer(
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
+        if np.isfinite(efficiency).all():
+            return None
         if self.formulation == "published":
-            return None if np.isfinite(found[0]).all() else INCONSISTENT
-        if not np.isfinite(found[2]).all():
-            return STALLED
-        return None if np.isfinite(found[0]).all() else DRAGGED
+            return INCONSISTENT
+        return DRAGGED if np.isfinite(torque).all() else STALLED
 
     def breakdown(
         self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
@@ -205,16 +243,12 @@ class EfficiencyModel(Shown):
         Raises:
             InputError: the formulation is not `power_balance`.
         """
-        if self.formulation != "power_balance":
-            raise InputError("a breakdown of watts needs formulation power_balance")
-        if stage is not None:
-            self = self.in_stage(stage)
-        points, scalar = OperatingPoints.checked(
-            displacement_ratio, engine_speed, load_torque, oil_temperature)
-        effects = self.without_meters().effects
-        found = BalanceSolver(self.stage, self.parameters, effects).breakdown(points.map(np.ravel))
-        shape = points.engine_speed.shape
-        into, out, *watts = (_like(values.reshape(shape), scalar) for values in (
+        solver = self.without_meters().in_stage(stage).balance(
+            "a breakdown of watts needs formulation power_balance")
+        points = OperatingPoints.checked(
+            (displacement_ratio, engine_speed, load_torque), oil_temperature)
+        found = solver.breakdown(points.map(np.ravel))
+        into, out, *watts = (_plain(values.reshape(points.engine_speed.shape)) for values in (
             found.input_power, found.output_power, *found.losses.values()))
         return Breakdown(into, out, dict(zip(found.losses, watts, strict=True)))
 
@@ -247,15 +281,8 @@ class EfficiencyModel(Shown):
                 formulation is `published`, whose best point is one of its own making.
         """
         model = self.without_meters()
-        return optimum(model.array_solver, model._point_solver, engine_speed, load_torque, hold,
-                       displacement_ratio, output_speed, engine_speed_limits)
-
-    @property
-    def array_solver(self) -> BalanceSolver:
-        """What solves many points at once; `InputError` where that is `published`."""
-        if isinstance(self._solver, PublishedSolver):
-            raise InputError(NO_OPTIMUM)
-        return self._solver
+        return optimum(model.balance(NO_OPTIMUM), model._point_solver, engine_speed, load_torque,
+                       hold, displacement_ratio, output_speed, engine_speed_limits)
 
     def optimal_drive(
         self, output_speed: float, output_power: float, *, engine: Engine | None = None,
@@ -263,7 +290,7 @@ class EfficiencyModel(Shown):
         torque_reserve: float = 0.0, stage: str | None = None, hysteresis: float = 0.0,
     ) -> DriveOptimum:
         """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`."""
-        stages = {name: each.array_solver
+        stages = {name: each.balance(NO_OPTIMUM)
                   for name, each in self.without_meters().stages.items()}
         return drive_optimum(stages, output_speed, output_power, engine, engine_speed_limits,
                              torque_reserve, stage, hysteresis)
@@ -281,14 +308,16 @@ class EfficiencyModel(Shown):
         for name, axis in zip(AXES, axes, strict=True):
             if axis.ndim != 1 or axis.size == 0:
                 raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
-        values = self.without_meters().efficiency(*np.meshgrid(*axes, indexing="ij", sparse=True))
-        return EfficiencyMap(axes[0], axes[1], axes[2], values, self.domain)
+        grid = np.meshgrid(*axes, indexing="ij", sparse=True)
+        return EfficiencyMap(
+            axes[0], axes[1], axes[2], self.without_meters().efficiency(*grid),
+            None if self.domain is None else self.domain.contains(*grid))
 
     # --- the same for points already checked ----------------------------------------------------
 
     def solution_at(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque at checked points of one shape."""
-        return Solution(*self._stage_by_stage(points, lambda one: one._solver.solve))
+        return Solution(*points.solved(lambda name, at: self.in_stage(name)._solver.solve(at)))
 
     def readings_at(self, points: OperatingPoints) -> Array:
         """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
@@ -296,20 +325,8 @@ class EfficiencyModel(Shown):
         Raises:
             InputError: the formulation is not `power_balance`.
         """
-        if self.formulation != "power_balance":
-            raise InputError("a pressure needs formulation power_balance")
-        return self._stage_by_stage(points, lambda one: BalanceSolver(
-            one.stage, one.parameters, one.effects).readings)
-
-    def _stage_by_stage(
-        self, points: OperatingPoints,
-        solve: Callable[[EfficiencyModel], Callable[[OperatingPoints], Any]],
-    ) -> Array:
-        if points.stage is None:
-            return points.in_chunks(solve(self))
-        columns = points.map(np.ravel).by_stage(
-            lambda name, at: tuple(at.in_chunks(solve(self.in_stage(name)))))
-        return np.stack(columns).reshape(len(columns), *points.engine_speed.shape)
+        refusal = "a pressure needs formulation power_balance"
+        return points.solved(lambda name, at: self.in_stage(name).balance(refusal).readings(at))
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with other parameters than the model's own, for many candidates at once [-].
@@ -321,43 +338,15 @@ class EfficiencyModel(Shown):
         Returns:
             Shape (..., n); NaN where the formulation has no answer.
         """
-        if points.stage is not None:
-            return points.by_stage(lambda name, at: (
-                self.in_stage(name).efficiency_of_candidates(values, at),))[0]
-        rows, n = values.reshape(-1, values.shape[-1]), len(points.engine_speed)
-        found, part = np.empty((len(rows), n)), max(1, CHUNK // max(1, n))
-        for i in range(0, len(rows), part):
-            solver = self._solver_of(Candidates(*rows[i:i + part].T[:, :, None]))
-            found[i:i + part] = solver.solve(points).efficiency
-        return found.reshape(*values.shape[:-1], n)
+        rows = values.reshape(-1, values.shape[-1])
 
-    @cached_property
-    def _uncertainty(self) -> Uncertainty | None:
-        if not self.standard_errors or self.correlation is None:
-            return None
-        return Uncertainty(self.parameters, self.standard_errors, self.correlation)
+        def solve(name: str | None, at: OperatingPoints) -> list[Array]:
+            part = max(1, CHUNK // max(1, at.engine_speed.size))
+            solvers = (self.in_stage(name)._solver_of(Candidates(*rows[i:i + part].T[:, :, None]))
+                       for i in range(0, len(rows), part))
+            return [np.concatenate([solver.solve(at).efficiency for solver in solvers])]
 
-    @cached_property
-    def _point_neighbours(self) -> list[PointSolver]:
-        values = [] if self._uncertainty is None else self._uncertainty.neighbours.tolist()
-        return [PointSolver(self.stage, HydraulicParameters(*row)) for row in values]
-
-    def _predict_point(self, solver: PointSolver, *point: float) -> Prediction:
-        """`predict` at one point in range, without the cost of arrays."""
-        here, error = solver.solve(*point)[0], math.nan
-        if self._uncertainty is not None:
-            error = float(self._uncertainty.of(here, np.array(
-                [neighbour.solve(*point)[0] for neighbour in self._point_neighbours])))
-        inside = self.domain is not None and not self.domain.departures(*point)
-        return Prediction(here, error, inside)
-
-    def _standard_error(self, points: OperatingPoints) -> Array:
-        shape = points.engine_speed.shape
-        if self._uncertainty is None:
-            return np.full(shape, np.nan)
-        here, *there = self.efficiency_of_candidates(np.vstack(
-            [self.parameters.to_array(), self._uncertainty.neighbours]), points.map(np.ravel))
-        return self._uncertainty.of(here, np.array(there)).reshape(shape)
+        return points.solved(solve)[0].reshape(*values.shape[:-1], -1)
 
     # --- the model as data ----------------------------------------------------------------------
 
@@ -385,6 +374,16 @@ class EfficiencyModel(Shown):
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
+    def plot_map(self, power: float = 40e3, samples: BenchSamples | None = None) -> Any:
+        """Return a matplotlib figure of the efficiency at an output power [W], tests marked."""
+        return picture(self, power, samples=samples)
 
-def _like(values: NDArray[Any], scalar: bool) -> Any:
-    return values[0].item() if scalar else values
+    def _repr_html_(self) -> str:
+        values = self.parameters.to_mapping(self.standard_errors).items()
+        return preformatted("\n".join([self.formulation, *(
+            f"  {name:<14} {entry['value']:.4g} {entry['unit']}" for name, entry in values)]))
+
+
+def _plain(values: Any) -> Any:
+    """Return a plain number for an array without a dimension."""
+    return values if np.ndim(values) else np.asarray(values).item()

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..files.atomic import free_name, write_atomically
 from ..files.plain_yaml import named, read_tree, require_known
 from ..physics.effects import effect_from_mapping
-from ..transmission.mapping import get, number, quantity, section
+from ..transmission.mapping import Section, number, quantity
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
 from ..transmission.stage import Stage, stages_from_mapping
 from .domain import AXES, Domain
@@ -85,7 +85,7 @@ def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
     # Above all that can be cut off: a file that has lost its end has not lost its checksum.
     sealed = {"schema": data["schema"], "checksum": _checksum(data), **data}
     text = yaml.safe_dump(sealed, sort_keys=False, default_flow_style=None, width=96)
-    if path.is_file() and not _holds(path, data):
+    if path.is_file() and not _holds(path, model):
         write_atomically(free_name(path, "previous"), path.read_bytes())
     write_atomically(path, text)
 
@@ -103,42 +103,42 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
         return stage
 
 
-def _holds(path: Path, data: Mapping[str, Any]) -> bool:
+def _undated(model: EfficiencyModel) -> dict[str, Any]:
+    return {**model.to_mapping(), "provenance": {**model.provenance, "date": ""}}
+
+
+def _holds(path: Path, model: EfficiencyModel) -> bool:
     """Whether a file holds the same, but for its date."""
     try:
-        there = load_model(path).to_mapping()
+        return _undated(load_model(path)) == _undated(model)
     except InputError:
         return False
 
-    def undated(data: Mapping[str, Any]) -> dict[str, Any]:
-        return {**data, "provenance": {**data["provenance"], "date": ""}}
-
-    return undated(there) == undated(data)
-
 
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
-    parameters = section(data, "parameters")
+    file = Section(data)
+    parameters = file.section("parameters")
     values, errors = [], {}
     for name in PARAMETER_NAMES:
-        entry = section(parameters, name, "parameters.")
-        values.append(quantity(entry, PARAMETER_UNITS[name], f"parameters.{name}")[0])
-        if "standard_error" in entry:
-            errors[name] = number(entry, "standard_error", f"parameters.{name}.", low=0.0)
+        entry = parameters.section(name)
+        values.append(quantity(entry.data, PARAMETER_UNITS[name], f"parameters.{name}")[0])
+        if "standard_error" in entry.data:
+            errors[name] = entry.number("standard_error", low=0.0)
     effects = data.get("effects", [])
     if not isinstance(effects, list):
         raise InputError(f"effects = {effects!r} is not a list")
-    stage, *others = stages_from_mapping(section(data, "transmission"))
+    stage, *others = stages_from_mapping(file.section("transmission").data)
     return EfficiencyModel(
         stage=stage,
         other_stages=tuple(others),
         parameters=HydraulicParameters(*values),
-        formulation=str(get(data, "formulation")),
+        formulation=str(file.get("formulation")),
         effects=tuple(effect_from_mapping(item, f"effects[{i}]")
                       for i, item in enumerate(effects)),
         standard_errors=errors if len(errors) == len(PARAMETER_NAMES) else {},
         correlation=_correlation(data["correlation"]) if "correlation" in data else None,
-        domain=Domain.from_mapping(section(data, "domain")) if "domain" in data else None,
-        provenance=section(data, "provenance") if "provenance" in data else {},
+        domain=_domain(file.section("domain")) if "domain" in data else None,
+        provenance=file.section("provenance").data if "provenance" in data else {},
     )
 
 
@@ -151,16 +151,27 @@ def _checksum(data: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
+def _domain(entry: Section) -> Domain:
+    pairs = []
+    for axis in AXES:
+        value, place = entry.data.get(axis), f"{entry.where}{axis}"
+        if not (isinstance(value, list) and len(value) == 2):
+            raise InputError(f"{place} = {value!r} is not [low, high]")
+        pairs.append((number(value[0], place), number(value[1], place)))
+    return Domain(*pairs)
+
+
 def _correlation(value: Any) -> Any:
+    n = len(PARAMETER_NAMES)
     try:
         matrix = np.asarray(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        matrix = np.empty(0)
-    n = len(PARAMETER_NAMES)
-    if matrix.shape != (n, n) or not (np.abs(matrix) <= 1.0 + _ROUNDED).all() \
-            or not np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED) \
-            or not np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED) \
-            or np.linalg.eigvalsh(matrix).min() < -_ROUNDED:
+        # With these three no entry is beyond -1 and 1.
+        sound = (matrix.shape == (n, n) and np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED)
+                 and np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED)
+                 and np.linalg.eigvalsh(matrix).min() >= -_ROUNDED)
+    except (TypeError, ValueError, OverflowError):  # LinAlgError is a ValueError
+        sound = False
+    if not sound:
         raise InputError(f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1 that is "
                          "symmetric, 1 on the diagonal, without a negative eigenvalue")
     return matrix

@@ -10,11 +10,15 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
+from functools import partial
 from pathlib import Path
 
 from ..benches.unit import PARAMETERS, UnitDiagnosis
 from ..diagnosis import Diagnosis, result, words
+from ..files import picture
 from ..files.atomic import write_atomically
+from ..identification import Identification
+from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_UNITS
 from . import figures
 from .figures import draw_residuals
@@ -23,8 +27,13 @@ from .style import FORMATS, TEMPLATES, check_drawable, render
 
 __all__ = [
     "FORMATS", "check_drawable", "draw_drive_line", "draw_fit", "draw_losses", "draw_residuals",
-    "draw_surface", "drawn", "html", "save", "write_html",
+    "draw_surface", "html", "save", "write_html",
 ]
+
+# What `plot_map` and `plot` of these show.
+picture.register(EfficiencyModel, partial(drawn, draw_surface))
+picture.register(Identification, partial(drawn, draw_fit))
+picture.register(Diagnosis, partial(drawn, draw_residuals))
 
 
 def write_html(diagnosis: Diagnosis | UnitDiagnosis, path: str | os.PathLike[str]) -> None:

@@ -16,8 +16,8 @@ from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples
 from ..identification import Identification
 from ..model.domain import Domain
-from ..model.drive_line import DriveOptimum
 from ..model.model import EfficiencyModel
+from ..model.optimum import DriveOptimum
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
 from ..transmission.stage import speed_ratio
@@ -70,10 +70,10 @@ def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
     write_atomically(Path(path), content)
 
 
-def drawn(draw: Callable[[Any], None]) -> Any:
-    """Return a matplotlib figure that a notebook shows."""
+def drawn(draw: Callable[..., None], *shown: Any, **options: Any) -> Any:
+    """Return a matplotlib figure that a notebook shows; `draw` takes an empty one first."""
     with styled(_SIZE) as figure:
-        draw(figure)
+        draw(figure, *shown, **options)
     figure._repr_png_ = lambda: to_png(figure, 80)
     return figure
 

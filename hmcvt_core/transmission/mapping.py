@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError
@@ -13,46 +14,15 @@ from ..errors import InputError
 _HUGE = 1e300  # an integer in a file may be too large for a float
 
 
-def get(data: Mapping[Any, Any], key: Any, where: str = "") -> Any:
-    """Return a field, whether its key was written as text or as a number.
-
-    Args:
-        data: the mapping.
-        key: a name; gear pairs have numbers for names.
-        where: the place of the mapping, to be named in errors, with a dot at its end.
-
-    Raises:
-        InputError: the field is missing.
-    """
-    if not isinstance(key, (str, int, float)):
-        raise InputError(f"{where}{key!r} is not a name")
-    # YAML reads the pair name 2 as a number; a file may write it either way.
-    by_text = {str(existing): value for existing, value in data.items()}
-    if str(key) in by_text:
-        return by_text[str(key)]
-    raise InputError(f"{where}{key} is missing; there is {', '.join(by_text) or 'nothing'}")
-
-
-def section(data: Mapping[Any, Any], key: Any, where: str = "") -> Mapping[Any, Any]:
-    """Return a field that is a mapping itself; see `get`."""
-    value = get(data, key, where)
-    if not isinstance(value, Mapping):
-        raise InputError(f"{where}{key} = {value!r} is not a mapping")
-    return value
-
-
-def number(
-    data: Mapping[Any, Any], key: Any, where: str = "", low: float = -math.inf
-) -> float:
-    """Return a field that is a finite number of at least `low`; see `get`."""
-    value = get(data, key, where)
+def number(value: object, place: str, low: float = -math.inf) -> float:
+    """Return a finite number of at least `low`; an `InputError` names the place of another."""
     # YAML 1.1 reads 3e-11 without a dot as text; a person may well write it so.
     if isinstance(value, str):
         with contextlib.suppress(ValueError):
             value = float(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)) \
             or not abs(value) < _HUGE or value < low:
-        raise InputError(f"{where}{key} = {value!r} is not a finite number"
+        raise InputError(f"{place} = {value!r} is not a finite number"
                          + (f" of at least {low:g}" if math.isfinite(low) else ""))
     return float(value)
 
@@ -63,10 +33,43 @@ def quantity(entry: object, unit: str, where: str) -> tuple[float, str]:
     Raises:
         InputError: the unit is another one, or the value no finite number.
     """
-    place = where
-    if isinstance(entry, Mapping):
-        if (stated := entry.get("unit", unit)) != unit:
-            raise InputError(f"{where}.unit = {stated!r}; needs {unit!r}")
-        place = f"{where}.value"
-        entry = get(entry, "value", f"{where}.")
-    return number({place: entry}, place), place
+    if not isinstance(entry, Mapping):
+        return number(entry, where), where
+    if (stated := entry.get("unit", unit)) != unit:
+        raise InputError(f"{where}.unit = {stated!r}; needs {unit!r}")
+    return Section(entry, f"{where}.").number("value"), f"{where}.value"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A mapping within a file.
+
+    Attributes:
+        data: the mapping.
+        where: its place, to be named in errors, with a dot at its end.
+    """
+
+    data: Mapping[Any, Any]
+    where: str = ""
+
+    def get(self, key: object) -> Any:
+        """Return a field; an `InputError` says that it is missing."""
+        if not isinstance(key, (str, int, float)):
+            raise InputError(f"{self.where}{key!r} is not a name")
+        # YAML reads the name 2 of a gear pair as a number; a file may write it either way.
+        by_text = {str(existing): value for existing, value in self.data.items()}
+        if str(key) not in by_text:
+            raise InputError(f"{self.where}{key} is missing; there is "
+                             f"{', '.join(by_text) or 'nothing'}")
+        return by_text[str(key)]
+
+    def section(self, key: object) -> Section:
+        """Return a field that is a mapping itself; see `get`."""
+        value = self.get(key)
+        if not isinstance(value, Mapping):
+            raise InputError(f"{self.where}{key} = {value!r} is not a mapping")
+        return Section(value, f"{self.where}{key}.")
+
+    def number(self, key: object, low: float = -math.inf) -> float:
+        """Return a field that is a number; see `get` and the function `number`."""
+        return number(self.get(key), f"{self.where}{key}", low)

@@ -109,6 +109,7 @@ BENCH_COLUMNS: Sequence[Range] = (
 
 POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 """What makes an operating point, in the order in which it is given everywhere."""
+_ANY_POINT = (DISPLACEMENT_RATIO, ENGINE_SPEED, ANY_LOAD)
 
 REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])
 
@@ -134,70 +135,66 @@ class OperatingPoints(NamedTuple):
 
     @classmethod
     def checked(
-        cls,
-        displacement_ratio: ArrayLike,
-        engine_speed: ArrayLike,
-        load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None,
+        cls, point: Sequence[ArrayLike], oil_temperature: ArrayLike | None = None,
         stage: ArrayLike | None = None,
-    ) -> tuple[OperatingPoints, bool]:
-        """Return points in range, at least one-dimensional, and whether plain numbers were given.
+    ) -> OperatingPoints:
+        """Return points in range; `point` holds the first three, which broadcast with the rest.
 
         Raises:
             InputError: a value is out of range, or the shapes do not broadcast.
         """
-        given = [DISPLACEMENT_RATIO.check(displacement_ratio), ENGINE_SPEED.check(engine_speed),
-                 ANY_LOAD.check(load_torque)]
-        optional: dict[str, Any] = {}
-        if oil_temperature is not None:
-            optional["oil_temperature"] = OIL_TEMPERATURE.check(oil_temperature)
-        if stage is not None:
-            optional["stage"] = np.asarray(stage, dtype=str)
+        given: list[Any] = [
+            *(limits.check(value) for limits, value in zip(_ANY_POINT, point, strict=True)),
+            None if oil_temperature is None else OIL_TEMPERATURE.check(oil_temperature),
+            None if stage is None else np.asarray(stage, dtype=str)]
+        shapes = [column.shape for column in given if column is not None]
         try:
-            arrays = np.broadcast_arrays(*given, *optional.values())
+            shape = np.broadcast_shapes(*shapes)
         except ValueError:
-            shapes = ", ".join(str(value.shape) for value in given)
-            raise InputError(f"operating points of shapes {shapes} do not broadcast") from None
-        point, scalar = [*map(np.atleast_1d, arrays)], arrays[0].ndim == 0
-        return cls(*point[:3], **dict(zip(optional, point[3:], strict=True))), scalar
+            raise InputError(f"operating points of shapes {', '.join(map(str, shapes[:3]))} do not "
+                             "broadcast") from None
+        return cls(*given).map(lambda column: np.broadcast_to(column, shape))
 
     def map(self, function: Any) -> OperatingPoints:
         """Return the points with a function applied to each array."""
         return OperatingPoints._make(None if axis is None else function(axis) for axis in self)
 
-    def in_chunks(self, solve: Callable[[OperatingPoints], Any]) -> Array:
-        """Rows that a function gives at points of any shape, shape (rows, ...)."""
-        flat = self.map(np.ravel)
-        parts = [np.stack(solve(flat.map(lambda axis, i=i: axis[i:i + CHUNK])))
-                 for i in range(0, max(self.engine_speed.size, 1), CHUNK)]
-        return np.concatenate(parts, axis=1).reshape(len(parts[0]), *self.engine_speed.shape)
+    def solved(self, solve: Callable[[str | None, OperatingPoints], Any]) -> Array:
+        """Rows that a function gives, for each stage and its points; shape (rows, ..., *shape).
 
-    def by_stage(
-        self, function: Callable[[str, OperatingPoints], tuple[Array, ...]]
-    ) -> Sequence[Array]:
-        """Columns of shape (..., n) that a function gives for each stage and its points."""
-        parts = [(name, self.stage == name) for name in dict.fromkeys(self.stage.tolist())]
-        return in_parts(parts, self._replace(stage=None),
-                        lambda name, *columns: function(name, OperatingPoints(*columns)))
+        Args:
+            solve: takes a stage, None for the model's own, and n of its points; gives rows of shape
+                (..., n).
+        """
+        flat = self.map(np.ravel)
+        parts: list[tuple[str | None, Any]] = [
+            (None, slice(i, i + CHUNK)) for i in range(0, max(flat.engine_speed.size, 1), CHUNK)]
+        if flat.stage is not None:
+            parts = [(name, at[i:i + CHUNK]) for name in dict.fromkeys(flat.stage.tolist())
+                     for at in np.nonzero(flat.stage == name) for i in range(0, len(at), CHUNK)]
+        rows = np.stack(in_parts(parts, flat._replace(stage=None), lambda name, *columns: solve(
+            name, OperatingPoints(*columns))))
+        return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
 
 
 def in_parts(
-    parts: Sequence[tuple[Any, NDArray[np.bool_]]], columns: Sequence[Array | None],
+    parts: Sequence[tuple[Any, Any]], columns: Sequence[Array | None],
     function: Callable[..., Sequence[Array]],
 ) -> Sequence[Array]:
     """Columns of shape (..., n) that a function gives for each part of others, put together.
 
     Args:
-        parts: what is handed to the function first, and where the part is.
+        parts: what is handed to the function first, and where the part is: a mask, places, a slice.
         columns: shape (n,); None stays None.
         function: takes the key of a part and the columns there.
     """
     if len(parts) == 1:
         return function(parts[0][0], *columns)
     found: list[Array] = []
+    size = next(len(axis) for axis in columns if axis is not None)
     for key, chosen in parts:
         pieces = function(key, *(None if axis is None else axis[chosen] for axis in columns))
-        found = found or [np.empty((*piece.shape[:-1], len(chosen))) for piece in pieces]
+        found = found or [np.empty((*piece.shape[:-1], size)) for piece in pieces]
         for column, piece in zip(found, pieces, strict=True):
             column[..., chosen] = piece
     return found

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .mapping import get, number, section
+from .mapping import Section, number
 from .ranges import Range
 
 MEMBERS = ("sun", "ring", "carrier")
@@ -234,49 +234,46 @@ class Stage:
         Raises:
             InputError: a field is missing or wrong; it is named.
         """
-        stages = section(data, "stages")
+        file, stages = Section(data), Section(data).section("stages")
         if name is None:
-            if len(stages) != 1:
-                raise InputError(f"stages holds {', '.join(map(str, stages))}: say which one")
-            name = str(next(iter(stages)))
-        entry = section(stages, name, "stages.")
-        where = f"stages.{name}."
-        layout, reverse = str(entry.get("layout", LAYOUTS[0])), entry.get("reverse", False)
+            if len(stages.data) != 1:
+                raise InputError(f"stages holds {', '.join(map(str, stages.data))}: say which one")
+            name = str(next(iter(stages.data)))
+        entry = stages.section(name)
+        said, where = entry.data, entry.where
+        layout, reverse = str(said.get("layout", LAYOUTS[0])), said.get("reverse", False)
         _require(layout in LAYOUTS, f"{where}layout", layout, ", ".join(LAYOUTS))
         _require(isinstance(reverse, bool), f"{where}reverse", reverse, "true or false")
-        made: dict[str, Any] = {"planetary_constant": 0.0, "mechanical": Path(())}
         on_row = _members_of(layout)
+        _require(bool(on_row) or "mechanical" not in said, f"{where}mechanical", "given",
+                 "nothing: a hydrostatic stage has no mechanical path")
+        made: dict[str, Any] = {
+            "planetary_constant": 0.0, "mechanical": Path(()),
+            "mechanical_member": "", "motor_member": "", "output_member": ""}
         if on_row:
-            row = get(entry, "planetary_row", where)
-            made["planetary_constant"] = number(
-                section(data, "planetary_rows"), row, "planetary_rows.")
-        else:
-            _require("mechanical" not in entry, f"{where}mechanical", "given",
-                     "nothing: a hydrostatic stage has no mechanical path")
+            row = entry.get("planetary_row")
+            made["planetary_constant"] = file.section("planetary_rows").number(row)
         for key in _PATHS if on_row else _PATHS[1:]:
-            made[key] = _path(data, entry, key, where)
-            _require(key in on_row.values() or "member" not in entry[key], f"{where}{key}.member",
-                     "given", f"nothing: {layout} this path does not end at the row")
-        for field in ("mechanical_member", "motor_member", "output_member"):
-            made[field] = str(get(entry[on_row[field]], "member",
-                                  f"{where}{on_row[field]}.")) if on_row else ""
-        slips, place = entry.get("open_clutches", {}), f"{where}open_clutches"
+            path = entry.section(key)
+            made[key] = _path(file, path)
+            if key in on_row:
+                made[on_row[key]] = str(path.get("member"))
+            else:
+                _require("member" not in path.data, f"{path.where}member", "given",
+                         f"nothing: {layout} this path does not end at the row")
+        slips, place = said.get("open_clutches", {}), f"{where}open_clutches"
         _require(isinstance(slips, Mapping) and all(
             isinstance(slip, list) and len(slip) == 2 for slip in slips.values()), place, slips,
             "name: [slip per engine speed, per output speed]")
         made["open_clutches"] = tuple(
-            (str(key), *(number({place: value}, place) for value in slip))
-            for key, slip in slips.items())
-        return cls(name=name, pump_motor=_pump_motor(section(data, "pump_motor")), layout=layout,
+            (str(key), *(number(value, place) for value in slip)) for key, slip in slips.items())
+        return cls(name=name, pump_motor=_pump_motor(file.section("pump_motor")), layout=layout,
                    reverse=reverse, **made)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the mapping that `from_mapping` reads, with nothing but this stage in it."""
-        return stages_to_mapping((self,))
 
     def _entry(self, rows: Mapping[float, str]) -> dict[str, Any]:
         """What a file says of this stage, with names of the planetary constants."""
         said: dict[str, Any] = {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
+        on_row = _members_of(self.layout)
         if self.reverse:
             said["reverse"] = True
         if self.open_clutches:
@@ -287,14 +284,14 @@ class Stage:
             if self.has_row or key != "mechanical":
                 said[key] = {"gear_pairs": [pair.name for pair in path.gear_pairs],
                              "direction": path.direction}
-        for field, key in _members_of(self.layout).items():
-            said[key]["member"] = getattr(self, field)
+            if key in on_row:
+                said[key]["member"] = getattr(self, on_row[key])
         return said
 
 
 def stages_from_mapping(data: Mapping[str, Any]) -> tuple[Stage, ...]:
     """Build every stage of a mapping, in its order; see `Stage.from_mapping`."""
-    names = [str(name) for name in section(data, "stages")]
+    names = [str(name) for name in Section(data).section("stages").data]
     _require(bool(names), "stages", {}, "at least one stage")
     return tuple(Stage.from_mapping(data, name) for name in names)
 
@@ -308,22 +305,21 @@ def stages_to_mapping(stages: Sequence[Stage]) -> dict[str, Any]:
     units = stages[0].pump_motor
     constants = sorted({stage.planetary_constant for stage in stages if stage.has_row})
     rows = {value: f"k{i}" if len(constants) > 1 else "k" for i, value in enumerate(constants, 1)}
-    ratios: dict[str, float] = {}
-    efficiencies: dict[str, float] = {}
+    pairs: dict[str, GearPair] = {}
     for stage in stages:
         _require(stage.pump_motor == units, f"stages.{stage.name}: pump_motor", stage.pump_motor,
                  "that of the other stages")
         for pair in stage.gear_pairs:
-            for part, value in ((ratios, pair.ratio), (efficiencies, pair.efficiency)):
-                _require(part.setdefault(pair.name, value) == value,
-                         f"stages.{stage.name}: gear pair {pair.name}", value,
-                         f"{part[pair.name]}, as in another stage")
+            _require(pairs.setdefault(pair.name, pair) == pair, f"stages.{stage.name}: gear pair",
+                     pair, f"{pairs[pair.name]}, as in another stage")
+    pump, motor = (float(f"{volume / CM3_PER_REV:.12g}") for volume in (
+        units.pump_displacement, units.motor_displacement))
     return {
-        "gear_pairs": ratios, "gear_efficiency": efficiencies,
+        "gear_pairs": {name: pair.ratio for name, pair in pairs.items()},
+        "gear_efficiency": {name: pair.efficiency for name, pair in pairs.items()},
         "planetary_rows": {name: value for value, name in rows.items()},
         "pump_motor": {
-            "pump_displacement_cm3_per_rev": _round(units.pump_displacement / CM3_PER_REV),
-            "motor_displacement_cm3_per_rev": _round(units.motor_displacement / CM3_PER_REV),
+            "pump_displacement_cm3_per_rev": pump, "motor_displacement_cm3_per_rev": motor,
             "pump_friction": units.pump_friction, "motor_friction": units.motor_friction},
         "stages": {stage.name: stage._entry(rows) for stage in stages},
     }
@@ -340,11 +336,11 @@ def speed_ratio(stage: Stage, displacement_ratio: NDArray[np.float64]) -> NDArra
 
 
 def _members_of(layout: str) -> dict[str, str]:
-    """Path on which each member of the row stands."""
+    """Member of the row that each path drives or is driven by, as `Stage` names it."""
     if layout == "hydrostatic":
         return {}
     hydraulic = "pump" if layout == "output_coupled" else "motor"
-    return {"mechanical_member": "mechanical", "motor_member": hydraulic, "output_member": "output"}
+    return {"mechanical": "mechanical_member", hydraulic: "motor_member", "output": "output_member"}
 
 
 def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:
@@ -352,33 +348,27 @@ def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:
     return {"sun": 1.0, "ring": planetary_constant, "carrier": -(1.0 + planetary_constant)}
 
 
-def _path(data: Mapping[str, Any], paths: Mapping[str, Any], key: str, where: str) -> Path:
-    ratios, efficiency = section(data, "gear_pairs"), data.get("gear_efficiency", 0.98)
-    entry = section(paths, key, where)
-    names = get(entry, "gear_pairs", f"{where}{key}.")
+def _path(file: Section, entry: Section) -> Path:
+    names, direction = entry.get("gear_pairs"), entry.data.get("direction", 1)
     if not isinstance(names, list):
-        raise InputError(f"{where}{key}.gear_pairs = {names!r} is not a list")
+        raise InputError(f"{entry.where}gear_pairs = {names!r} is not a list")
+    _require(direction in (1, -1), f"{entry.where}direction", direction, "1 or -1")
+    ratios, efficiency = file.section("gear_pairs"), file.data.get("gear_efficiency", 0.98)
     pairs = []
     for name in names:
-        ratio = number(ratios, name, "gear_pairs.")
-        eta = (number(efficiency, name, "gear_efficiency.") if isinstance(efficiency, Mapping)
-               else number({"gear_efficiency": efficiency}, "gear_efficiency"))
-        pairs.append(GearPair(str(name), ratio, eta))
-    direction = entry.get("direction", 1)
-    _require(direction in (1, -1), f"{where}{key}.direction", direction, "1 or -1")
+        ratio = ratios.number(name)
+        passes = (file.section("gear_efficiency").number(name) if isinstance(efficiency, Mapping)
+                  else number(efficiency, "gear_efficiency"))
+        pairs.append(GearPair(str(name), ratio, passes))
     return Path(tuple(pairs), int(direction))
 
 
-def _pump_motor(data: Mapping[str, Any]) -> PumpMotor:
-    pump, motor = (number(data, f"{unit}_displacement_cm3_per_rev", "pump_motor.") * CM3_PER_REV
+def _pump_motor(units: Section) -> PumpMotor:
+    pump, motor = (units.number(f"{unit}_displacement_cm3_per_rev") * CM3_PER_REV
                    for unit in ("pump", "motor"))
     return PumpMotor(pump, motor, **{
-        name: number(data, name, "pump_motor.")
-        for name in ("pump_friction", "motor_friction") if name in data})
-
-
-def _round(value: float) -> float:
-    return float(np.format_float_positional(value, precision=12, fractional=False))
+        name: units.number(name)
+        for name in ("pump_friction", "motor_friction") if name in units.data})
 
 
 def _require(holds: bool, field: str, value: object, allowed: str) -> None:

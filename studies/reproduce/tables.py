@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.identification import Identification, identify
-from hmcvt_core.model.agreement import determination_loss, predicted_at, relative_errors
+from hmcvt_core.model.agreement import determination_loss, relative_errors
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS, PARAMETER_NAMES, PARAMETER_UNITS
 from hmcvt_core.transmission.stage import Stage
@@ -46,7 +46,7 @@ def fit(task: tuple[str, float]) -> Fit:
     formulation, gear = task
     samples = table2()
     found = identify(samples.select(FITTED), stage=stage(gear), formulation=formulation)
-    predicted = predicted_at(found.model, samples)
+    predicted = found.model.efficiency(*samples.points)
     return Fit(found, predicted, errors(predicted))
 
 
@@ -147,7 +147,7 @@ def _rms_off(formulation: str, gear: float, size: float, target: Array) -> float
     units = replace(train.pump_motor, pump_displacement=size * _CM3_PER_REV,
                     motor_displacement=size * _CM3_PER_REV)
     model = EfficiencyModel(replace(train, pump_motor=units), PAPER_PARAMETERS[gear], formulation)
-    off = 100.0 * predicted_at(model, table2()) - target
+    off = 100.0 * model.efficiency(*table2().points) - target
     return float(np.sqrt(np.mean(off**2))) if np.isfinite(off).all() else np.inf
 
 

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 import hmcvt_core as hmcvt
 from hmcvt_core.identification import Schedule
 from hmcvt_core.identification.problem import Problem, hydraulic_roots
-from hmcvt_core.model.agreement import determination_loss, predicted_at, relative_errors
+from hmcvt_core.model.agreement import determination_loss, relative_errors
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 
 from .conftest import FIT
@@ -45,7 +45,7 @@ def test_the_targets_are_met(fitted, fitted_published, table2, formulation, fit,
     found = fitted if formulation == "power_balance" else fitted_published
     assert found.fit_error == pytest.approx(fit, abs=5e-5)
     assert found.prediction_error == pytest.approx(prediction, abs=5e-5)
-    assert relative_errors(predicted_at(found.model, table2.select(FIT)),
+    assert relative_errors(found.model.efficiency(*table2.select(FIT).points),
                            table2.efficiency[FIT]).mean() == pytest.approx(found.fit_error)
 
 
@@ -101,7 +101,8 @@ def test_many_candidates_are_predicted_as_one_by_one(hm4, table2):
     for i, j in ((0, 0), (1, 350), (2, 699)):
         one = hmcvt.HydraulicParameters(10.0 ** scaled[i, j, 0], *scaled[i, j, 1:])
         np.testing.assert_allclose(
-            found[i, j], predicted_at(replace(problem.model, parameters=one), table2), rtol=1e-12)
+            found[i, j], replace(problem.model, parameters=one).efficiency(*table2.points),
+            rtol=1e-12)
 
 
 @pytest.mark.parametrize("leakage", [1e-13, 1e-10])
