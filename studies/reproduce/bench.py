@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
+from scipy.stats import qmc
 
 from hmcvt_core.files import data_path
 from hmcvt_core.files.bench import BenchSamples, read_bench
@@ -25,7 +26,7 @@ from . import paper
 Array = NDArray[np.float64]
 FITTED = np.array(paper.FITTED_TESTS) - 1
 PREDICTED = np.array(paper.PREDICTED_TESTS) - 1
-_POPULATION = 40  # times the parameters: fewer miss the valley of test 1 beyond the pole
+_LOOKS, _POPULATION = 12, 60  # 4096 points, and how many of them the search begins with
 _NOTHING = 1e9  # stands for "no answer"
 
 
@@ -66,8 +67,12 @@ def lowest(objective: Callable[[Array], Array], box: Array = BOUNDS) -> Array:
         objective: values (m,) at points (m, 3); NaN where there is no answer.
         box: shape (3, 2).
     """
-    found: Array = differential_evolution(
-        lambda columns: np.nan_to_num(objective(columns.T), nan=_NOTHING, posinf=_NOTHING), box,
-        popsize=_POPULATION, init="sobol", vectorized=True, updating="deferred", polish=False,
-        tol=1e-4, rng=0).x
+    def values(columns: Array) -> Array:
+        return np.nan_to_num(objective(columns.T), nan=_NOTHING, posinf=_NOTHING)
+
+    points = box[:, 0] + np.ptp(box, axis=1) * qmc.Sobol(3, scramble=False).random_base2(_LOOKS)
+    # From the best few the search does not settle in the first valley that it meets.
+    best = points[np.argsort(values(points.T))[:_POPULATION]]
+    found: Array = differential_evolution(values, box, init=best, vectorized=True, polish=False,
+                                          updating="deferred", tol=1e-6, rng=0).x
     return found

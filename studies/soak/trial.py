@@ -68,12 +68,10 @@ class Turn:
     Attributes:
         node: under the load, during refits if there are any.
         relay: under the same load, on a machine that does nothing else.
-        relay_beside: the same while the node refits; None where it does not.
     """
 
     node: Segment
     relay: Segment
-    relay_beside: Segment | None = None
 
 
 @dataclass(frozen=True)
@@ -159,7 +157,7 @@ def _rising(target: Target, cycle: Cycle, rates: Sequence[float], seconds: float
 def _during_refits(
     plan: Plan, refits: Refits, state: Path, served: Target, bare: Target, echoed: Cycle
 ) -> list[Turn]:
-    """Load the node while it refits itself all the time, and the relay without and beside that.
+    """Load the node while it refits itself all the time, and the relay without that.
 
     The refits are all of the same samples, so that the first one tells what the node will serve;
     it names the file as within its `state` folder.
@@ -170,9 +168,8 @@ def _during_refits(
     found = []
     for _ in range(plan.refit_turns):
         node = served.counted(cycle, plan.rate, plan.seconds, refits.poll)
-        beside = bare.load(echoed, plan.rate, plan.seconds, refits.poll)
         refits.finish()
-        found.append(Turn(node, bare.load(echoed, plan.rate, plan.seconds), beside))
+        found.append(Turn(node, bare.load(echoed, plan.rate, plan.seconds)))
     return found
 
 
