@@ -61,7 +61,8 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> 
     return render(
         "report.md.j2", Path(__file__).parent, run=run, plan=plan, loaded=loaded, fuzzed=fuzzed,
         kills=kills, machine=machine(), rclpy=version("ros-rclpy"),
-        goals=goal_table(goals(loaded, fuzzed, kills, plan)), times=_time_table(loaded), counts=_count_table(loaded), rates=_rate_table(both),
+        goals=goal_table(goals(loaded, fuzzed, kills, plan)), times=_time_table(loaded),
+        counts=_count_table(loaded), rates=_rate_table(both),
         ceilings=table(("", "every arrival answered up to", "99 % answered up to"), [
             [name, *(f"{_ceiling(segments, share):.0f} Hz" for share in (1.0, 0.99))]
             for name, segments in both]),
