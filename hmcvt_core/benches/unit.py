@@ -49,7 +49,7 @@ DEALS = 8
 """Deals of the samples, each without its share of them, by which a set of causes is tried."""
 FRICTION = 0.01
 """c_fp = c_fm of the paper [-]."""
-_DECADES = 0.5  # of the friction of units about that: Wilson 1950 has 0.003 to 0.15
+_DECADES = 0.5  # of the friction of units about that, assumed: a factor of three either way
 _SIZE = 55e-6 / (2.0 * np.pi)  # m3/rad, of which the priors of the paper's pair are
 _REFERENCE, _FEWEST = "reference_displacement", 3
 _WHOLE = frozenset(("displacement_error", "oil_temperature"))  # they reckon by no displacement

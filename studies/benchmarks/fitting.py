@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Identification, the annealing by itself, and the diagnosis."""
+"""Identification, and the annealing by itself."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import hmcvt_core as hmcvt
-from studies.blind.campaign import make_campaign
 from studies.page import Goal, spread, table
 
 from .timing import Section, at_most, in_turns
@@ -20,7 +19,6 @@ CASES: dict[str, tuple[str, Any]] = {
     "96 simulated samples": ("simulated", slice(None))}
 SEEDS, NEAR = 100, 1.01
 LIMIT = 0.25  # s, for 96 samples
-SIZES = (24, 96, 384, 1536)
 
 
 def samples_of(case: str) -> hmcvt.BenchSamples:
@@ -30,7 +28,7 @@ def samples_of(case: str) -> hmcvt.BenchSamples:
     return samples.select(np.arange(len(samples))[chosen])
 
 
-def section(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
+def section(quick: bool) -> Section:
     """Time and check all of it."""
     largest = samples_of("96 simulated samples")
     times = in_turns(2 if quick else 11, {"ours": partial(hmcvt.identify, largest)})["ours"]
@@ -49,15 +47,4 @@ def section(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
             np.median(off), max(off), max(each.objective for each in found) / lowest)),
             found[0].evaluations))
     head = ("samples", "annealing alone, median", "at most", "finished, at most", "candidates")
-    return Section(goals, {"searches": table(head, rows), "diagnoses": _diagnosis(model, quick)})
-
-
-def _diagnosis(model: hmcvt.EfficiencyModel, quick: bool) -> str:
-    """`hmcvt.diagnose` by the number of samples."""
-    rows = []
-    for count in SIZES[:2] if quick else SIZES:
-        campaign = make_campaign(1, (("charge_pump", 0.015),), samples=count)
-        samples = hmcvt.BenchSamples(**campaign.samples)
-        times = in_turns(1 if quick else 3, {"ours": partial(hmcvt.diagnose, model, samples)})
-        rows.append([f"{count:,}", spread(times["ours"]).text(".2g")])
-    return table(("samples", "seconds"), rows)
+    return Section(goals, {"searches": table(head, rows)})

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import numpy as np
 
@@ -20,18 +20,11 @@ MEGABYTE = 1e6
 MEMORY_GOAL = 0.1  # MB a minute: two bytes for each arrival at 300 Hz
 CEILING_GOAL = 1000.0
 Figure = Callable[[Segment], float]
+Process = CompletedProcess[str]
 
 
-@dataclass(frozen=True)
-class Kills:
-    """What the trials that kill the node printed, and whether they found nothing wrong."""
-
-    text: str
-    good: bool
-
-
-def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Kills, plan: Plan) -> list[Goal]:
-    """Return what was aimed at and what was reached."""
+def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Process, plan: Plan) -> list[Goal]:
+    """Return what was aimed at and what was reached; `kills` is the run of `kill_trials`."""
     steady, refitting = (_parts(turns) for turns in (loaded.steady, loaded.refitting))
     slope = _memory_slope(steady[0])
     top = _ceiling(loaded.rising, 1.0)
@@ -50,12 +43,12 @@ def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Kills, plan: Plan) -> list[Goal
         Goal("the node survives them and ends with code 0", "yes",
              "yes" if fuzzed.survived and fuzzed.exit_code == 0 else "no",
              fuzzed.survived and fuzzed.exit_code == 0),
-        Goal("nothing is lost or damaged by a kill", "yes", "yes" if kills.good else "no",
-             kills.good),
+        Goal("nothing is lost or damaged by a kill", "yes", "no" if kills.returncode else "yes",
+             not kills.returncode),
     ]
 
 
-def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> str:
+def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Process) -> str:
     """Return the document."""
     both = (("node", loaded.rising), ("relay", loaded.rising_relay))
     return render(

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.node import Node
@@ -61,14 +61,8 @@ class Plan:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class Turn:
-    """The node and the relay, one after the other.
-
-    Attributes:
-        node: under the load, during refits if there are any.
-        relay: under the same load, on a machine that does nothing else.
-    """
+class Turn(NamedTuple):
+    """The node under the load, refitting or not, then the relay with the machine to itself."""
 
     node: Segment
     relay: Segment
