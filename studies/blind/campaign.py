@@ -136,9 +136,9 @@ def pressure_noise(pressure: FloatArray) -> FloatArray:
 
 def draw_base(rng: np.random.Generator) -> BaseTruth:
     """Draw base parameters within BASE_RANGES."""
-    low, high = np.transpose(list(BASE_RANGES.values()))
-    draws = rng.uniform(size=(len(low), 3))[:, 0]  # one of three, lest old seeds give other plants
-    return BaseTruth(**dict(zip(BASE_RANGES, (low * (high / low) ** draws).tolist(), strict=True)))
+    # One draw of three, lest old seeds give other plants.
+    return BaseTruth(**{name: float(low * (high / low) ** rng.uniform(size=3)[0])
+                        for name, (low, high) in BASE_RANGES.items()})
 
 
 def _carry(

@@ -74,5 +74,5 @@ def lowest(objective: Callable[[Array], Array], box: Array = BOUNDS) -> Array:
     # From the best few the search does not settle in the first valley that it meets.
     best = points[np.argsort(values(points.T))[:_POPULATION]]
     found: Array = differential_evolution(values, box, init=best, vectorized=True, polish=False,
-                                          updating="deferred", tol=1e-6, rng=0).x
+                                          updating="deferred", tol=1e-9, rng=0).x
     return found

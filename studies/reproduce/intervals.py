@@ -38,9 +38,7 @@ def _fitted(tests: str) -> Identification:
     return identify(_problem(tests).samples, stage=stage(), formulation=FORMULATION)
 
 
-def tasks() -> list[tuple[str, int]]:
-    """Set of tests and parameter of every interval."""
-    return [(tests, i) for tests in SETS for i in range(len(BOUNDS))]
+TASKS = [(tests, i) for tests in SETS for i in range(len(BOUNDS))]
 
 
 def interval(task: tuple[str, int]) -> Item:

@@ -79,7 +79,7 @@ def reproduce(
         tried = conclusions.enumerations(done(
             conclusions.fit, conclusions.tasks(), "gear efficiency"))
         subset_fits = done(subsets.fit, subsets.tasks(), "subset of the tests")
-        determined = done(intervals.interval, intervals.tasks(), "interval of a parameter")
+        determined = done(intervals.interval, intervals.TASKS, "interval of a parameter")
         runs = done(algorithms.run, comparison.tasks(seeds, lowest), "run of figure 6")
     tell("gathering")
     drawn = surfaces.surfaces(fits)

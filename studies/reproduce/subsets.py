@@ -7,7 +7,6 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.model.agreement import relative_errors
@@ -66,14 +65,6 @@ def fit(task: tuple[str, tuple[int, ...]]) -> SubsetFit:
                      float(some.objective(found)))
 
 
-def prediction_errors(
-    fits: list[SubsetFit], formulation: str, size: int
-) -> NDArray[np.float64]:
-    """Prediction errors of all subsets of a size [%]."""
-    return np.array([each.prediction_error for each in fits
-                     if each.formulation == formulation and len(each.tests) == size])
-
-
 def items(fits: list[SubsetFit]) -> list[Item]:
     """Whether any five tests do, and what a sixth or seventh adds."""
     return [item for formulation in reversed(FORMULATIONS)
@@ -82,7 +73,9 @@ def items(fits: list[SubsetFit]) -> list[Item]:
 
 def _items(fits: list[SubsetFit], formulation: str) -> list[Item]:
     limit = paper.TABLE_3[paper.BEST_GEAR_EFFICIENCY].prediction
-    five, seven = (prediction_errors(fits, formulation, size) for size in (5, 7))
+    five, seven = (np.array([each.prediction_error for each in fits
+                             if each.formulation == formulation and len(each.tests) == size])
+                   for size in (5, 7))
     low, middle, high = np.percentile(five, (25, 50, 75), method="nearest")
     within = int((five <= limit).sum())
     most = float(np.percentile(seven, 50, method="nearest"))

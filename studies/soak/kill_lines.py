@@ -26,9 +26,7 @@ from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
-_FILES = {module.__file__ for module in (
-    atomic, bench_log, model_store, state_folder)}
-
+_FILES = {module.__file__ for module in (atomic, bench_log, model_store, state_folder)}
 _SAVE = parameter_file.save_model.__code__  # the rest of that module touches no file
 
 BASE = hmcvt.data_path("params/paper.yaml")
