@@ -7,7 +7,6 @@ import os
 import platform
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,8 +46,7 @@ def render(template: str, folder: Path, /, **context: object) -> str:
     return environment.get_template(template).render(context)
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """How the command was run: its line, how long it took [s], the load from others before it."""
 
     command: str

@@ -5,8 +5,9 @@ Pressure, speed and stroke are given, so that the model is explicit, in two chan
 
 .. math:: Q_l = C \, dp, \qquad T_l = f w + c \, V \epsilon \, dp
 
-the leakage of eq. (13), the damping and the friction of eqs (14), (15) with c = 0.01. Effects act
-through the hooks that they have in the pump-motor pair.
+the leakage of eq. (13), the damping and the friction of eqs (14), (15). The paper takes c = 0.01,
+for a transmission hardly tells it; a unit does, so that it is refitted as the other two are (the
+three coefficients of Wilson 1950). Effects act through their hooks in the pump-motor pair.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
 from ..physics.effects.base import Effect, EffectParameter, ShaftState, Value
+from ..physics.effects.hydraulic import PressureFrictionStroke
 from ..transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
 from .transmission import AXES, OIL_TEMPERATURE
 
 Array = NDArray[np.float64]
 
-STROKE, _ENGINE_SPEED, _ = AXES
-SPEED = replace(_ENGINE_SPEED, name="speed", word="speed")
+STROKE, SPEED = AXES[0], replace(AXES[1], name="speed", word="speed")
 PRESSURE = Axis("pressure", "Pa", "pressure", "pressure [Pa]", 0, 1e5, told="{1:.0f} bar",
                 second=1e-5)
 _AXES = (STROKE, SPEED, PRESSURE, OIL_TEMPERATURE)
 PARAMETERS = {"leakage": "m3/(s Pa)", "damping": "N m s/rad"}
 """Parameters to be identified and their units."""
-_GAINS = ("flow_gain", "torque_gain")
+_BASE = (*PARAMETERS, "friction", "flow_gain", "torque_gain")
 _GAIN, _FURTHEST = 0.0017, 3.0
 # Of the meters: ISO 4409 allows 0.5 % in class A, three deviations. They are refitted within that.
 
@@ -47,6 +48,7 @@ DEALS = 8
 """Deals of the samples, each without its share of them, by which a set of causes is tried."""
 FRICTION = 0.01
 """c_fp = c_fm of the paper [-]."""
+_DECADES = 0.5  # of the friction of units about that, assumed: a factor of three either way
 _SIZE = 55e-6 / (2.0 * np.pi)  # m3/rad, of which the priors of the paper's pair are
 _REFERENCE, _FEWEST = "reference_displacement", 3
 _STROKE_HOOKS, _OIL_HOOK = ("true_displacement_ratio", "stroke_lag"), "viscosity_ratio"
@@ -74,24 +76,24 @@ class HydrostaticUnit:
         # Half of the leakage of a pair, within a decade; the dampings as in a transmission.
         i, size = (1 if self.kind == "motor" else 2), self.displacement / _SIZE
         self.base = BaseParameters(
-            (*PARAMETERS, *_GAINS),
-            np.array([PRIOR_MEAN[0] - np.log10(2.0), PRIOR_MEAN[i], 0.0, 0.0]),
-            np.array([1.0, PRIOR_SPREAD[i], 1.0, 1.0]),
-            np.array([-16.0, 0.0, -_FURTHEST, -_FURTHEST]),
-            np.array([-8.0, 10.0, _FURTHEST, _FURTHEST]),
-            lambda base: np.array([size, size, _GAIN, _GAIN]) * np.append(
-                10.0 ** base[0], base[1:]))
-        # On its stop, or in proportion, the plate is the reference displacement; and a charge pump
-        # on the shaft is one of the constant torques.
+            _BASE, np.array([PRIOR_MEAN[0] - np.log10(2.0), PRIOR_MEAN[i], 0.0, 0.0, 0.0]),
+            np.array([1.0, PRIOR_SPREAD[i], _DECADES, 1.0, 1.0]),
+            np.array([-16.0, 0.0, -2.0, -_FURTHEST, -_FURTHEST]),
+            np.array([-8.0, 10.0, 1.2, _FURTHEST, _FURTHEST]),
+            lambda base: np.array([size, size, FRICTION, _GAIN, _GAIN]) * [
+                10.0 ** base[0], base[1], 10.0 ** base[2], *base[3:]])
+        # On its stop, or in proportion, the plate is the reference displacement; a charge pump on
+        # the shaft is one of the constant torques, and friction at the stroke one of the base.
         varied = np.ptp(samples.displacement_ratio) > STROKE.held
+        at_stop = set() if varied else {"displacement_error", "at full stroke"}
+        twins = {"charge_pump", "gain", PressureFrictionStroke.form, *at_stop}
         self.library: tuple[Any, ...] = tuple(
             effect.in_unit(self.kind, size) for effect in library(units=True)
-            if effect.name != "charge_pump" and effect.form != "gain"
-            and (varied or effect.name != "displacement_error"))
+            if twins.isdisjoint((effect.name, effect.form)))
 
     def predict(self, base: Array, effects: Sequence[Any], points: Points) -> Array:
         """Return loss of flow [m3/s] and of torque [N m] as reckoned from readings, (2, n)."""
-        leakage, damping, *gains = self.base.values(base)
+        leakage, damping, coefficient, *gains = self.base.values(base)
         stroke, speed, pressure = (points[axis.name] for axis in (STROKE, SPEED, PRESSURE))
         true, still, viscosity = stroke, np.zeros_like(speed), np.ones_like(speed)
         for effect in effects:
@@ -109,7 +111,7 @@ class HydrostaticUnit:
         state = state._replace(displacement_ratio=true)
         # What the displacement stated and the stroke commanded have, and the unit has not.
         sign, ideal = sign_of(self.kind), self.displacement * np.stack([speed, pressure])
-        friction = FRICTION * true * ideal[1]
+        friction = coefficient * true * ideal[1]
         losses = np.stack([
             leakage / viscosity * pressure + total("leakage_flow"),
             damping * viscosity * speed + friction + total(f"{self.kind}_drag")])
@@ -128,8 +130,11 @@ class HydrostaticUnit:
         return (real - expected) * points["pressure"]
 
     def model_of(self, base: Array, effects: Sequence[Any], samples: UnitSamples) -> UnitModel:
-        """Return the refitted model."""
-        return UnitModel(self, base, tuple(effects))
+        """Return the refitted model; friction above the paper's is an effect, as in a pair."""
+        friction, rest = float(self.base.values(base)[2]), np.array(base)
+        rest[2] = min(rest[2], 0.0)
+        above = [PressureFrictionStroke(coefficient=friction - FRICTION)] * (friction > FRICTION)
+        return UnitModel(self, rest, (*effects, *above), friction)
 
     def remarks(self, samples: UnitSamples) -> tuple[str, ...]:
         """Say what a missing column costs."""
@@ -139,11 +144,15 @@ class HydrostaticUnit:
 
 @dataclass(frozen=True, eq=False)
 class UnitModel:
-    """A unit with effects at their sizes; `base` holds its scaled parameters."""
+    """A unit with effects at their sizes; `base` holds its scaled parameters.
+
+    `friction` is the whole of it, c; what the paper's does not take stands in `effects`.
+    """
 
     system: HydrostaticUnit
     base: Array
     effects: tuple[Effect, ...]
+    friction: float = FRICTION
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -185,7 +194,6 @@ class UnitDiagnosis:
         model: with the leading set of effects, whether it is named or not.
         holdout: samples held out, or None.
         same: in how many of the deals the same set leads; None where no cause is named.
-        deals: how many there are.
     """
 
     found: Diagnosis
@@ -193,7 +201,6 @@ class UnitDiagnosis:
     model: UnitModel
     holdout: UnitSamples | None
     same: int | None
-    deals: int = DEALS
 
     @property
     def rmse(self) -> dict[str, dict[str, float | None]]:
@@ -207,7 +214,7 @@ class UnitDiagnosis:
     @property
     def errors(self) -> tuple[float, float]:
         """Standard errors: of log10 of the leakage [-], and of the damping [N m s/rad]."""
-        system, names = self.model.system, tuple(sorted(each.name for each in self.model.effects))
+        system, names = self.model.system, self.found.sets[0].effects if self.found.causes else ()
         variance = next((np.diag(rival.plain.covariance) for rival, _ in self.found.alive.entries
                          if rival.names == names), system.base.spread**2)
         decades, damping = np.sqrt(variance[:2]).tolist()
@@ -220,13 +227,14 @@ class UnitDiagnosis:
             region.setdefault(STROKE.name, [float(stroke.min()), float(stroke.max())])
         return {**data, "rmse": self.rmse, "same_set_in_deals": self.same, "parameters": {
             name: {"value": value, "unit": PARAMETERS[name]}
-            for name, value in self.model.parameters.items()}}
+            for name, value in self.model.parameters.items()} | {
+                "friction": {"value": self.model.friction, "unit": "-"}}}
 
     def report(self) -> str:
         """Return the outcome as text for a person."""
         lines = [self.found.report()]
         if self.same is not None:
-            lines.append(f"deals      the same set leads in {self.same} of {self.deals}")
+            lines.append(f"deals      the same set leads in {self.same} of {DEALS}")
         for (name, row), channel in zip(
                 self.rmse.items(), self.model.system.channels, strict=True):
             told = [f"{channel.factor * value:.3g}" for value in row.values() if value is not None]
@@ -234,14 +242,15 @@ class UnitDiagnosis:
             lines.append(f"{name:10} rms left by the paper's terms -> with effects, "
                          f"{channel.unit}: fitted {' -> '.join(told[:2])}{held}")
         return "\n".join((*lines, *(f"{name:10} {value:.4g} {PARAMETERS[name]}"
-                                    for name, value in self.model.parameters.items())))
+                                    for name, value in self.model.parameters.items()),
+                          f"friction   {self.model.friction:.4g} of the pressure torque"))
 
 
 def diagnose_unit(
     samples: UnitSamples,
     holdout: UnitSamples | None = None,
     *,
-    deals: int = DEALS,
+    deals: bool = True,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> UnitDiagnosis:
@@ -253,7 +262,7 @@ def diagnose_unit(
     Args:
         samples: at least five.
         holdout: of the same unit, such as a band of pressure.
-        deals: how many; 0 for none.
+        deals: whether to try a set that is named by them.
         seed: of every random number.
         progress: as of `diagnose_system`.
 
@@ -282,8 +291,8 @@ def diagnose_unit(
     if found.causes:
         effects, model = found.sets[0].effects, found.causes[0].model
         if verdict in NAMING and deals:
-            same = _same(system, observed, effects, deals, seed, progress)
-            verdict = "ambiguous" if same < _STEADY * deals else verdict
+            same = _same(system, observed, effects, seed, progress)
+            verdict = "ambiguous" if same < _STEADY * DEALS else verdict
         if doubt and verdict in NAMING and effects != (_REFERENCE,):
             verdict = "unexplained"
         if not doubt and _REFERENCE in effects:
@@ -293,7 +302,7 @@ def diagnose_unit(
     kept = (note for note in found.notes if "--noise" not in note)
     warnings = (doubt,) if doubt else ()
     told = replace(found, verdict=verdict, notes=(*warnings, *kept), warnings=warnings)
-    return UnitDiagnosis(told, _paper(system, samples), model, holdout, same, deals)
+    return UnitDiagnosis(told, _paper(system, samples), model, holdout, same)
 
 
 def _paper(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:
@@ -303,18 +312,18 @@ def _paper(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:
     fitted = np.sum(weight * driver * (samples.losses - friction), axis=1) / np.sum(
         weight * driver**2, axis=1)
     leakage, damping = np.maximum(fitted, 0.0) / (system.displacement / _SIZE)
-    return UnitModel(system, np.array([np.log10(leakage + 1e-16), damping, 0.0, 0.0]), ())
+    return UnitModel(system, np.array([np.log10(leakage + 1e-16), damping, 0.0, 0.0, 0.0]), ())
 
 
 def _same(
-    system: HydrostaticUnit, observed: Observations, effects: tuple[str, ...], deals: int,
-    seed: int, progress: Callable[[str], None] | None,
+    system: HydrostaticUnit, observed: Observations, effects: tuple[str, ...], seed: int,
+    progress: Callable[[str], None] | None,
 ) -> int:
     """In how many deals, each without its part of the samples, a set leads."""
     order, same = np.random.default_rng(seed).permutation(len(observed)), 0
-    for i, part in enumerate(np.array_split(order, deals), 1):
+    for i, part in enumerate(np.array_split(order, DEALS), 1):
         if progress is not None:
-            progress(f"deal {i} of {deals}")
+            progress(f"deal {i} of {DEALS}")
         kept = observed.select(np.setdiff1d(order, part))
         try:
             advice = next_test(system, kept, {name: row[:1] for name, row in kept.points.items()})

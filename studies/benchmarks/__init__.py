@@ -4,5 +4,5 @@
 timing      calls that take turns, and what their times say
 drive_line  stage, engine speed and stroke of least fuel: against brute force
 point       one lookup, many at once, the optimum: against a table and against brute force
-fitting     identification and diagnosis: time, and whether the annealing arrives by itself
+fitting     identification: time, and whether the annealing arrives by itself
 """

@@ -29,7 +29,7 @@ def main() -> int:
     others, start = busy_cores(), time.monotonic()
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     sections = [point.section(model, given.quick), drive_line.section(*[8] if given.quick else []),
-                fitting.section(model, given.quick)]
+                fitting.section(given.quick)]
     goals = [goal for section in sections for goal in section.goals]
     run = Run(" ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
               time.monotonic() - start, others)

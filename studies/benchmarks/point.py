@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -85,18 +84,7 @@ def _lookups(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
         at_least(f"batch of {len(rows):,} points: table / ours", ratio(batch, "table", "ours"),
                  2.0),
     ], {
-        "nodes": NODES, "off": np.nanmax(off), "batch_time": 1e9 * np.median(batch["ours"]),
-        "bytes": [_peak(call) / len(rows)
-                  for call in (lambda: lookup(*many), lambda: interpolated(rows))]})
-
-
-def _peak(call: Callable[[], Any]) -> int:
-    tracemalloc.start()
-    try:
-        call()
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+        "nodes": NODES, "off": np.nanmax(off), "batch_time": 1e9 * np.median(batch["ours"])})
 
 
 # --- optimum --------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import numpy as np
 from hmcvt_core.errors import InputError
 from studies.blind.catalogue import draw_effect, size_effect
 from studies.blind.effect import Effect, FloatArray
-from studies.blind.plans import LOAD_TORQUE, plan_points
+from studies.blind.plans import LOAD_TORQUE, random_points
 from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 
 #: Ranges from which base parameters are drawn, log-uniformly: m3/(s Pa), N m s/rad twice. A fit
@@ -25,7 +25,6 @@ _MISFIT = 9  # place of the misfit behind the effects
 _MEAN_OF_NORMAL = 1.25  # of a normal variable: its mean square over its mean absolute value and rms
 #: A stalled point is measured again at this share of its load, as an operator would.
 _LOAD_RELIEF = 0.85
-_SESSIONS = 4
 
 
 @dataclass(frozen=True)
@@ -38,10 +37,7 @@ class CampaignOptions:
     `temperature_swing` adds the column oil_temperature, uniform in 60 deg C +- swing.
     `misfit` is the root mean square of the smooth field by which the efficiency of the base differs
     from its form (misfit.BaseMisfit). `stated_noise_factor` x noise stands in the column
-    efficiency_std, None leaves it out. `heavy_tails` draws Student's t with 3 degrees of freedom at
-    the same standard deviation. `outliers` samples are off by 6 to 12 standard deviations.
-    `session_gain_std` is the relative gain error of the engine's torque meter, one draw for each
-    quarter of the rows. `base_off` draws the base parameters outside their ranges.
+    efficiency_std, None leaves it out.
     """
 
     samples: int = 96
@@ -49,19 +45,12 @@ class CampaignOptions:
     output_speed_noise: float | None = 0.001
     pressure_gauge: tuple[float, float] | None = None
     misfit: float = 0.0
-    plan: str = "random"
     temperature_swing: float | None = None
     stated_noise_factor: float | None = 1.0
-    heavy_tails: bool = False
-    outliers: int = 0
-    session_gain_std: float = 0.0
-    base_off: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 <= self.outliers <= self.samples:
-            raise InputError(f"outliers is {self.outliers}, must be 0..{self.samples}")
-        if min(self.efficiency_noise, self.session_gain_std, self.misfit) < 0.0:
-            raise InputError("noise, gain and misfit must not be below 0")
+        if min(self.efficiency_noise, self.misfit) < 0.0:
+            raise InputError("noise and misfit must not be below 0")
 
 
 @dataclass(frozen=True)
@@ -88,7 +77,7 @@ class Bench:
         if wanted is None:
             rng = np.random.default_rng([seed, _PLAN])
             swing = options.temperature_swing or 0.0
-            wanted = plan_points(options.plan, options.samples, rng, swing)
+            wanted = random_points(options.samples, rng, swing)
         points, read, plain = _carry(self.plant(*self.effects), self.plant(), wanted)
         truth = {
             "efficiency": read.efficiency, "efficiency_plain": plain.efficiency,
@@ -118,10 +107,10 @@ def make_campaign(
 
     `effects` are (name, target shift) pairs for `draw_effect` and `size_effect` of the catalogue;
     `options` are fields of CampaignOptions. Equal arguments give equal campaigns. Raises InputError
-    for unknown names or plans, bad numbers, or oil_temperature without temperature_swing.
+    for unknown names, bad numbers, or oil_temperature without temperature_swing.
     """
     chosen = CampaignOptions(**options)
-    base = draw_base(np.random.default_rng([seed, _BASE]), chosen.base_off)
+    base = draw_base(np.random.default_rng([seed, _BASE]))
 
     def hidden(name: str, target: float, place: int) -> Effect:
         effect = draw_effect(name, np.random.default_rng([seed, _EFFECTS, place]))
@@ -145,14 +134,11 @@ def pressure_noise(pressure: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(0.005 * pressure, 4e4))
 
 
-def draw_base(rng: np.random.Generator, off: bool = False) -> BaseTruth:
-    """Draw base parameters within BASE_RANGES, or each beyond its range by a factor 1.2 to 2."""
-    values = {}
-    for name, (low, high) in BASE_RANGES.items():
-        part, factor, above = rng.uniform(), rng.uniform(1.2, 2.0), rng.uniform() < 0.5
-        outside = high * factor if above else low / factor
-        values[name] = float(outside if off else low * (high / low) ** part)
-    return BaseTruth(**values)
+def draw_base(rng: np.random.Generator) -> BaseTruth:
+    """Draw base parameters within BASE_RANGES."""
+    # One draw of three, lest old seeds give other plants.
+    return BaseTruth(**{name: float(low * (high / low) ** rng.uniform(size=3)[0])
+                        for name, (low, high) in BASE_RANGES.items()})
 
 
 def _carry(
@@ -175,14 +161,8 @@ def _samples(
 ) -> dict[str, FloatArray]:
     """Contract columns with noise."""
     count, sigma = len(points), options.efficiency_noise
-    scatter = (rng.standard_t(3.0, count) / np.sqrt(3.0) if options.heavy_tails
-               else rng.standard_normal(count))
+    efficiency = read.efficiency + sigma * rng.standard_normal(count)
     speed_scatter = rng.standard_normal(count)
-    outliers = rng.permutation(count) < options.outliers
-    scatter += outliers * rng.uniform(6.0, 12.0, count) * rng.choice([-1.0, 1.0], count)
-    meter = options.session_gain_std * rng.standard_normal(_SESSIONS)
-    session = np.arange(count) * _SESSIONS // count
-    efficiency = read.efficiency / (1.0 + meter[session]) + sigma * scatter
     samples = {
         "displacement_ratio": points.displacement_ratio, "engine_speed": points.engine_speed,
         "load_torque": read.load_torque, "efficiency": np.clip(efficiency, 0.011, 0.999)}

@@ -23,12 +23,6 @@ STRESS: dict[str, dict[str, Any]] = {
     "noise stated at half": {"stated_noise_factor": 0.5},
     "noise stated at 1.5": {"stated_noise_factor": 1.5},
     "noise not stated": {"stated_noise_factor": None},
-    "heavy tails": {"heavy_tails": True},
-    "one outlier": {"outliers": 1},
-    "session gain 0.3 %": {"session_gain_std": 0.003},
-    "base parameters out of range": {"base_off": True},
-    "factorial plan": {"plan": "factorial"},
-    "constant power": {"plan": "constant_power"},
     "48 samples": {"samples": 48},
     "1.1 % noise": {"efficiency_noise": 0.011},
 }

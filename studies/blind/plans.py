@@ -17,7 +17,6 @@ from studies.blind.twin import OperatingPoints
 ENGINE_SPEED = (78.5, 230.0)
 LOAD_POWER = (18e3, 85e3)
 LOAD_TORQUE = (40.0, 600.0)
-PLANS = ("random", "factorial", "constant_power")
 _REFERENCE_POINTS = 96
 
 
@@ -41,33 +40,16 @@ def reference_points(temperature_swing: float = 0.0) -> OperatingPoints:
     return OperatingPoints(stroke, speed, _load(speed, share[:, 2]), warm)
 
 
-def plan_points(
-    plan: str, samples: int, rng: np.random.Generator, temperature_swing: float = 0.0
+def random_points(
+    samples: int, rng: np.random.Generator, temperature_swing: float = 0.0
 ) -> OperatingPoints:
-    """Draw `samples` operating points of a plan; temperature uniform in 60 deg C +- swing.
+    """Draw stroke, speed and load uniformly, and temperature in 60 deg C +- swing.
 
-    `random`: stroke, speed and load uniform. `factorial`: a grid of strokes, speeds and, for
-    each speed, torques, thinned at random to the number wanted. `constant_power`: one load power
-    of 25 to 46 kW, stroke and speed uniform. Raises InputError for an unknown plan or fewer than
-    one sample.
+    Raises InputError for fewer than one sample.
     """
     if samples < 1:
         raise InputError(f"samples is {samples}, must be at least 1")
-    if plan not in PLANS:
-        raise InputError(f"plan {plan!r} does not exist, expected one of {PLANS}")
     stroke, speed = rng.uniform(-1.0, 1.0, samples), rng.uniform(*ENGINE_SPEED, samples)
     torque = _load(speed, rng.random(samples))
-    if plan == "factorial":
-        levels = [2, 2, 2]
-        while np.prod(levels) < samples:
-            levels[int(np.argmin(levels))] += 1
-        grid = np.meshgrid(np.linspace(-1.0, 1.0, levels[0]), np.linspace(*ENGINE_SPEED, levels[1]),
-                           np.linspace(0.0, 1.0, levels[2]))
-        # In random order, so that sessions do not coincide with a factor.
-        kept = rng.permutation(grid[0].size)[:samples]
-        stroke, speed, share = (axis.ravel()[kept] for axis in grid)
-        torque = _load(speed, share)
-    elif plan == "constant_power":
-        torque = rng.uniform(25e3, 46e3) / speed
     warm = NOMINAL_TEMPERATURE + temperature_swing * rng.uniform(-1.0, 1.0, samples)
     return OperatingPoints(stroke, speed, torque, warm)

@@ -50,6 +50,5 @@ def command(campaigns: int, seed: int, jobs: int, out: Path | None) -> None:
                                      seed=seed, table=table(head, rows)))
 
 
-
 if __name__ == "__main__":
     command()

@@ -9,6 +9,7 @@ one objective and no box. Whether five tests are enough, the first, `subsets` as
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +21,12 @@ from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 from . import paper
-from .bench import FITTED, Cloud, mean_error, problem, relative_squares, table2
+from .bench import FITTED, lowest, mean_error, problem, relative_squares, table2
 from .item import Item, claim, printed_error
 from .subsets import GROUP as FIVE
 from .tables import FORMULATIONS, Fit, errors
 
+Array = NDArray[np.float64]
 IDENTIFICATION = "Conclusion 2: accurate identification"
 AT_REST = "Conclusion 3: equal efficiency at eps = 0"
 GEAR = "Conclusion 4: gear efficiency"
@@ -91,7 +93,7 @@ def _level(fits: dict[tuple[str, float], Fit]) -> Item:
 # --- gear efficiency ------------------------------------------------------------------------------
 
 
-def _boxes() -> dict[str, NDArray[np.float64]]:
+def _boxes() -> dict[str, Array]:
     triples = np.array([p.to_array() for p in PAPER_PARAMETERS.values()])
     tight = BOUNDS.copy()
     tight[0, 1] = np.log10(1.1 * triples[:, 0].max())
@@ -121,7 +123,7 @@ class Enumeration:
 
 
 def tasks() -> list[tuple[str, str, float]]:
-    """Formulation, box and gear efficiency of every cloud that is needed."""
+    """Formulation, box and gear efficiency of every fit that is needed."""
     return [(formulation, box, gear) for formulation in FORMULATIONS for box in _boxes()
             for gear in paper.GEAR_EFFICIENCIES]
 
@@ -129,9 +131,13 @@ def tasks() -> list[tuple[str, str, float]]:
 def fit(task: tuple[str, str, float]) -> dict[str, paper.Errors]:
     """Fit with every objective; errors by its name."""
     formulation, box, gear = task
-    cloud = Cloud.of(problem(formulation, gear), _boxes()[box])
-    return {name: errors(cloud.problem.predict(cloud.lowest(objective, FITTED)))
-            for name, objective in OBJECTIVES.items()}
+    bench, measured = problem(formulation, gear), table2().efficiency[FITTED]
+
+    def best(objective: Callable[[Array, Array], Array]) -> Array:
+        return lowest(lambda scaled: objective(bench.predict(scaled)[..., FITTED], measured),
+                      _boxes()[box])
+
+    return {name: errors(bench.predict(best(objective))) for name, objective in OBJECTIVES.items()}
 
 
 def enumerations(found: list[dict[str, paper.Errors]]) -> list[Enumeration]:

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The figures of the report; in the style of the pictures of hmcvt (extra `report`)."""
+"""Figures 3 to 6, in the style of the pictures of hmcvt (extra `report`)."""
 
 from __future__ import annotations
 
@@ -9,30 +9,22 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from hmcvt_core.report.style import BLUE, ORANGE, styled, to_png, to_svg
 from hmcvt_core.transmission.ranges import RPM
 
-from . import paper, subsets
 from .algorithms import COOLER, GA, IMPROVED_SA, NEAR, PSO, SERVED, STANDARD_SA, WITHOUT
-from .bench import table2
 from .comparison import Summary
-from .intervals import Profile
 from .procedure import Reproduction
 from .surfaces import Surface
-from .tables import FORMULATIONS
 
 _LEVELS = (0, 20, 40, 50, 60, 65, 70, 75, 80, 83, 90, 100)  # %, of figures 3 to 5
 # Told apart by line and mark as well, so that a grey print says the same.
-_OURS, _PAPER, _OTHER = BLUE, ORANGE, "#3c3c3c"
+_OURS, _PAPER = BLUE, ORANGE
 _BOX = {"color": "0.85", "edgecolor": "black"}
 _EACH = {"ls": "none", "marker": "o", "mfc": "none", "mec": BLUE, "ms": 5}
-_LINES = {"paper": {"color": _PAPER, "ls": "--", "marker": "s"},
-          "published": {"color": _OTHER, "ls": ":", "marker": "^"},
-          "power_balance": {"color": _OURS, "ls": "-", "marker": "o"}}
-_NAMES = {"paper": "printed", "published": "published formulas", "power_balance": "power balance"}
+_NAMES = {"published": "published formulas", "power_balance": "power balance"}
 
 
 @dataclass(frozen=True)
@@ -55,59 +47,13 @@ class Drawing:
 
 def drawings(found: Reproduction) -> list[Drawing]:
     """Draw every figure of the report, in its order."""
-    made = [_drawn("table3", "Table 3: error of all data over gear efficiency",
-                   "Mean |predicted - measured| / measured over all eight tests, fitted to five.",
-                   lambda axes: _table3(axes, found)),
-            _drawn("table4", "Table 4: estimated efficiency, gear efficiency 0.98",
-                   "Difference to the measured efficiency at each test; band: the measurement "
-                   "uncertainty of 1.12 %.", lambda axes: _table4(axes, found))]
-    for surface in found.surfaces:
-        made.append(_surface_drawing(surface))
-    made += _figure6(found)
-    made += [_subset_drawing(found, name) for name in reversed(FORMULATIONS)]
-    names = dict.fromkeys(profile.parameter for profile in found.profiles)
-    return [*made, *(_profile_drawing([p for p in found.profiles if p.parameter == name])
-                     for name in names)]
+    return [*map(_surface_drawing, found.surfaces), *_figure6(found)]
 
 
 def _drawn(name: str, title: str, caption: str, draw: Callable[[Any], None]) -> Drawing:
     with styled() as figure:
         draw(figure.subplots())
         return Drawing(name, title, caption, to_svg(figure, name, title), to_png(figure, dpi=110))
-
-
-# --- tables 3 and 4 -------------------------------------------------------------------------------
-
-
-def _table3(axes: Any, found: Reproduction) -> None:
-    gears = paper.GEAR_EFFICIENCIES
-    rows = {"paper": [paper.TABLE_3[gear].all_data for gear in gears]}
-    rows |= {name: [found.fits[name, gear].errors.all_data for gear in gears]
-             for name in FORMULATIONS}
-    for name, row in rows.items():
-        axes.plot(gears, row, label=_NAMES[name], lw=2.4, ms=9, **_LINES[name])
-    axes.set(xlabel="gear efficiency [-]", ylabel="error of all data [%]", xticks=gears)
-    axes.set_ylim(0.0, None)
-    axes.legend(loc="upper left")
-
-
-def _table4(axes: Any, found: Reproduction) -> None:
-    measured = 100.0 * table2().efficiency
-    rows = {"paper": np.array(paper.TABLE_4[0.98])}
-    rows |= {name: 100.0 * found.fits[name, 0.98].predicted for name in FORMULATIONS}
-    tests = np.arange(1, len(measured) + 1)
-    limit = paper.Uncertainties().total / 100.0 * measured
-    axes.bar(tests, 2.0 * limit, bottom=-limit, width=0.86, color="0.88")
-    for shift, (name, row) in zip((-0.22, 0.0, 0.22), rows.items(), strict=True):
-        style = {**_LINES[name], "ls": "none"}
-        axes.plot(tests + shift, row - measured, label=_NAMES[name], ms=10, **style)
-    axes.axhline(0.0, color="0.3", lw=1.0)
-    held = [f"{test}*" if test in paper.PREDICTED_TESTS else f"{test}" for test in tests.tolist()]
-    axes.set(xlabel="test (* predicted, the others fitted)", ylabel="estimated - measured [points]",
-             xticks=tests, xticklabels=held)
-    axes.grid(axis="x", visible=False)
-    axes.set_ylim(-4.9, 7.9)
-    axes.legend(loc="upper left", ncols=2)
 
 
 # --- figures 3 to 5 -------------------------------------------------------------------------------
@@ -229,78 +175,3 @@ def _two_lines(name: str, summary: Summary) -> str:
     for long, short in (("without ", "no "), ("shrinking ", ""), ("adaptive ", ""), (" start", "")):
         name = name.replace(long, short)
     return f"{name}\n{summary.quartiles('evaluations')[1]:.0f} evaluations"
-
-
-# --- five tests -----------------------------------------------------------------------------------
-
-
-def _subset_drawing(found: Reproduction, formulation: str) -> Drawing:
-    return _drawn(
-        f"subsets-{formulation.replace('_', '-')}",
-        f"Error over the number of tests fitted, {_NAMES[formulation]}",
-        "Prediction error of the tests left out, over all subsets of Table 2; box: quartiles, "
-        "bar: median, circles: every subset; those above the scale or without an answer are "
-        "counted at the top. Diamond: the paper's choice of five.",
-        lambda axes: _subsets(axes, found, formulation))
-
-
-def _subsets(axes: Any, found: Reproduction, formulation: str) -> None:
-    sizes, top = range(subsets.FEWEST, len(table2())), 12.0
-    for size in sizes:
-        values = subsets.prediction_errors(list(found.subset_fits), formulation, size)
-        low, middle, high = np.percentile(np.minimum(values, 2.0 * top), (25, 50, 75))
-        axes.bar(size, high - low, bottom=low, width=0.55, **_BOX)
-        axes.plot((size - 0.275, size + 0.275), (middle, middle), color="black", lw=3.0)
-        axes.plot(size + np.linspace(-0.2, 0.2, len(values)), values, **_EACH)
-        beyond = int((values > top).sum())
-        axes.annotate(f"{beyond} of {len(values)}\nabove" if beyond else f"of {len(values)}",
-                      (size, 1.01), xycoords=("data", "axes fraction"), ha="center", fontsize=14)
-    limit = paper.TABLE_3[paper.BEST_GEAR_EFFICIENCY].prediction
-    axes.axhline(limit, color=_PAPER, ls="--", lw=2.0)
-    chosen = next(each for each in found.subset_fits if each.formulation == formulation
-                  and each.tests == paper.FITTED_TESTS)
-    axes.plot(5, chosen.prediction_error, "D", color="black", ms=11, mec="white")
-    axes.set(xlabel="number of tests fitted [-]", ylabel="prediction error [%]", xticks=sizes)
-    axes.set_ylim(0.0, top)
-    axes.legend(handles=[Line2D([], [], color=_PAPER, ls="--", lw=2.0,
-                                label=f"printed: {limit:.2f} %")], loc="upper right")
-
-
-# --- intervals ------------------------------------------------------------------------------------
-
-_SHOWN = 2.5  # of the limit
-
-
-def _profile_drawing(both: Sequence[Profile]) -> Drawing:
-    name = both[0].parameter
-    words = name.replace("_", " ")
-    return _drawn(
-        f"profile-{name.replace('_', '-')}", f"Profile of the {words}",
-        "Sum of squares with this parameter held, over the limit of its 95 % interval: values "
-        "below 1 are in the interval. Thick bars: the intervals; they end at the bounds of the "
-        "search where the curve does.", lambda axes: _profile(axes, both))
-
-
-def _profile(axes: Any, both: Sequence[Profile]) -> None:
-    styles = {"five tests": (_PAPER, "--", -0.12), "eight tests": (_OURS, "-", -0.26)}
-    for profile in both:
-        color, line, height = styles[profile.tests]
-        axes.plot(profile.values, profile.squares / profile.limit, color=color, ls=line, lw=2.6,
-                  label=f"from {profile.tests}")
-        axes.plot(profile.interval, (height, height), color=color, lw=5,
-                  solid_capstyle="butt")
-    axes.axhline(1.0, color="0.3", lw=1.2)
-    name = both[0].parameter
-    if name == "leakage":
-        axes.set_xscale("log")
-        _plain_powers(axes.xaxis)
-    unit = {"leakage": "m³/(s Pa)"}.get(name, "N m s/rad")
-    axes.set(xlabel=f"{name.replace('_', ' ')} [{unit}]", ylabel="sum of squares / limit [-]")
-    shown = max(profile.values[profile.squares < _SHOWN * profile.limit].max()
-                for profile in both)
-    axes.set_xlim(both[0].values[0], shown)
-    axes.set_ylim(-0.4, _SHOWN)
-    axes.set_yticks(np.arange(0.0, _SHOWN + 0.1, 0.5))
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-
-

@@ -22,9 +22,7 @@ from . import (
 )
 from .comparison import Summary
 from .conclusions import Enumeration
-from .intervals import Profile
 from .item import Item
-from .subsets import SubsetFit
 from .surfaces import Surface
 from .tables import Fit
 
@@ -43,8 +41,6 @@ class Reproduction:
         summaries: figure 6 and the ablation, by algorithm.
         lowest: lowest 1 - RSQ known of the paper's identification.
         enumerations: Table 3 under every kind of fit.
-        subset_fits: fits to all subsets.
-        profiles: of the parameters.
         seeds: of each algorithm.
     """
 
@@ -54,8 +50,6 @@ class Reproduction:
     summaries: dict[str, Summary]
     lowest: float
     enumerations: tuple[Enumeration, ...]
-    subset_fits: tuple[SubsetFit, ...]
-    profiles: tuple[Profile, ...]
     seeds: int
 
 
@@ -85,17 +79,15 @@ def reproduce(
         tried = conclusions.enumerations(done(
             conclusions.fit, conclusions.tasks(), "gear efficiency"))
         subset_fits = done(subsets.fit, subsets.tasks(), "subset of the tests")
-        squares = done(intervals.profile_point, intervals.tasks(), "point of the profiles")
+        determined = done(intervals.interval, intervals.TASKS, "interval of a parameter")
         runs = done(algorithms.run, comparison.tasks(seeds, lowest), "run of figure 6")
     tell("gathering")
-    profiles = intervals.profiles(squares)
     drawn = surfaces.surfaces(fits)
     summaries = comparison.summaries(runs, lowest)
     items = [*formulas.uncertainties(), *formulas.items(), *tables.items(fits),
              *conclusions.items(fits), *subsets.items(subset_fits),
              *conclusions.gear_items(fits, tried), *surfaces.items(drawn),
-             *comparison.items(summaries), *intervals.items(profiles)]
+             *comparison.items(summaries), *determined, *map(intervals.tie, intervals.SETS)]
     groups = list(dict.fromkeys(item.group for item in items))
     items.sort(key=lambda item: groups.index(item.group))
-    return Reproduction(tuple(items), fits, tuple(drawn), summaries, lowest, tuple(tried),
-                        tuple(subset_fits), tuple(profiles), seeds)
+    return Reproduction(tuple(items), fits, tuple(drawn), summaries, lowest, tuple(tried), seeds)

@@ -12,7 +12,7 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.report import style
 from studies.page import render, table
 
-from . import comparison, conclusions, intervals, paper, subsets, surfaces, tables
+from . import comparison, conclusions, paper, surfaces, tables
 from .algorithms import SERVED
 from .figures import Drawing, drawings
 from .item import BETTER, DIFFERS, NOT_REPRODUCIBLE, REPRODUCED, VERDICTS, Item
@@ -23,8 +23,7 @@ HTML, MARKDOWN = "report.html", "report.md"
 _FOLDER = Path(__file__).parent
 _TITLE = "The paper's numbers and figures beside ours"
 _MARKS = {REPRODUCED: "good", BETTER: "good", DIFFERS: "doubt", NOT_REPRODUCIBLE: "none"}
-_GROUPS = {"table3": tables.TABLE_3, "table4": tables.TABLE_4, "figure6": comparison.FIGURE_6,
-           "ablation": comparison.ABLATION, "subsets": subsets.GROUP, "profile": intervals.GROUP,
+_GROUPS = {"figure6": comparison.FIGURE_6, "ablation": comparison.ABLATION,
            "figure3": surfaces.GROUP, "figure4": surfaces.GROUP, "figure5": surfaces.GROUP}
 
 

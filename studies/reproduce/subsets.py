@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hmcvt_core.identification.problem import Problem
 from hmcvt_core.model.agreement import relative_errors
 
 from . import paper
-from .bench import OBJECTIVES, Cloud, problem, table2
+from .bench import lowest, problem, table2
 from .item import Item, claim
 from .tables import FORMULATIONS
 
@@ -31,7 +30,7 @@ class SubsetFit:
         fit_error: mean |predicted - measured| / measured over them [%].
         prediction_error: over the other tests; NaN when there are none, infinite when the
             formulation has no answer at one of them.
-        objective: value reached, as `bench.OBJECTIVES` has it.
+        objective: value reached, as `Problem.objective` has it.
     """
 
     formulation: str
@@ -53,30 +52,17 @@ def tasks() -> list[tuple[str, tuple[int, ...]]]:
     return [(formulation, subset) for formulation in FORMULATIONS for subset in subsets()]
 
 
-@functools.cache
-def _cloud(formulation: str) -> Cloud:
-    return Cloud.of(problem(formulation))
-
-
 def fit(task: tuple[str, tuple[int, ...]]) -> SubsetFit:
     """Fit one subset and predict the other tests."""
     formulation, subset = task
-    tests = np.array(subset) - 1
-    cloud, objective = _cloud(formulation), OBJECTIVES[formulation]
-    predicted = cloud.problem.predict(cloud.lowest(objective, tests))
-    relative = 100.0 * relative_errors(predicted, table2().efficiency)
+    tests, whole = np.array(subset) - 1, problem(formulation)
+    some = Problem(whole.model, table2().select(tests))
+    found = lowest(some.objective)
+    relative = 100.0 * relative_errors(whole.predict(found), table2().efficiency)
     rest = np.setdiff1d(np.arange(len(relative)), tests)
     held = float(np.nan_to_num(relative[rest], nan=np.inf).mean()) if len(rest) else np.nan
     return SubsetFit(formulation, subset, float(relative[tests].mean()), held,
-                     float(objective(predicted[tests], table2().efficiency[tests])))
-
-
-def prediction_errors(
-    fits: list[SubsetFit], formulation: str, size: int
-) -> NDArray[np.float64]:
-    """Prediction errors of all subsets of a size [%]."""
-    return np.array([each.prediction_error for each in fits
-                     if each.formulation == formulation and len(each.tests) == size])
+                     float(some.objective(found)))
 
 
 def items(fits: list[SubsetFit]) -> list[Item]:
@@ -87,7 +73,9 @@ def items(fits: list[SubsetFit]) -> list[Item]:
 
 def _items(fits: list[SubsetFit], formulation: str) -> list[Item]:
     limit = paper.TABLE_3[paper.BEST_GEAR_EFFICIENCY].prediction
-    five, seven = (prediction_errors(fits, formulation, size) for size in (5, 7))
+    five, seven = (np.array([each.prediction_error for each in fits
+                             if each.formulation == formulation and len(each.tests) == size])
+                   for size in (5, 7))
     low, middle, high = np.percentile(five, (25, 50, 75), method="nearest")
     within = int((five <= limit).sum())
     most = float(np.percentile(seven, 50, method="nearest"))

@@ -50,12 +50,11 @@ def main() -> int:
     return 1 if missed else 0
 
 
-def _kill_trials(count: int) -> report.Kills:
+def _kill_trials(count: int) -> report.Process:
     _say(f"{count} kills at random moments, and one before every line that writes ...")
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-m", "studies.soak.kill_trials", "--trials", str(count), "--seed", "0"],
-        capture_output=True, text=True, cwd=processes.ROOT)
-    return report.Kills(done.stdout + done.stderr, done.returncode == 0)
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=processes.ROOT)
 
 
 if __name__ == "__main__":

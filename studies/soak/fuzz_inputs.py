@@ -32,7 +32,7 @@ STROKE, _, LOAD = TOPICS
 TAKEN, COASTING = f"{STROKE} taken as the limit", "points not answered, coasting"
 REASONS = ("not finite", "out of range")
 DEPTH = 5000
-_BURST = 200
+_BURST, _SILENT = 200, 20  # messages on one topic; each so many of them is to silence
 
 _NONSENSE = (math.nan, -math.nan, math.inf, -math.inf, 5e-324, -5e-324, 2.2e-308, -0.0, 0.0,
              1.7e308, -1.7e308, 1e30, 50.0, 1.5, 750.0, 2200.0, -100.0, 1e-6)
@@ -121,52 +121,33 @@ class InputFuzzer:
     def run(self, count: int) -> None:
         """Send about `count` messages; stop at the first difference."""
         self._target.counts()  # waits until the node tells any
-        self._while_one_is_bad(TOPICS[0], count // 20, begun=False)
-        self._set(TOPICS[0])
-        blind_at = [count * share // 20 for share in (15, 12, 9, 6, 3)]
+        bursts = 0
         while self.sent < count and not self.differences:
-            if blind_at and self.sent > blind_at[-1]:
-                blind_at.pop()
-                self._while_one_is_bad(TOPICS[len(blind_at) % 3], count // 20)
-                self._while_coasting()
-            self._burst(TOPICS[self._random.integers(3)])
+            topic, other, last = map(str, self._random.permutation(TOPICS))
+            self._set(other)
+            self._set(last)
+            self._burst(topic, other if bursts % _SILENT == 0 else "")
+            bursts += 1
         self._compare_counts()
 
     # --- what is sent -------------------------------------------------------------------------
 
-    def _burst(self, topic: str) -> None:
-        """Send nonsense and good values on one topic while the two others are good."""
-        for other in TOPICS:
-            if other != topic:
-                self._set(other)
+    def _burst(self, topic: str, silenced: str) -> None:
+        """Send nonsense and good values on a topic; no word may come while another is not good."""
+        if silenced:
+            self._send(silenced, [self._silencing(silenced)])
+            self._compare_counts()  # which also waits until it was heard
         self._send(topic, (self._value(topic) for _ in range(_BURST)))
         self._set(topic)
-
-    def _while_one_is_bad(self, bad: str, count: int, begun: bool = True) -> None:
-        """Send on two topics while the third is bad, or has not begun: no word may come."""
-        if begun:
-            self._send(bad, [float(self._random.choice(_NONSENSE[:4]))])
-            self._compare_counts()  # which also waits until it was heard
-        others = [topic for topic in TOPICS if topic != bad]
-        for start in range(0, count, DEPTH):
-            for topic in others:
-                number = min(count - start, DEPTH) // 2
-                self._send(topic, (self._value(topic) for _ in range(number)))
-                self._send(topic, [self._ordinary(topic)])
+        if silenced:
             self._compare_counts()
-        self._set(bad)
+            self._set(silenced)
 
-    def _while_coasting(self) -> None:
-        """Send on one topic after the other while the load coasts: no word may come."""
-        low, _ = LIMITS[LOAD]
-        self._send(LOAD, [float(self._random.uniform(low, LEAST_LOAD))])
-        for topic in TOPICS:
-            if topic != LOAD:
-                self._compare_counts()  # which also waits until the other was heard
-                self._send(topic, (self._value(topic) for _ in range(_BURST)))
-                self._send(topic, [self._ordinary(topic)])
-        self._compare_counts()
-        self._set(LOAD)
+    def _silencing(self, topic: str) -> float:
+        """Draw a value that has no answer: a load that coasts, or no number."""
+        if topic == LOAD:
+            return float(self._random.uniform(LIMITS[LOAD][0], LEAST_LOAD))
+        return float(self._random.choice(_NONSENSE[:4]))
 
     def _set(self, topic: str) -> None:
         """Send a good value and wait for the answers to everything up to it."""

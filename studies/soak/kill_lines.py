@@ -10,11 +10,11 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +26,12 @@ from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
-_FILES = {module.__file__ for module in (
-    atomic, bench_log, model_store, state_folder)}
-
+_FILES = {module.__file__ for module in (atomic, bench_log, model_store, state_folder)}
 _SAVE = parameter_file.save_model.__code__  # the rest of that module touches no file
 
 BASE = hmcvt.data_path("params/paper.yaml")
 _LIMIT = 1_000_000
+_TORN = b"3.0,0.1,100"
 
 
 def sample(number: int) -> hmcvt.BenchSamples:
@@ -49,139 +48,114 @@ def model(number: int) -> hmcvt.EfficiencyModel:
     return replace(base, parameters=replace(base.parameters, leakage=1e-12 * (1 + number)))
 
 
-def number_of(found: hmcvt.EfficiencyModel) -> int:
-    """Return the number of a model."""
-    return round(found.parameters.leakage / 1e-12) - 1
-
-
-def numbers(logs: Iterable[Path]) -> list[int]:
-    """Return the numbers of the samples in logs, in order; an empty log has none.
-
-    Raises:
-        InputError: a log is no bench log.
-    """
-    found: list[int] = []
-    for path in logs:
-        if path.read_bytes().count(b"\n") > 1:
-            read = hmcvt.read_bench(path)
-            assert read.stamp is not None
-            expected = 100.0 + read.stamp % 1000 / 7.0
-            if not np.array_equal(read.engine_speed, expected):
-                raise hmcvt.InputError(f"{path}: samples are not as they were sent")
-            found += read.stamp.astype(int).tolist()
-    return found
-
-
 def leftovers(folder: Path) -> int:
     """Count the temporary files below a folder."""
     return sum(path.name.endswith(".tmp") for path in folder.rglob(".*"))
 
 
-class Step(NamedTuple):
-    """An operation: what is there before, what is done, what must hold wherever it was cut off."""
+def standing(folder: Path) -> tuple[object, ...]:
+    """Return what a start finds in a folder: samples, what was damaged, models, the one in service.
 
-    before: Callable[[Path], Any]
-    act: Callable[[Path], Any]
-    holds: Callable[[Path], bool]
+    Raises:
+        InputError: a file is not what it must be.
+    """
+    log, store = _log(folder), ModelStore(BASE, folder)
+    logged = sorted(_logged(folder / "log.csv") + [
+        number for path in folder.glob("log.cleared-*.csv") for number in _logged(path)])
+    damaged = [path.read_bytes().endswith(_TORN) for path in folder.glob("log.damaged-*.csv")]
+    saved = {path.name: _number(hmcvt.load_model(path))
+             for path in folder.glob("model.*yaml")}
+    for path in folder.glob("models/*.yaml"):
+        hmcvt.load_model(path)
+    return (logged, len(log), bool(log.recovered), any(damaged), saved.get("model.yaml"),
+            set(saved.values()), store.complaint, _number(store.in_service.model))
+
+
+def _logged(path: Path) -> list[int]:
+    """Return the numbers of the samples in a log, in order; an empty log has none."""
+    if not path.exists() or path.read_bytes().count(b"\n") < 2:
+        return []
+    read = hmcvt.read_bench(path)
+    assert read.stamp is not None
+    if not np.array_equal(read.engine_speed, 100.0 + read.stamp % 1000 / 7.0):
+        raise hmcvt.InputError(f"{path}: samples are not as they were sent")
+    return list(map(int, read.stamp))
+
+
+def _number(found: hmcvt.EfficiencyModel) -> int:
+    return round(found.parameters.leakage / 1e-12) - 1
+
+
+# --- operations: what is there before, and what is done ---------------------------------------
 
 
 def _log(folder: Path) -> BenchLog:
     return BenchLog(folder / "log.csv", _LIMIT)
 
 
-def _three_samples(folder: Path) -> None:
-    for number in range(3):
+def _write(folder: Path, *samples: int) -> None:
+    for number in samples:
         _log(folder).write(rows_of(sample(number)))
 
 
-def _three_and_torn(folder: Path) -> None:
-    _three_samples(folder)
+def _write_and_tear(folder: Path) -> None:
+    _write(folder, 0, 1, 2)
     with (folder / "log.csv").open("ab") as file:
-        file.write(b"3.0,0.1,100")
-
-
-def _logged(folder: Path, *counts: int, recovered: bool = False) -> bool:
-    log = _log(folder)
-    found = numbers(folder.glob("log.csv"))
-    return (found == list(range(len(log))) and len(log) in counts
-            and (recovered or not log.recovered))
-
-
-def _repaired(folder: Path) -> bool:
-    return (_logged(folder, 3, recovered=True)
-            and any(b"\n3.0,0.1,100" in path.read_bytes() for path in folder.glob("*damaged*")))
-
-
-def _set_aside(folder: Path) -> bool:
-    return numbers([*folder.glob("*.cleared-1.csv"), *folder.glob("log.csv")]) == [0, 1, 2]
+        file.write(_TORN)
 
 
 def _save(folder: Path, number: int) -> None:
     hmcvt.save_model(model(number), folder / "model.yaml")
 
 
-def _saved(folder: Path, *versions: int) -> bool:
-    found = number_of(hmcvt.load_model(folder / "model.yaml"))
-    kept = [number_of(hmcvt.load_model(path)) for path in folder.glob("model.previous-*")]
-    return found in versions and set(versions) >= {found, *kept} >= set(range(found + 1))
-
-
-def _refit(folder: Path, number: int) -> None:
+def _refit(folder: Path, *models: int) -> None:
     store = ModelStore(BASE, folder)
-    path = store.new_path()
-    hmcvt.save_model(model(number), path)
-    store.adopt(path)
+    for number in models:
+        path = store.new_path()
+        hmcvt.save_model(model(number), path)
+        store.adopt(path)
 
 
-def _in_service(folder: Path, *allowed: int) -> bool:
-    store = ModelStore(BASE, folder)
-    for path in folder.glob("models/*.yaml"):
-        hmcvt.load_model(path)
-    return not store.complaint and number_of(store.in_service.model) in allowed
-
-
-STEPS = {
-    "first sample": Step(lambda _: None, lambda folder: _log(folder).write(rows_of(sample(0))),
-                         lambda folder: not (folder / "log.csv").exists()
-                         or _logged(folder, 0, 1)),
-    "another sample": Step(_three_samples, lambda folder: _log(folder).write(rows_of(sample(3))),
-                           lambda folder: _logged(folder, 3, 4)),
-    "repair of a torn log": Step(_three_and_torn, _log, _repaired),
-    "log set aside": Step(_three_samples, lambda folder: _log(folder).set_aside(), _set_aside),
-    "parameter file saved": Step(
-        lambda _: None, lambda folder: _save(folder, 0),
-        lambda folder: not (folder / "model.yaml").exists() or _saved(folder, 0)),
-    "saved over another": Step(
-        lambda folder: _save(folder, 0), lambda folder: _save(folder, 1),
-        lambda folder: _saved(folder, 0, 1)),
-    "refit adopted": Step(lambda folder: _refit(folder, 0), lambda folder: _refit(folder, 1),
-                          lambda folder: _in_service(folder, 0, 1)),
-    "refit reverted": Step(lambda folder: [_refit(folder, number) for number in (0, 1)],
-                           lambda folder: ModelStore(BASE, folder).revert(),
-                           lambda folder: _in_service(folder, 0, 1)),
+Act = Callable[[Path], Any]
+STEPS: dict[str, tuple[Act, Act]] = {
+    "first sample": (lambda _: None, lambda folder: _write(folder, 0)),
+    "another sample": (lambda folder: _write(folder, 0, 1, 2), lambda folder: _write(folder, 3)),
+    "repair of a torn log": (_write_and_tear, _log),
+    "log set aside": (lambda folder: _write(folder, 0, 1, 2),
+                      lambda folder: _log(folder).set_aside()),
+    "parameter file saved": (lambda _: None, lambda folder: _save(folder, 0)),
+    "saved over another": (lambda folder: _save(folder, 0), lambda folder: _save(folder, 1)),
+    "refit adopted": (lambda folder: _refit(folder, 0), lambda folder: _refit(folder, 1)),
+    "refit reverted": (lambda folder: _refit(folder, 0, 1),
+                       lambda folder: ModelStore(BASE, folder).revert()),
 }
 
 
 def kill_everywhere(name: str, folder: Path) -> tuple[int, list[str]]:
-    """Kill a step before each of its lines; return how many there are, and what went wrong."""
-    step, problems = STEPS[name], []
-    template = folder / "before"
+    """Kill a step before each of its lines; return how many there are, and what went wrong.
+
+    Wherever it was cut off, there must stand what stood before it or what stands after it.
+    """
+    problems, template, done = list[str](), folder / "before", folder / "after"
+    prepare, act = STEPS[name]
     template.mkdir(parents=True)
-    step.before(template)
+    prepare(template)
+    act(shutil.copytree(template, done))
+    allowed = standing(shutil.copytree(template, folder / "copy")), standing(done)
     line = 1
-    while _killed_at(line, step.act, shutil.copytree(template, folder / str(line))):
+    while _killed_at(line, act, shutil.copytree(template, folder / str(line))):
         left = folder / str(line)
         try:
-            good = step.holds(left)
+            found = standing(left)
             StateFolder(left).close()
             if leftovers(left):
                 problems.append(f"{name}, line {line}: {leftovers(left)} temporary files stay")
-            step.act(left)  # it goes on
+            act(left)  # it goes on
         except (ValueError, OSError) as error:
             problems.append(f"{name}, line {line}: {error}")
         else:
-            if not good:
-                problems.append(f"{name}, line {line}: not as it must be: {left}")
+            if found not in allowed:
+                problems.append(f"{name}, line {line}: {found}, not one of {allowed}: {left}")
         if not problems:
             shutil.rmtree(left)
         line += 1

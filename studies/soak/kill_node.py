@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The node, killed over DDS: while it logs, while it refits, while it puts models into service.
+"""The node, killed over DDS at random moments while it logs, refits and goes back.
 
-The trials of one kind follow each other in one state folder: each start is the restart that shows
-what the kill before has left.
+The trials follow each other in one state folder: each start is the restart that shows what the kill
+before has left.
 """
 
 from __future__ import annotations
@@ -11,46 +11,36 @@ import itertools
 import json
 import re
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from rclpy.context import Context
 
 import hmcvt_core as hmcvt
-from examples.bench_player import BenchPlayer, bench_sample_to_message
+from examples.bench_player import BenchPlayer, bench_message
 from hmcvt_ros.bench_log import rows_of
 from hmcvt_ros.inputs import Tally
 from hmcvt_ros.messages import bench_sample_from_message
-from hmcvt_ros.model_store import WAYS_BACK, ModelStore
+from hmcvt_ros.model_store import WAYS_BACK
 
 from . import processes
-from .kill_lines import BASE, leftovers, model
+from .kill_lines import BASE, leftovers
 from .load import client
 from .processes import Process
 
 _PERIOD = 0.01  # seconds between two samples
 _BURST = 50  # samples that come at once
-_TORQUE, _EFFICIENCY = 200.0, 0.8
+_LONGEST = 3.0  # seconds until the kill
 _COMPLAINT = re.compile(r"Traceback|cannot be read|damaged lines")
+_TABLE = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
 _numbers = itertools.count(1)
 
-Rng = np.random.Generator
 
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a kill left.
-
-    Attributes:
-        acknowledged: operations that had been acknowledged since the start of the process.
-        midway: whether one was under way.
-        leftovers: temporary files found.
-        problems: broken promises.
-    """
+class Outcome(NamedTuple):
+    """What was acknowledged before a kill, whether more was under way, and what it left."""
 
     acknowledged: int
     midway: bool
@@ -58,37 +48,105 @@ class Outcome:
     problems: tuple[str, ...]
 
 
-class _Node:
-    """A node process and a client of it."""
+def trials(count: int, folder: Path, rng: np.random.Generator) -> Iterator[Outcome]:
+    """Run trials; one more outcome is that of a start after the last."""
+    state = folder / "state"
+    with client() as here:
+        for seconds in (*rng.uniform(0.2, _LONGEST, count), 0.0):
+            yield _trial(here.context, state, seconds, rng)
+
+
+def _trial(context: Context, state: Path, seconds: float, rng: np.random.Generator) -> Outcome:
+    namespace = f"/killed{next(_numbers)}"  # that none had before
+    with processes.node(namespace, state.parent, state_folder=state, model_file=BASE) as process:
+        use = _Use(context, process, namespace, state)
+        try:
+            use.start()
+            if seconds:
+                use.go_on(seconds, rng)
+                use.kill()
+            left = leftovers(state)
+        finally:
+            use.player.close()
+    use.check(not _COMPLAINT.search(process.log), "complains")
+    return Outcome(use.acknowledged, use.midway, left, tuple(use.problems))
+
+
+class _Use:
+    """A node that is used, and what it has acknowledged; see `Outcome`."""
 
     def __init__(self, context: Context, process: Process, namespace: str, state: Path) -> None:
-        self.state, self.process = state, process
-        self.problems: list[str] = []
         self.player = BenchPlayer(context, namespace)
-        self.check(self.player.wait_for_node(), "the node did not come up")
+        self.problems: list[str] = []
+        self.acknowledged, self.midway = 0, False
+        self._process, self._state = process, state
+        self._stack, self._before = _stack(state), _rows(state)
+        self._sent = _number(self._before[-1]) if self._before else 0
+        self._service, self._reply = "", None
 
     def check(self, good: bool, complaint: str) -> None:
         if not good:
-            self.problems.append(f"{self.process.log_file}: {complaint}")
+            self.problems.append(f"{self._process.log_file}: {complaint}")
+
+    def start(self) -> None:
+        """Wait for the node and see that it stands where the last one was killed."""
+        self.check(self.player.wait_for_node(), "the node did not come up")
+        file = yaml.safe_load(self.player.model_text or "")["served"]["file"]
+        self.check(Path(file) == _in_service(self._state), f"serves {file}, not {self._stack[-1:]}")
+        self.check(self.player.wait_for_logged(len(self._before)), "logged samples are gone")
+        self.check(leftovers(self._state) == 0, "temporary files stay")
+
+    def go_on(self, seconds: float, rng: np.random.Generator) -> None:
+        """Send samples and ask, whenever it has replied, for a refit or the way back."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._send(1)
+            self.player.spin_for(_PERIOD)
+            if self._reply is None or self._reply.done():
+                self._take_reply()
+                self._service = str(rng.choice(["reidentify", "revert"]))
+                self._reply = self.player.request(self._service)
+        self._send(_BURST)  # so that it is busy when the kill comes
+        time.sleep(rng.uniform(0.0, 0.05))
 
     def kill(self) -> None:
-        """End the node at once, and see that nothing of it goes on."""
-        workers = self.process.kill()
+        """End the node at once; see that nothing of it goes on and nothing acknowledged is lost."""
+        workers = self._process.kill()
         self.player.spin_for(0.1)  # what it had said before
         self.check(self.player.wait_until(lambda: not any(map(alive, workers)), 5.0),
                    "the worker lives on")
+        self._take_reply()
+        stack, before = _stack(self._state), self._stack
+        moved = stack == before[:-1] if self._service == "revert" else (
+            stack[:-1] == before[1 - WAYS_BACK:])
+        self.check(stack == before or (moved and not self._reply.done()),
+                   f"in service {stack}, acknowledged {before}")
+        for path in (self._state / "models").glob("*.yaml"):
+            hmcvt.load_model(path)
+        rows = _rows(self._state)
+        found = list(map(_number, rows))
+        logged = int(self.player.statuses["model"]["values"]["bench samples logged"])
+        self.check(len(rows) >= logged, f"{len(rows)} samples, acknowledged {logged}")
+        self.check(rows[:len(self._before)] == self._before, "samples of earlier have changed")
+        self.check(found == sorted(set(found)), "samples are out of order")
+        self.check(rows == list(map(_row, found)), "samples are not what was sent")
+        self.acknowledged += logged - len(self._before)
+        self.midway = not self._reply.done() or not found or found[-1] < self._sent
 
-    @property
-    def logged(self) -> int:
-        """Samples in the log, by the last diagnostics; -1 before the first."""
-        status = self.player.statuses.get("model")
-        return -1 if status is None else int(status["values"]["bench samples logged"])
+    def _send(self, count: int) -> None:
+        for _ in range(count):
+            self._sent += 1
+            self.player.send_sample(_message(self._sent))
 
-    @property
-    def file(self) -> Path:
-        """Parameter file that it says is in service."""
-        self.player.wait_until(lambda: bool(self.player.model_text), 10.0)
-        return Path(yaml.safe_load(self.player.model_text)["served"]["file"])
+    def _take_reply(self) -> None:
+        """Note what a reply has put into service: it must be what the state folder says."""
+        if self._reply is None or not self._reply.done():
+            return
+        answer, self._stack = self._reply.result(), _stack(self._state)
+        if answer.success:
+            file = Path(json.loads(answer.message)["file"]).name
+            self.check(file == _in_service(self._state).name, f"acknowledged {file}")
+            self.acknowledged += 1
 
 
 def alive(pid: str | int) -> bool:
@@ -99,151 +157,30 @@ def alive(pid: str | int) -> bool:
         return False
 
 
-# --- trials: operations acknowledged, whether one was under way -----------------------------------
+# --- what is sent, and what is in the state folder ------------------------------------------------
 
 
-def logging(node: _Node, rng: Rng) -> tuple[int, bool]:
-    """Kill it while samples come in."""
-    log = node.state / "bench_samples.csv"
-    node.player.wait_until(lambda: node.logged >= 0, 5.0)
-    before = _rows(log)
-    node.check(node.logged == len(before), f"{len(before)} samples, it says {node.logged}")
-    number = sent = int(before[-1].split(b".")[0]) if before else 0
-    acknowledged: list[bytes] = before
-    end = time.monotonic() + rng.uniform(1.2, 2.4)
-    while time.monotonic() < end:
-        sent += 1
-        node.player.send_sample(_message(sent))
-        node.player.spin_for(_PERIOD)
-        if node.logged > len(acknowledged):
-            acknowledged = _rows(log)[:node.logged]
-    for _ in range(_BURST):  # so that it is busy when the kill comes
-        sent += 1
-        node.player.send_sample(_message(sent))
-    time.sleep(rng.uniform(0.0, 0.05))
-    node.kill()
-    rows = _rows(log)
-    count = max(node.logged, len(acknowledged))
-    node.check(len(rows) >= count, f"{len(rows)} samples, acknowledged {count}")
-    node.check(rows[:len(acknowledged)] == acknowledged, "acknowledged samples changed")
-    found = [int(row.split(b".")[0]) for row in rows]
-    node.check(found == sorted(set(found)), "samples out of order")
-    node.check(all(row == _row(n) for row, n in zip(rows, found, strict=True)), "values changed")
-    midway = not found or found[-1] < sent
-    node.check(len(found) - len(before) <= sent - number, "more samples than were sent")
-    return count - len(before), midway
-
-
-def refit(node: _Node, rng: Rng) -> tuple[int, bool]:
-    """Kill it during ~/reidentify: at any moment of it, or when the new file comes."""
-    if not (node.state / "bench_samples.csv").exists():
-        table = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
-        for i in range(len(table)):
-            node.player.send_sample(_message(
-                i + 1, float(table.displacement_ratio[i]), float(table.engine_speed[i]),
-                float(table.load_torque[i]), float(table.efficiency[i])))
-        node.check(node.player.wait_for_logged(len(table)), "samples were not logged")
-    before, models = node.file, node.state / "models"
-    known = set(models.glob("*"))
-    reply = node.player.request("reidentify")
-    if rng.random() < 0.4:
-        node.player.wait_until(reply.done, rng.uniform(0.0, 1.2))
-    else:
-        end = time.monotonic() + 30.0
-        while not reply.done() and not set(models.glob("*")) - known and time.monotonic() < end:
-            node.player.spin_for(0.001)  # a finer grain than that of the client
-        node.player.wait_until(reply.done, rng.uniform(0.0, 0.15))
-    node.kill()
-    done = reply.done() and reply.result().success
-    _check_models(node, before, done)
-    return int(done), not reply.done()
-
-
-def revert(node: _Node, rng: Rng) -> tuple[int, bool]:
-    """Kill it while models go out of service one after the other."""
-    before = _stack(node.state)
-    count, last = 0, node.file
-    reply = node.player.request("revert")
-    end = time.monotonic() + rng.uniform(0.0, 0.4)
-    while node.player.wait_until(reply.done, end - time.monotonic()):
-        answer = json.loads(reply.result().message)
-        node.check(reply.result().success, f"refused: {answer}")
-        count, last = count + 1, Path(answer["file"])
-        if count == len(before) - 1:
-            break  # the last refit: before it comes the model of model_file
-        reply = node.player.request("revert")
-    node.kill()
-    if reply.done():
-        last = Path(json.loads(reply.result().message)["file"])
-    stack, told = _stack(node.state), before.index(last.name) + 1
-    node.check(stack in (before[:told], before[:told - 1]), f"{stack[-1:]}, acknowledged {last}")
-    return count, not reply.done()
-
-
-KINDS: dict[str, Callable[[_Node, Rng], tuple[int, bool]]] = {
-    "node that logs": logging, "node that refits": refit, "node that reverts": revert}
-
-
-def trials(kind: str, count: int, folder: Path, rng: Rng) -> Iterator[Outcome]:
-    """Run trials of a kind; one more outcome is that of a start after the last."""
-    state = folder / kind.replace(" ", "-")
-    with client() as here:
-        for _ in range(count):
-            if KINDS[kind] is revert:
-                _fill(state)
-            yield _trial(here.context, state, lambda node: KINDS[kind](node, rng))
-        yield _trial(here.context, state, lambda node: (0, False))
-
-
-def _trial(context: Context, state: Path, kill: Callable[[_Node], tuple[int, bool]]) -> Outcome:
-    expected = _in_service(state)
-    namespace = f"/killed{next(_numbers)}"  # that none had before
-    with processes.node(namespace, state.parent, state_folder=state, model_file=BASE) as process:
-        node = _Node(context, process, namespace, state)
-        try:
-            node.check(node.file == expected, f"serves {node.file}, not {expected}")
-            node.check(leftovers(state) == 0, "temporary files stay")
-            acknowledged, midway = kill(node)
-            left = leftovers(state)
-        finally:
-            node.player.close()
-    node.check(not _COMPLAINT.search(process.log), "complains")
-    return Outcome(acknowledged, midway, left, tuple(node.problems))
-
-
-# --- helpers --------------------------------------------------------------------------------------
-
-
-def _message(number: int, ratio: float = 0.1, speed: float = 0.0, torque: float = _TORQUE,
-             efficiency: float = _EFFICIENCY) -> Any:
-    speed = speed or 100.0 + number % 1000 / 7.0
-    message = bench_sample_to_message(
-        ratio, speed, torque / efficiency, 80.0, torque * speed / 80.0)
+def _message(number: int) -> Any:
+    """Return a test of Table 2 that tells its number by its stamp."""
+    message = bench_message(_TABLE, number % len(_TABLE))
     message.header.stamp.sec = number
     return message
 
 
 def _row(number: int) -> bytes:
     """Return the line of the log that a sample must become."""
-    found = bench_sample_from_message(_message(number), 0.0, Tally(()))
-    row, = rows_of(found)
+    row, = rows_of(bench_sample_from_message(_message(number), 0.0, Tally(())))
     return row.removesuffix(b"\n")
 
 
-def _rows(log: Path) -> list[bytes]:
-    if not log.exists():
-        return []
-    *lines, _torn = log.read_bytes().split(b"\n")
+def _number(row: bytes) -> int:
+    return int(row.split(b".")[0])
+
+
+def _rows(state: Path) -> list[bytes]:
+    log = state / "bench_samples.csv"
+    *lines, _torn = log.read_bytes().split(b"\n") if log.exists() else [b""]
     return lines[1:]
-
-
-def _fill(state: Path) -> None:
-    """Put refits into service that can be reverted."""
-    store = ModelStore(BASE, state)
-    while len(_stack(state)) < WAYS_BACK:
-        path = store.new_path()
-        hmcvt.save_model(model(int(path.stem)), path)
-        store.adopt(path)
 
 
 def _stack(state: Path) -> list[str]:
@@ -254,11 +191,3 @@ def _stack(state: Path) -> list[str]:
 def _in_service(state: Path) -> Path:
     stack = _stack(state)
     return state / "models" / stack[-1] if stack else BASE.resolve()
-
-
-def _check_models(node: _Node, before: Path, done: bool) -> None:
-    for path in (node.state / "models").glob("*.yaml"):
-        hmcvt.load_model(path)
-    found = _in_service(node.state)
-    node.check(not done or found != before, "an acknowledged refit is not in service")
-    hmcvt.read_bench(node.state / "bench_samples.csv")

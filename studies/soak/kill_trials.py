@@ -59,19 +59,15 @@ def _lines(folder: Path) -> list[str]:
 def _random(count: int, folder: Path, seed: int) -> list[str]:
     from . import kill_node
 
-    rng = np.random.default_rng(seed)
-    rows, problems = [], []
-    for i, kind in enumerate(kill_node.KINDS):
-        share = count // len(kill_node.KINDS) + (i < count % len(kill_node.KINDS))
-        found = list(kill_node.trials(kind, share, folder, rng)) if share else []
-        wrong = [problem for outcome in found for problem in outcome.problems]
-        rows.append((kind, share, sum(outcome.midway for outcome in found),
-                     sum(outcome.leftovers > 0 for outcome in found),
-                     sum(outcome.acknowledged for outcome in found), len(wrong)))
-        problems += wrong
+    found = list(kill_node.trials(count, folder, np.random.default_rng(seed)))
+    problems = [problem for outcome in found for problem in outcome.problems]
     print("\nKills at random moments:\n")
     print(table(("killed", "kills", "amid an operation", "temporary files left", "acknowledged",
-                 "problems"), rows))
+                 "problems"),
+                [("node that logs, refits and reverts", count,
+                  sum(outcome.midway for outcome in found),
+                  sum(outcome.leftovers > 0 for outcome in found),
+                  sum(outcome.acknowledged for outcome in found), len(problems))]))
     return problems
 
 

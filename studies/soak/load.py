@@ -58,7 +58,6 @@ class Segment:
         cpu: share of one core used by the process under test, 1 = all of it.
         generator_cpu, other_cpu: the same of this process and of all others on the machine.
         memory: bytes held by the process under test, ten times a second.
-        clock_slip: how much the system clock was moved meanwhile [s]; the stamps follow it.
         accepted, answered: arrivals that the node has heard and answered, by its own count.
     """
 
@@ -75,7 +74,6 @@ class Segment:
     generator_cpu: float
     other_cpu: float
     memory: tuple[int, ...]
-    clock_slip: float
     accepted: int = 0
     answered: int = 0
 
@@ -255,7 +253,7 @@ class Target:
         """
         self.ear.listen_for(_REST)
         self._prime(cycle)
-        before, start, wall = self._usage(), time.monotonic(), _clock_offset()
+        before, start = self._usage(), time.monotonic()
         memory: list[int] = []
 
         def tick() -> None:
@@ -274,8 +272,7 @@ class Target:
         return Segment(
             rate=rate, seconds=spent, sent=len(sent),
             cpu=used[0], generator_cpu=used[1], other_cpu=used[2] - used[0] - used[1],
-            memory=tuple(memory), clock_slip=_clock_offset() - wall,
-            **self._matched(cycle, sent))
+            memory=tuple(memory), **self._matched(cycle, sent))
 
     def _usage(self) -> NDArray[np.float64]:
         return np.array([self.process.cpu_seconds(), time.process_time(), busy_seconds()])
@@ -333,7 +330,3 @@ class Target:
             "efficiency_latency": (np.array(self.efficiency.received)[numbers] - began) * 1e-6,
             "optimum_latency": (np.array(self.optimum.received)[numbers] - began) * 1e-6,
         }
-
-
-def _clock_offset() -> float:
-    return min(time.time() - time.monotonic() for _ in range(5))

@@ -86,8 +86,7 @@ def _cycle(count: int, seed: int, answer: Callable[[int, Inputs], Answer]) -> Cy
     return Cycle(values, tuple(answers), answer)
 
 
-@dataclass(frozen=True)
-class Matches:
+class Matches(NamedTuple):
     """Answers and their arrivals.
 
     Attributes:

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import numpy as np
 
@@ -20,18 +20,11 @@ MEGABYTE = 1e6
 MEMORY_GOAL = 0.1  # MB a minute: two bytes for each arrival at 300 Hz
 CEILING_GOAL = 1000.0
 Figure = Callable[[Segment], float]
+Process = CompletedProcess[str]
 
 
-@dataclass(frozen=True)
-class Kills:
-    """What the trials that kill the node printed, and whether they found nothing wrong."""
-
-    text: str
-    good: bool
-
-
-def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Kills, plan: Plan) -> list[Goal]:
-    """Return what was aimed at and what was reached."""
+def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Process, plan: Plan) -> list[Goal]:
+    """Return what was aimed at and what was reached; `kills` is the run of `kill_trials`."""
     steady, refitting = (_parts(turns) for turns in (loaded.steady, loaded.refitting))
     slope = _memory_slope(steady[0])
     top = _ceiling(loaded.rising, 1.0)
@@ -50,46 +43,33 @@ def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Kills, plan: Plan) -> list[Goal
         Goal("the node survives them and ends with code 0", "yes",
              "yes" if fuzzed.survived and fuzzed.exit_code == 0 else "no",
              fuzzed.survived and fuzzed.exit_code == 0),
-        Goal("nothing is lost or damaged by a kill", "yes", "yes" if kills.good else "no",
-             kills.good),
+        Goal("nothing is lost or damaged by a kill", "yes", "no" if kills.returncode else "yes",
+             not kills.returncode),
     ]
 
 
-def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Kills) -> str:
+def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Process) -> str:
     """Return the document."""
     both = (("node", loaded.rising), ("relay", loaded.rising_relay))
-    stretches = [segment for turns in (loaded.steady, loaded.refitting)
-                 for segments in _parts(turns) for segment in segments]
     return render(
         "report.md.j2", Path(__file__).parent, run=run, plan=plan, loaded=loaded, fuzzed=fuzzed,
         kills=kills, machine=machine(), rclpy=version("ros-rclpy"),
-        goals=goal_table(goals(loaded, fuzzed, kills, plan)), ratios=_ratio_table(loaded),
-        times=_time_table(loaded), counts=_count_table(loaded), rates=_rate_table(both),
+        goals=goal_table(goals(loaded, fuzzed, kills, plan)), times=_time_table(loaded),
+        counts=_count_table(loaded), rates=_rate_table(both),
         ceilings=table(("", "every arrival answered up to", "99 % answered up to"), [
             [name, *(f"{_ceiling(segments, share):.0f} Hz" for share in (1.0, 0.99))]
             for name, segments in both]),
         limits=[(name, segments[-1], _kept_up(segments[-1])) for name, segments in both],
-        memory=[f"{size / MEGABYTE:.1f}" for size in loaded.memory],
-        slip=max(abs(segment.clock_slip) for segment in stretches))
+        memory=[f"{size / MEGABYTE:.1f}" for size in loaded.memory])
 
 
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def _ratio_table(loaded: Loaded) -> str:
-    rows = [("steady", *_parts(loaded.steady)), ("during refits", *_parts(loaded.refitting)),
-            ("during refits, the relay beside them", _parts(loaded.refitting)[0],
-             _beside(loaded.refitting))]
-    return table(("", "p50", "p99", "longest"), [
-        [name, *(ratio(latency(percent), node, relay).text() for percent in (50, 99, 100))]
-        for name, node, relay in rows])
-
-
 def _time_table(loaded: Loaded) -> str:
     (node, relay), (busy, quiet) = _parts(loaded.steady), _parts(loaded.refitting)
     rows = [("node, steady", node), ("relay, steady", relay), ("node, during refits", busy),
-            ("relay, quiet turns between", quiet),
-            ("relay, beside refits", _beside(loaded.refitting))]
+            ("relay, quiet turns between", quiet)]
     figures = (latency(50, "efficiency"), latency(99, "efficiency"), latency(50), latency(99),
                latency(100), lambda segment: segment.cpu)
     head = ("", "first answer p50", "p99", "both answers p50", "p99", "longest", "processor")
@@ -123,10 +103,6 @@ def _rate_table(both: Sequence[tuple[str, Sequence[Segment]]]) -> str:
 
 def _parts(turns: Sequence[Turn]) -> tuple[list[Segment], list[Segment]]:
     return [turn.node for turn in turns], [turn.relay for turn in turns]
-
-
-def _beside(turns: Sequence[Turn]) -> list[Segment]:
-    return [turn.relay_beside for turn in turns if turn.relay_beside]
 
 
 def _ratio_goal(what: str, found: Spread, limit: float) -> Goal:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.node import Node
@@ -61,19 +61,11 @@ class Plan:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class Turn:
-    """The node and the relay, one after the other.
-
-    Attributes:
-        node: under the load, during refits if there are any.
-        relay: under the same load, on a machine that does nothing else.
-        relay_beside: the same while the node refits; None where it does not.
-    """
+class Turn(NamedTuple):
+    """The node under the load, refitting or not, then the relay with the machine to itself."""
 
     node: Segment
     relay: Segment
-    relay_beside: Segment | None = None
 
 
 @dataclass(frozen=True)
@@ -159,7 +151,7 @@ def _rising(target: Target, cycle: Cycle, rates: Sequence[float], seconds: float
 def _during_refits(
     plan: Plan, refits: Refits, state: Path, served: Target, bare: Target, echoed: Cycle
 ) -> list[Turn]:
-    """Load the node while it refits itself all the time, and the relay without and beside that.
+    """Load the node while it refits itself all the time, and the relay without that.
 
     The refits are all of the same samples, so that the first one tells what the node will serve;
     it names the file as within its `state` folder.
@@ -170,9 +162,8 @@ def _during_refits(
     found = []
     for _ in range(plan.refit_turns):
         node = served.counted(cycle, plan.rate, plan.seconds, refits.poll)
-        beside = bare.load(echoed, plan.rate, plan.seconds, refits.poll)
         refits.finish()
-        found.append(Turn(node, bare.load(echoed, plan.rate, plan.seconds), beside))
+        found.append(Turn(node, bare.load(echoed, plan.rate, plan.seconds)))
     return found
 
 

@@ -55,5 +55,5 @@ def record(one: UnitDiagnosis) -> dict[str, Any]:
 def tried(task: tuple[tuple[str, ...], int]) -> tuple[tuple[str, ...], str, tuple[str, ...]]:
     """Diagnose a simulated unit: what it has, the verdict, and which set leads."""
     names, seed = task
-    found = diagnose_unit(simulated(names, seed), deals=0).found
+    found = diagnose_unit(simulated(names, seed), deals=False).found
     return names, found.verdict, found.sets[0].effects if found.sets else ()

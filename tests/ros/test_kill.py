@@ -35,14 +35,11 @@ def tables(environment):
 
 
 def test_kill_at_random_moments_loses_nothing(tables):
-    found = tables["random"]
-    assert len(found) == 3
-    assert sum(row["kills"] for row in found.values()) == 3
-    for row in found.values():
-        assert row["problems"] == 0
-        # A kill between two operations would show nothing.
-        assert row["amid an operation"] >= row["kills"] // 2
-    assert sum(row["acknowledged"] for row in found.values()) > 20
+    row, = tables["random"].values()
+    assert row["kills"] == 3 and row["problems"] == 0
+    # A kill between two operations would show nothing.
+    assert row["amid an operation"] > 0
+    assert row["acknowledged"] > 20
 
 
 def test_kill_before_every_line_loses_nothing(tables):

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from subprocess import CompletedProcess
+
 import pytest
 
 from studies.page import Run
@@ -41,7 +43,7 @@ def test_node_is_hardly_slower_than_a_bare_relay(loaded):
 
 def test_document_says_what_was_met(loaded):
     fuzzed = trial.Fuzzed(100, 50, 10, ("answer 3 is wrong",), 1.0, 0, True)
-    kills = report.Kills("no problems", True)
+    kills = CompletedProcess([], 0, "no problems")
     text = report.text(Run("command", 1.0, 0.0), PLAN, loaded, fuzzed, kills)
     rows = [line for line in text.splitlines() if line.endswith(("| met |", "| **missed** |"))]
     assert len(rows) == len(report.goals(loaded, fuzzed, kills, PLAN)) == 12

@@ -23,7 +23,7 @@ from studies.blind.catalogue import (
     size_effect,
 )
 from studies.blind.hydrostatics import relative_viscosity
-from studies.blind.plans import LOAD_TORQUE, PLANS, plan_points, reference_points
+from studies.blind.plans import LOAD_TORQUE, random_points, reference_points
 from studies.blind.twin import BaseTruth, OperatingPoints, Plant
 from studies.blind.visible import visible
 
@@ -122,7 +122,7 @@ def test_a_target_beyond_the_physical_limit_stops_there():
 
 @pytest.mark.parametrize("name", UNKNOWN_EFFECTS)
 def test_unknown_effects_keep_to_a_place(name):
-    points = plan_points("random", 500, np.random.default_rng(1))
+    points = random_points(500, np.random.default_rng(1))
     moved = np.abs(shift_by(size_effect(BASE, drawn(name), 0.02), points))
     assert 0.05 < np.mean(moved > 0.005) < 0.5
     assert np.sum(moved[moved > 0.005]) > 0.7 * np.sum(moved)
@@ -192,17 +192,13 @@ def test_an_output_meter_moves_the_load_column_and_an_engine_meter_does_not():
     assert engine.output_speed == pytest.approx(plain.output_speed)
 
 
-@pytest.mark.parametrize("plan", PLANS)
-@pytest.mark.parametrize("samples", [8, 25])
-def test_plans_give_the_points_asked_for_within_the_range(plan, samples):
-    points = plan_points(plan, samples, np.random.default_rng(2))
-    assert len(points) == samples
+def test_points_lie_within_the_range():
+    points = random_points(25, np.random.default_rng(2))
+    assert len(points) == 25
     assert np.all(np.abs(points.displacement_ratio) <= 1.0)
     assert np.all((points.engine_speed >= 78.5) & (points.engine_speed <= 230.0))
     assert np.all(points.load_torque >= LOAD_TORQUE[0])
     assert np.all(points.load_torque <= LOAD_TORQUE[1])
-    power = points.load_torque * points.engine_speed
-    assert (np.ptp(power) < 1e-6) == (plan == "constant_power")
 
 
 def same(one, other):
@@ -229,20 +225,10 @@ def test_noise_is_what_the_options_say():
     error = plain.samples["efficiency"] - plain.truth["efficiency"]
     assert np.std(error) == pytest.approx(0.004, rel=0.15)
     assert plain.truth["efficiency"] == pytest.approx(plain.truth["efficiency_plain"])
-    odd = make_campaign(3, samples=400, stated_noise_factor=0.5, outliers=5, session_gain_std=0.01)
+    odd = make_campaign(3, samples=400, stated_noise_factor=0.5)
     assert np.all(odd.samples["efficiency_std"] == 0.002)
-    even = make_campaign(3, samples=400, session_gain_std=0.01)
-    far = odd.samples["efficiency"] - even.samples["efficiency"]
-    assert np.sum(far != 0.0) == 5
-    assert np.min(np.abs(far[far != 0.0])) > 0.023
-    error = even.samples["efficiency"] / even.truth["efficiency"] - 1.0
-    assert np.std([np.mean(quarter) for quarter in np.split(error, 4)]) > 0.003
     speed = odd.samples["output_speed"] / odd.truth["output_speed"] - 1.0
     assert np.std(speed) == pytest.approx(0.001, rel=0.15)
-    tails = make_campaign(3, samples=400, heavy_tails=True)
-    error = (tails.samples["efficiency"] - tails.truth["efficiency"]) / 0.004
-    assert np.median(np.abs(error)) < 0.55
-    assert np.max(np.abs(error)) > 4.0
 
 
 def test_a_varying_temperature_alone_changes_nothing():
@@ -259,9 +245,7 @@ def test_a_varying_temperature_alone_changes_nothing():
     lambda: make_campaign(1, [("gremlins", 0.01)]),
     lambda: make_campaign(1, [("gear_mesh:gremlins", 0.01)]),
     lambda: make_campaign(1, [("churning", 0.0)]),
-    lambda: make_campaign(1, plan="spiral"),
     lambda: make_campaign(1, samples=0),
-    lambda: make_campaign(1, samples=5, outliers=6),
     lambda: make_campaign(1, efficiency_noise=-0.1),
 ])
 def test_bad_requests_are_refused(call):

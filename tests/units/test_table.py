@@ -61,7 +61,7 @@ def test_rows_without_pressure_tell_no_torque(tmp_path):
     pair = list(efficiencies(SPEED, at))
     found = read_unit(table(tmp_path / "t.csv", SPEED, at, pair), kind="pump")
     assert pair[1][0] == 0.0 and found.torque_loss[0] == 0.0
-    assert diagnose_unit(found, deals=0).found.notes[0].startswith("1 samples below 100000 Pa")
+    assert diagnose_unit(found, deals=False).found.notes[0].startswith("1 samples below 100000 Pa")
 
 
 def test_one_unit_of_several(tmp_path):

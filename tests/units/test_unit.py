@@ -10,6 +10,7 @@ from cli.running import assert_refused
 
 from hmcvt_core import InputError, load_model
 from hmcvt_core.benches.unit import (
+    FRICTION,
     HydrostaticUnit,
     UnitModel,
     diagnose_unit,
@@ -45,6 +46,7 @@ def test_the_terms_of_the_paper_are_found_again(tmp_path):
     assert found.found.verdict == "no_gap"
     assert found.model.parameters["leakage"] == pytest.approx(LEAKAGE, rel=0.1)
     assert found.model.parameters["damping"] == pytest.approx(DAMPING, rel=0.1)
+    assert found.model.friction == pytest.approx(FRICTION, rel=0.1)
     assert found.same is None
 
 
@@ -53,7 +55,7 @@ def test_the_terms_of_the_paper_are_found_again(tmp_path):
     (("constant_torque", "orifice_leakage"), 7)],
     ids=lambda each: "+".join(each) if isinstance(each, tuple) else str(each))
 def test_a_hidden_effect_of_another_form_leads(names, seed):
-    found = diagnose_unit(simulated(names, seed), deals=0)
+    found = diagnose_unit(simulated(names, seed), deals=False)
     assert found.found.sets[0].effects == names
     assert found.found.verdict in ("cause_found", "ambiguous")
     for row in found.rmse.values():
@@ -81,7 +83,7 @@ def test_what_a_table_holds_out_is_predicted(tmp_path, hmcvt):
     assert flow["holdout_with_effects"] < 0.4 * flow["holdout_base"]
     assert all({"pressure", "speed", "displacement_ratio"} <= set(place) for place in data["where"])
     assert data["where"][0]["displacement_ratio"] == [1.0, 1.0]
-    assert set(data["parameters"]) == {"leakage", "damping"}
+    assert set(data["parameters"]) == {"leakage", "damping", "friction"}
     assert 0 <= data["same_set_in_deals"] <= 8
 
 
@@ -121,7 +123,7 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     model, units = load_model(tractor), {}
     for kind, losses in hidden.items():
         path = pump(tmp_path, kind=kind, **losses)
-        units[kind] = diagnose_unit(read_unit(path, kind=kind), deals=0)
+        units[kind] = diagnose_unit(read_unit(path, kind=kind), deals=False)
         assert units[kind].model.effects
         model = put_into(model, units[kind])
     save_model(model, tractor)
@@ -140,7 +142,8 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
         stroke = state.displacement_ratio if kind == "pump" else np.ones(2)
         larger = pair.pump_displacement / found.system.displacement
         points = {"displacement_ratio": stroke, "speed": speed, "pressure": state.pressure}
-        base = found.base * [1.0, 1.0, 0.0, 0.0]  # the meters stay at their bench
+        # The meters stay at their bench, and a transmission has no less friction than the paper.
+        base = found.base * [1.0, 1.0, 0.0, 0.0, 0.0]
         lost[kind] = larger * found.system.predict(base, found.effects, points)
     np.testing.assert_allclose(flow.leakage_flow, lost["pump"][0] + lost["motor"][0], rtol=1e-6)
     ideal = pair.motor_displacement * state.pressure
@@ -179,7 +182,7 @@ def test_the_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):
     done = hmcvt("unit", pump(tmp_path), "--kind", "pump", "--into", tractor)
     assert f"pump written into {tractor}" in done.out
     model = load_model(tractor)
-    found = diagnose_unit(read_unit(tmp_path / "pump.csv", kind="pump"), deals=0)
+    found = diagnose_unit(read_unit(tmp_path / "pump.csv", kind="pump"), deals=False)
     assert model.parameters.pump_damping == pytest.approx(DAMPING * 55.0 / CM3, rel=0.1)
     # The motor leaks as the pump does, until it is known.
     assert model.parameters.leakage == pytest.approx(2.0 * LEAKAGE * 55.0 / CM3, rel=0.1)
@@ -217,7 +220,7 @@ def test_the_stroke_is_an_axis_where_it_varies():
     assert {"displacement_error", "reference_displacement"} <= names
     full = samples.select(samples.displacement_ratio == 1.0)
     assert "displacement_error" not in {effect.name for effect in HydrostaticUnit(full).library}
-    assert UnitModel(system, np.array([-11.0, 0.1, 0.0, 0.0]), ()).losses(full).shape == (
+    assert UnitModel(system, np.array([-11.0, 0.1, 0.0, 0.0, 0.0]), ()).losses(full).shape == (
         2, len(full))
 
 
