@@ -26,15 +26,6 @@ def test_floats_give_floats_and_arrays_broadcast(model):
     assert model.efficiency(np.empty((0,)), 100.0, 100.0).shape == (0,)
 
 
-def test_power_loss_at_one_point(model):
-    assert isinstance(model.power_loss(*POINT), float)
-    # 200 N m at 150 rad/s are 30 kW at the output.
-    assert model.power_loss(*POINT) == pytest.approx(30e3 / model.efficiency(*POINT) - 30e3)
-    assert math.isnan(model.power_loss(-1.0, 20.0, 5000.0))  # stalled
-    with pytest.raises(hmcvt.InputError, match="load_torque"):
-        model.power_loss(0.5, 150.0, 9e3)
-
-
 @pytest.mark.parametrize(("point", "message"), [
     ((1.3, 150.0, 200.0), r"displacement_ratio = 1\.3 is outside -1 to 1 \(a fraction of full"),
     ((0.5, 1500.0, 200.0), r"engine_speed = 1500 is outside 10 to 320 rad/s \(is it in r/min\?\)"),

@@ -82,12 +82,6 @@ def test_the_same_model_again_is_no_other_version(model, saved, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_failed_save_leaves_no_file(model, tmp_path):
-    with pytest.raises(OSError):
-        hmcvt.save_model(model, tmp_path / "absent" / "model.yaml")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(("old", "new"), [
     ("value: 0.", "value: 0.1"),
     ("transmission:", "1: one\ntransmission:"),  # what was never written

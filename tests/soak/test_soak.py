@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The endurance trial in seconds: bounds that noise of a machine does not reach."""
 
-from __future__ import annotations
-
 import pytest
 
 from studies.page import Run

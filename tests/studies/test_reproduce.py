@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.reproduce` from end to end: one run with little work, seen from every side."""
 
-from __future__ import annotations
-
 import json
 import re
 import struct
