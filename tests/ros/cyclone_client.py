@@ -83,8 +83,6 @@ class Client:
         self._inputs = [DataWriter(participant, topic(name, Float64), qos=volatile)
                         for name in INPUTS]
         self._samples = DataWriter(participant, topic("bench_sample", JointState), qos=volatile)
-        self._point = DataWriter(participant, topic("operating_point", JointState), qos=volatile)
-        self._advice = DataReader(participant, topic("advice", JointState), qos=volatile)
         self._efficiency, self._optimum = (
             DataReader(participant, topic(name, Float64), qos=volatile)
             for name in ("efficiency", "optimal_displacement_ratio"))
@@ -119,22 +117,6 @@ class Client:
         _until(answered)
         return [found[-1] for found in answers]
 
-    def advice(self, sample: dict[str, Any]) -> dict[str, Any]:
-        """Send a stamped operating point until there is advice that has its stamp."""
-        stamp = Time(*divmod(time.time_ns(), 10**9))
-        found: list[JointState] = []
-
-        def advised() -> bool:
-            self._point.write(JointState(header=Header(stamp), **sample))
-            time.sleep(0.1)
-            found.extend(each for each in self._advice.take(100) if each.header.stamp == stamp)
-            return bool(found)
-
-        _until(advised)
-        last = found[-1]
-        return {"frame_id": last.header.frame_id,
-                "values": dict(zip(last.name, last.position, strict=True))}
-
     def send_sample(self, sample: dict[str, Any]) -> None:
         """Send a bench sample, once the node listens."""
         _until(lambda: self._samples.get_matched_subscriptions())
@@ -157,9 +139,8 @@ def main() -> None:
     client = Client(DomainParticipant(number), namespace)
     model = client.model()
     answers = [client.ask(point) for point in given["points"]]
-    advice = client.advice(given["sample"])
     client.send_sample(given["sample"])
-    json.dump({"model": model, "answers": answers, "advice": advice,
+    json.dump({"model": model, "answers": answers,
                "ros": any(name.startswith(("rclpy", "hmcvt")) for name in sys.modules)}, sys.stdout)
 
 

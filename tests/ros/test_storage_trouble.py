@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A full disk, a folder that cannot be written, a folder that two nodes want, leftovers."""
 
-from __future__ import annotations
-
 import json
 import resource
 import subprocess
@@ -10,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.permissions import BOUND_BY_PERMISSIONS
+from cli.running import BOUND_BY_PERMISSIONS
 from diagnostic_msgs.msg import DiagnosticStatus
-from full_disk import file_limit, read_only
-from ros_bench import GOOD, adopted, command, message, send_table
+from ros_bench import GOOD, adopted, command, file_limit, message, read_only, send_table
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
@@ -123,9 +120,6 @@ def test_second_node_on_one_state_folder_does_not_start(node, environment, paper
     assert second.returncode == 2
     assert second.stderr.startswith(f"hmcvt: error: state_folder: {node.state} is in use by")
     assert second.stderr.count("\n") == 1
-
-
-# --- what it is made of ---------------------------------------------------------------------------
 
 
 def test_model_that_cannot_be_adopted_leaves_the_one_before(paper_file, tmp_path):
