@@ -116,10 +116,10 @@ def test_the_gear_train_is_checked_stage_by_stage():
 @pytest.mark.slow
 def test_gears_and_a_torque_meter_are_twins_in_one_stage_and_not_in_three():
     """Worse gears and the gain of a meter: HM1 has more pairs than HM4, the meter is the same."""
-    one = hmcvt.diagnose(TRACTOR, bench(("HM4",), 48, 3, WORN), noise=NOISE)
+    one = hmcvt.diagnose(TRACTOR, bench(("HM4",), 36, 3, WORN), noise=NOISE)
     assert one.verdict == "ambiguous"
     assert {cause.effect for cause in one.causes[:2]} == {"gear_mesh", "torque_sensor"}
-    three = hmcvt.diagnose(TRACTOR, bench(("HM1", "HM3", "HM4"), 16, 3, WORN), noise=NOISE)
+    three = hmcvt.diagnose(TRACTOR, bench(("HM1", "HM3", "HM4"), 12, 3, WORN), noise=NOISE)
     assert three.verdict == "cause_found" and three.causes[0].effect == "gear_mesh"
     assert three.causes[0].probability > 0.95
     assert list(three.model.stages) == list(TRACTOR.stages)

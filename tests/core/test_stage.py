@@ -184,12 +184,6 @@ def test_speed_ratio_is_equation_5(hm4):
     np.testing.assert_allclose(found, [0.83286, 0.93107, 1.19658, 1.46209, 1.56029], atol=5e-6)
 
 
-def test_hydraulic_split_ratio(hm4):
-    # docs/theory.md, from eq. (8) with i_HM = n_e / n_out.
-    found = published.hydraulic_split_ratio(hm4, np.array(STROKES))
-    np.testing.assert_allclose(found, [-0.6697, -0.4936, -0.1622, 0.0489, 0.1087], atol=5e-5)
-
-
 @pytest.mark.parametrize(("gear_efficiency", "total"), [(0.98, 0.8264), (0.97, 0.8096)])
 def test_efficiency_at_zero_stroke(hm4, gear_efficiency, total):
     # 0.8605 is the paper's own number (section 4.2): (1 + A) / i_HM of (12) with eta_H -> 0. By

@@ -76,6 +76,14 @@ def test_worker_killed_between_logs_is_replaced(tasks):
     assert [type(outcome) for outcome in found.values()] == [Study, Study]
 
 
+def test_all_logs_in_hand_when_a_worker_is_killed_are_made_up(tasks):
+    outcomes = study_all(iter(tasks), SETTINGS, partial(on_processes, 2))
+    found = dict([next(outcomes)])
+    kill(multiprocessing.active_children()[0])
+    found.update(outcomes)
+    assert [type(found[task.name]) for task in tasks] == [Study] * 3
+
+
 def test_logs_are_read_as_there_is_room(tasks):
     read, told = [], []
 

@@ -10,7 +10,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from studies.reproduce import algorithms, bench, formulas, paper, subsets, tables
-from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, WITHOUT, Run, Task
+from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, Run, Task
 from studies.reproduce.comparison import Summary, cheaper
 from studies.reproduce.item import printed
 from studies.workers import recorded
@@ -46,8 +46,8 @@ def test_printed_tables_are_those_of_the_paper():
 
 
 @pytest.mark.parametrize("formulation", tables.FORMULATIONS)
-@pytest.mark.parametrize("tests", [(1, 2, 4, 5, 6), (1, 3, 4, 6, 8)])
-def test_cheap_search_ends_where_identify_does(formulation, tests):
+def test_cheap_search_ends_where_identify_does(formulation):
+    tests = (1, 3, 4, 6, 8)
     found = subsets.fit((formulation, tests))
     samples = bench.table2().select(np.array(tests) - 1)
     served = hmcvt.identify(samples, formulation=formulation)
@@ -56,7 +56,7 @@ def test_cheap_search_ends_where_identify_does(formulation, tests):
     assert found.fit_error == pytest.approx(100.0 * served.fit_error, abs=0.02)
 
 
-@pytest.mark.parametrize("name", [IMPROVED_SA, WITHOUT[4], GA, PSO, SERVED])
+@pytest.mark.parametrize("name", [IMPROVED_SA, GA, PSO, SERVED])
 def test_run_is_repeatable_and_honest(name):
     one, two = (algorithms.run(Task(name, 3, LOWEST)) for _ in range(2))
     assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
