@@ -116,13 +116,6 @@ def test_what_a_parameter_file_never_holds_is_refused_with_its_line(saved, old, 
     assert_refused(hmcvt.load_model, saved, message)
 
 
-def test_what_a_node_says_of_its_model_is_a_parameter_file(saved, model):
-    with saved.open("a", encoding="utf-8") as file:
-        file.write("served: {file: models/0001.yaml, since: '2026-11-22T00:00:00Z'}\n")
-    edited(saved, lambda data: None)
-    assert hmcvt.load_model(saved).fingerprint == model.fingerprint
-
-
 def test_numbers_as_people_write_them(saved):
     # YAML 1.1 reads 3e-11 as text.
     text = edited(saved, lambda data: data["parameters"]["leakage"].update(value=1.0))

@@ -25,13 +25,6 @@ def filled(path, count):
     return log
 
 
-def test_what_is_appended_is_read_back_exactly(path):
-    assert len(filled(path, 5)) == 5
-    read = hmcvt.read_bench(path)
-    np.testing.assert_array_equal(read.engine_speed, 100.0 + np.arange(5) / 7.0)
-    np.testing.assert_array_equal(read.stamp, np.arange(5.0))
-
-
 def test_every_cut_of_the_file_leaves_the_whole_samples(path):
     filled(path, 3)
     whole = path.read_bytes()

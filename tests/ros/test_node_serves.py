@@ -40,18 +40,6 @@ def test_every_bench_test_gets_exactly_the_answer_of_the_model(node, model, tabl
         assert node.player.hold(point) == (model.efficiency(*point), best(model, point))
 
 
-def test_each_arrival_is_answered_once(node):
-    player = node.player
-    player.hold(GOOD)
-    player.efficiencies.clear()
-    player.optima.clear()
-    for _ in range(20):
-        player.send_inputs(GOOD)
-        player.spin_for(0.02)
-    node.comes(lambda: len(player.optima) >= 60, 2.0)
-    assert len(player.efficiencies) == len(player.optima) == 60
-
-
 def test_diagnostics_are_good_while_inputs_flow(node, model):
     assert node.reports(DiagnosticStatus.OK, "three fresh inputs", part="inputs", send=GOOD)
     assert float(node.value("engine_speed age [s]", "inputs")) < 0.5
