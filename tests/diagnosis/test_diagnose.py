@@ -271,6 +271,7 @@ def test_a_channel_that_no_effect_explains_counts_as_unlisted():
     slip = 1.0 - 0.02 * ((stroke > 0.1) & (stroke < 0.4))
     found = hmcvt.diagnose(SHIPPED, replace(SIMULATED, output_speed=slip * SIMULATED.output_speed))
     assert found.verdict == "unexplained" and found.unlisted > 0.95
+    assert found.where[0].channel == "output_speed"
     assert "no set of listed effects explains the gap" in found.notes[-1]
 
 
