@@ -18,7 +18,7 @@ import pytest
 from click import shell_completion
 
 import hmcvt_core
-from hmcvt_core.cli import COMMANDS, cli, common, main, predict
+from hmcvt_core.cli import COMMANDS, cli, common
 
 from .running import COMMAND, POINT, ROOT, TABLE2, assert_refused, process
 
@@ -78,12 +78,6 @@ def test_commands_of_another_package(hmcvt, other_package):
     completed = shell_completion.BashComplete(cli, {}, "hmcvt", "_HMCVT_COMPLETE")
     offered = {item.value for item in completed.get_completions([], "")}
     assert {"greet", *COMMANDS} <= offered and not {"needy", "absent", "plain"} & offered
-
-
-def test_internal_failure_is_told_from_wrong_input(monkeypatch):
-    monkeypatch.setattr(predict, "common", None)
-    with pytest.raises(AttributeError):  # which ends a process with a traceback and code 1
-        main(["predict", *POINT])
 
 
 def _limit_file_size():

@@ -46,13 +46,6 @@ def test_bad_points_are_named(model, method, point, message):
     assert "\n" not in str(caught.value)
 
 
-def test_oil_temperature_is_checked(model):
-    with pytest.raises(hmcvt.InputError, match=r"oil_temperature = 333 .*is it in kelvin\?"):
-        model.efficiency(*POINT, oil_temperature=333.0)
-    # Without an effect of the oil it changes nothing.
-    assert model.efficiency(*POINT, oil_temperature=20.0) == model.efficiency(*POINT)
-
-
 @pytest.mark.parametrize(("values", "message"), [
     ((0.0, 0.1, 0.1), "parameters: leakage = 0 is outside 1e-16 to 1e-08"),
     ((1e-11, -0.1, 0.1), "parameters: motor_damping = -0.1 is outside 0 to 10 N m s/rad"),

@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a plan can tell apart, and what to measure next."""
 
-import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -76,21 +75,6 @@ def test_points_planned_twice_do_not_state_the_noise():
     assert triple.plan.usual_noise == pytest.approx(single.plan.usual_noise)
     assert (triple.detectability >= single.detectability * (1.0 - 1e-9)).all()
     assert (triple.detectability <= 3.0 * single.detectability * (1.0 + 1e-9)).all()
-
-
-def test_plain_data_and_words():
-    found = _matrix(campaign(seed=1, n=48))
-    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert data["samples"] == 48
-    assert data["channels"] == ["efficiency", "output_speed"]
-    assert [item["effect"] for item in data["effects"]] == list(found.effects)
-    for item in data["effects"]:
-        assert item["visible"] == (item["detectability"] >= data["threshold"])
-    text = found.report()
-    added = found.report(matrix=True).removeprefix(text)
-    assert len(added.splitlines()) >= len(found.effects) + 2
-    assert text.startswith("48 points; read: efficiency, output_speed\nnoise of the efficiency: "
-                           "0.3 points, given\n\ntold from all others: ")
 
 
 def test_what_cannot_be_told_apart_comes_with_what_would():

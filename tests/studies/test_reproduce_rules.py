@@ -2,7 +2,7 @@
 """The rules of the verdicts, and what they are fed with."""
 
 import math
-from concurrent.futures import Executor, Future
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +14,6 @@ from studies.reproduce.algorithms import Run
 from studies.reproduce.comparison import Summary, cheaper
 from studies.reproduce.item import printed
 from studies.workers import recorded
-
-LOWEST = 0.018479745  # of 1 - RSQ on the paper's five tests: docs/theory.md, 1.32 % fit error
 
 
 @pytest.mark.parametrize(("published", "ours", "form", "verdict"), [
@@ -80,15 +78,6 @@ def test_difference_must_be_beyond_chance():
     assert cheaper(half, half, half.whole, half.whole) == 0.0
 
 
-class Here(Executor):
-    """Work in this process, at once."""
-
-    def submit(self, work, /, *given):
-        done = Future()
-        done.set_result(work(*given))
-        return done
-
-
 def test_interrupted_work_goes_on_where_it_was(tmp_path):
     path, worked = tmp_path / "records.jsonl", []
 
@@ -96,12 +85,12 @@ def test_interrupted_work_goes_on_where_it_was(tmp_path):
         worked.append(number)
         return {"number": number}
 
-    first = recorded(Here(), work, {"a": 1}, path)
-    assert list(first) == [{"number": 1}]
-    with path.open("a") as file:
-        file.write('["b", {"num')  # cut off
-    tasks = {"a": 1, "b": 2, "c": 3}
-    for _ in range(2):
-        found = list(recorded(Here(), work, tasks, path))
-        assert sorted(record["number"] for record in found) == [1, 2, 3]
+    with ThreadPoolExecutor(1) as pool:
+        assert list(recorded(pool, work, {"a": 1}, path)) == [{"number": 1}]
+        with path.open("a") as file:
+            file.write('["b", {"num')  # cut off
+        tasks = {"a": 1, "b": 2, "c": 3}
+        for _ in range(2):
+            found = list(recorded(pool, work, tasks, path))
+            assert sorted(record["number"] for record in found) == [1, 2, 3]
     assert sorted(worked) == [1, 2, 3]
