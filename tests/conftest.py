@@ -2,6 +2,9 @@
 import os
 import signal
 
+import pytest
+from cli.running import run
+
 # The tables of makers are not copied here (docs/units.md).
 collect_ignore = [] if "HMCVT_REAL_UNITS" in os.environ else ["units/test_real.py"]
 
@@ -11,6 +14,12 @@ def pytest_configure():
     # process that they start.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def hmcvt():
+    """Run the command in this process."""
+    return run
 
 
 def pytest_collection_modifyitems(items):

@@ -1,17 +1,16 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""One name and one version in every file that has to repeat them, and the files that ship."""
-
-from __future__ import annotations
+"""One name and one version in every file that repeats them, what ships, what stands beside it."""
 
 import ast
 import configparser
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
-from importlib.metadata import entry_points, version
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 
 import hmcvt_core as hmcvt
 
@@ -22,20 +21,15 @@ KEYS = {name: f"python3-{name}" for name in (
     "click", "hypothesis", "jinja2", "matplotlib", "numpy", "pytest", "scipy", "yaml")}
 
 
+def read(name):
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
 def test_package_xml_repeats_name_and_version():
     assert PACKAGE.findtext("name") == "hmcvt_ros"
     assert PACKAGE.findtext("version") == hmcvt.__version__ == version("hmcvt_ros")
     # ROS finds an ament_python package by an empty marker of its name.
     assert (ROOT / "hmcvt_ros" / "resource" / PACKAGE.findtext("name")).read_bytes() == b""
-
-
-def test_every_command_can_be_loaded():
-    commands = {entry.name: entry for entry in entry_points(group="console_scripts")
-                if entry.value.startswith("hmcvt_")}
-    assert set(commands) == {"hmcvt", "hmcvt-node", "efficiency_node"}
-    for entry in commands.values():
-        if entry.name == "hmcvt":  # the others need ROS: tests/ros
-            assert callable(entry.load())
 
 
 @pytest.mark.parametrize("folder", ["data", "params"])
@@ -67,7 +61,7 @@ def third_party(*folders):
 
 def optional():
     """The words in the extras that a robot does without; it writes the page of a diagnosis."""
-    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    text = read("pyproject.toml")
     section = text.partition("[project.optional-dependencies]\n")[2].partition("\n[")[0]
     _, *parts = re.split(r"^(\w+) = ", section, flags=re.MULTILINE)
     extras = dict(zip(parts[::2], parts[1::2], strict=True))
@@ -92,14 +86,12 @@ def test_rosdep_installs_what_the_tests_import():
 
 
 def test_everything_beside_the_modules_is_installed_for_ros():
-    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    setup = read("setup.py")
     for folder in ("config", "launch", "security"):
         for path in (ROOT / "hmcvt_ros" / folder).iterdir():
             if path.is_file():
                 assert f'(f"share/{{NAME}}/{folder}", ["hmcvt_ros/{folder}/{path.name}"])' in setup
 
-
-# --- what a user of the package reads and relies on -----------------------------------------------
 
 HEADER = "# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0"
 
@@ -113,7 +105,7 @@ def test_every_source_file_says_whose_it_is():
 
 
 def test_placeholders_are_marked_and_valid_in_form():
-    text = (ROOT / "package.xml").read_text(encoding="utf-8")
+    text = read("package.xml")
     block = text.partition("<!-- PLACEHOLDERS")[2].partition("<!-- End of the placeholders")[0]
     assert text.count("example.org") == block.count("example.org") > 0
     for tag in ("maintainer", "author"):
@@ -125,8 +117,8 @@ def test_placeholders_are_marked_and_valid_in_form():
 
 
 def test_all_that_pip_installs_for_the_tests_is_locked():
-    pinned = re.findall(r"^([\w.-]+)==", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
-    lines = (ROOT / "pyproject.toml").read_text(encoding="utf-8").partition("[tool.")[0].split("\n")
+    pinned = re.findall(r"^([\w.-]+)==", read("constraints.txt"), re.MULTILINE)
+    lines = read("pyproject.toml").partition("[tool.")[0].split("\n")
     lines = [line for line in lines if line.startswith("dependencies = ")] + lines[
         lines.index("[project.optional-dependencies]"):]
     asked = re.findall(r'"([\w-]+)[^"]*"', "\n".join(lines))
@@ -135,13 +127,13 @@ def test_all_that_pip_installs_for_the_tests_is_locked():
 
 
 def test_what_ends_is_started_again():
-    launch = ast.parse((ROOT / "hmcvt_ros" / "launch" / "hmcvt.launch.py").read_text())
+    launch = ast.parse(read("hmcvt_ros/launch/hmcvt.launch.py"))
     node, = (call for call in ast.walk(launch) if isinstance(call, ast.Call)
              and isinstance(call.func, ast.Name) and call.func.id == "Node")
     given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
     assert given["respawn"] == "LaunchConfiguration('respawn')"
     assert float(given["respawn_delay"]) > 0.0
-    page = (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8")
+    page = read("docs/deploy.md")
     unit = configparser.ConfigParser(interpolation=None)
     unit.optionxform = str
     unit.read_string(re.search(r"```ini\n(.*?)```", page, re.DOTALL)[1])
@@ -152,7 +144,33 @@ def test_what_ends_is_started_again():
     assert "WatchdogSec" not in service
 
 
-def test_readme_leads_to_the_declarations():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    for name in ("QUALITY_DECLARATION.md", "SECURITY.md", "docs/security.md"):
-        assert f"]({name})" in readme and (ROOT / name).is_file()
+def test_citation_is_of_this_version():
+    citation = yaml.safe_load(read("CITATION.cff"))
+    assert citation["version"] == hmcvt.__version__
+    # What the format asks for; GitHub shows nothing without them.
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["title"] == "hmcvt" and citation["authors"] and citation["message"]
+    assert citation["license"] == "Apache-2.0"
+    paper, = citation["references"]
+    assert paper["type"] == "article" and "HMCVT" in paper["title"] and paper["authors"]
+
+
+def test_changelog_begins_with_this_version():
+    versions = re.findall(r"^## (\S+)", read("CHANGELOG.md"), flags=re.MULTILINE)
+    released = [version for version in versions if version.lower() != "unreleased"]
+    assert released[0] == hmcvt.__version__
+    entry = read("CHANGELOG.md").partition(f"## {hmcvt.__version__}")[2].partition("\n## ")[0]
+    assert "\n* " in entry
+    numbers = [tuple(map(int, version.split("."))) for version in released]
+    assert numbers == sorted(set(numbers), reverse=True)
+
+
+def test_web_site_has_every_page_once():
+    named = re.findall(r"^ +- ([\w-]+\.md)$", read("mkdocs.yml"), re.MULTILINE)
+    assert sorted(named) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
+    assert named[0] == "index.md"
+
+
+def test_every_public_name_stands_on_the_page_of_the_api():
+    named = re.findall(r"^::: hmcvt_core\.(\w+)$", read("docs/api.md"), re.MULTILINE)
+    assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})

@@ -5,11 +5,8 @@ import importlib.util
 
 import numpy as np
 import pytest
-from cli.running import hmcvt
 
 import hmcvt_core
-
-__all__ = ["hmcvt"]
 
 MISSING = importlib.util.find_spec("rosbags") is None
 

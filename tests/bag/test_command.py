@@ -14,7 +14,7 @@ from hmcvt_core import read_bench
 from hmcvt_ros.bag import ImportSettings, Steadiness
 from hmcvt_ros.commands.import_bag import command
 
-from .simulated import START, TEMPERATURE, bench_records, signal_records, temperature, write_bag
+from .simulated import bench_records, signal_records, write_bag
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -127,18 +127,6 @@ def test_out_is_needed_and_never_a_file_of_a_bag(hmcvt, workplace):
     code, _, err = hmcvt("import-bag", "run1", "--out", "run1.mcap")
     assert code == 2 and "not written over" in err
     assert Path("run1.mcap").read_bytes() == before
-
-
-def test_notes_and_refusals_are_told(hmcvt, workplace, quiet):
-    records = [*bench_records(quiet), *(
-        (f"/{side}/oil_temperature", TEMPERATURE, START + 1.0, temperature(60.0))
-        for side in ("left", "right")), ("/bench_sample", "sensor_msgs/msg/JointState",
-                                         START + 1.001, b"")]
-    write_bag(workplace / "noted", records)
-    _, out, _ = hmcvt("import-bag", "noted", "--out", "samples.csv")
-    assert f"/bench_sample: {len(quiet.time) + 1} messages read, 1 refused (1 unreadable)" in out
-    assert "note: /left/oil_temperature and /right/oil_temperature: none used" in out
-    assert "1 steady windows, 0 refused" in out
 
 
 def _examples():

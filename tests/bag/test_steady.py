@@ -91,8 +91,6 @@ def test_every_channel_has_to_be_settled():
     assert time[window.start] == pytest.approx(8.0)
 
 
-# --- uncertainty ----------------------------------------------------------------------------------
-
 @pytest.mark.parametrize("constant", [0.001, 0.1, 0.3])
 def test_effective_size_of_first_order_noise(constant):
     rng = np.random.default_rng(1)

@@ -36,8 +36,6 @@ def bag(request, tmp_path, quiet):
     return write_bag(tmp_path / "run", bench_records(quiet), request.param)
 
 
-# --- topics ---------------------------------------------------------------------------------------
-
 @pytest.mark.parametrize("settings", [
     {}, {"namespace": "tractor1/rear"}, {"namespace": "/tractor1/rear/"},
     {"topic": "rear/bench_sample"}, {"topic": "/tractor1/rear/bench_sample"},
@@ -113,8 +111,6 @@ def test_another_layout_under_the_same_name(tmp_path):
     assert "layout that ROS 2 Jazzy does not know" in refusal(tmp_path / "run")
 
 
-# --- bags that cannot be read ---------------------------------------------------------------------
-
 @pytest.mark.parametrize("name, content, words", [
     ("nowhere", None, "there is no such bag"),
     (".", None, "is no bag"),
@@ -142,14 +138,6 @@ def _cut(part):
 def test_damaged_bag(bag, damage):
     damage(next(bag.glob("run*")))
     assert "the bag cannot be read" in refusal(bag)
-
-
-def test_damage_in_the_middle_of_the_messages(tmp_path, quiet):
-    path = write_bag(tmp_path / "run", bench_records(quiet), "sqlite3")
-    content = bytearray((path / "run.db3").read_bytes())
-    content[len(content) // 2:len(content) // 2 + 8192] = b"\xff" * 8192
-    (path / "run.db3").write_bytes(content)
-    assert "the bag cannot be read" in refusal(path)
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])

@@ -1,7 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Two ways to run the command: as its own process, and in this one where speed matters."""
 
+import contextlib
+import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +24,15 @@ TRACTOR, ENGINE = str(ROOT / "params" / "tractor.yaml"), str(ROOT / "params" / "
 POINT = ("--displacement-ratio", "0.5", "--engine-speed", "1400rpm", "--load-torque", "200")
 # A warning on stderr would be a second line beside the message.
 COMMAND = (sys.executable, "-W", "error", "-m", "hmcvt_core.cli")
+# Root may read and write everywhere, unless it does without these rights; others have none of them.
+_PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE, _CAP_DAC_READ_SEARCH = 24, 1, 2
+BOUND_BY_PERMISSIONS = (
+    sys.executable, "-c",
+    f"""import ctypes, os, sys
+for right in {_CAP_DAC_OVERRIDE}, {_CAP_DAC_READ_SEARCH}:
+    ctypes.CDLL(None).prctl({_PR_CAPBSET_DROP}, right, 0, 0, 0)
+os.execv(sys.argv[1], sys.argv[1:])""")
+"""Put before the command of a process: permissions of files hold for it, whoever runs the tests."""
 
 
 class Done(NamedTuple):
@@ -72,13 +84,16 @@ def write_raw_bench(path):
                header=",".join(columns))
 
 
-@pytest.fixture
-def hmcvt(capsys):
+def run(*arguments):
     """Run the command in this process."""
-    def run(*arguments):
-        with pytest.raises(SystemExit) as stopped:
-            main([str(argument) for argument in arguments])
-        seen = capsys.readouterr()
-        return Done(stopped.value.code, seen.out, seen.err)
+    with contextlib.redirect_stdout(io.StringIO()) as out, \
+            contextlib.redirect_stderr(io.StringIO()) as err, pytest.raises(SystemExit) as stopped:
+        main([str(argument) for argument in arguments])
+    return Done(stopped.value.code, out.getvalue(), err.getvalue())
 
-    return run
+
+def script(path, *arguments, cwd, **options):
+    """Run a Python script on the package under test, with warnings as errors."""
+    return subprocess.run(
+        [sys.executable, "-W", "error", str(path), *map(str, arguments)], cwd=cwd, timeout=100,
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, **options)

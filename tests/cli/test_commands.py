@@ -1,16 +1,20 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Each command prints what the core computes, as text and as JSON."""
+"""Each command prints what the core computes, as text and as JSON, and notes beside it."""
 
 import csv
 import io
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt_library
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from studies.watch import stream, well_known
 
-from .running import HM4, POINT, ROOT, TABLE2
+from .running import HM4, POINT, ROOT, TABLE2, assert_refused
 
 RPM = math.pi / 30.0
 HERE = (0.5, 1400 * RPM, 200.0)
@@ -87,13 +91,6 @@ def test_predict_file_with_samples_that_have_no_answer(hmcvt, tmp_path):
     assert hmcvt("predict", bench, "--json").json[0]["predicted"] is None
 
 
-def test_speed_in_every_unit(hmcvt):
-    values = [hmcvt("predict", *POINT, "--engine-speed", text, "--json").json["output_speed"]
-              for text in (f"{1400 * RPM!r}", "1400rpm", "1400 RPM", "1400r/min",
-                           f"{1400 * RPM!r} rad/s")]
-    assert values == pytest.approx([values[0]] * 5, rel=1e-12)
-
-
 def test_optimum_at_held_engine_speed(hmcvt, model):
     best = model.optimal_displacement_ratio(*HERE[1:])
     done = hmcvt("optimum", *POINT[2:])
@@ -151,12 +148,9 @@ def test_map_as_csv(hmcvt, model):
         [float(row["efficiency"]) for row in rows], abs=1e-6)
 
 
-def test_a_point_just_outside_the_data_is_told_with_enough_digits(hmcvt):
+def test_optimum_says_that_the_point_now_lies_outside_the_data(hmcvt):
     told = hmcvt("optimum", "--engine-speed", "1400.2rpm", "--load-torque", "200").out
     assert "  engine_speed 146.628601 rad/s is not in 78.54 to 146.61 rad/s" in told
-
-
-def test_optimum_says_that_the_point_now_lies_outside_the_data(hmcvt):
     held = ("optimum", "--engine-speed", "1450rpm", "--load-torque", "200",
             "--displacement-ratio", "-0.8", "--hold", "output_speed")
     told = hmcvt(*held).out.splitlines()
@@ -202,3 +196,100 @@ def test_a_point_outside_the_data_is_told_with_its_axis(hmcvt, command):
 def test_shipped_model_is_the_default(hmcvt, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert hmcvt("predict", *POINT) == hmcvt("predict", *POINT, "--params", HM4)
+
+
+def test_watch(hmcvt, tmp_path):
+    bench, params = tmp_path / "samples.csv", tmp_path / "p.yaml"
+    hmcvt_library.save_model(well_known(), params)
+    hmcvt_library.write_bench(bench, stream(well_known(), 1, "charge_pump", 0.02))
+    asked = ("watch", bench, "--params", params, "--noise", "0.004")
+    done, found = hmcvt(*asked), hmcvt(*asked, "--json")
+    assert (done.code, done.err, found.code) == (4, "", 4)
+    assert done.out.startswith("a gap has opened: the bench reads ")
+    assert "points below the model (95 %: " in done.out and "noticed at sample" in done.out
+    assert found.json["open"] and found.json["since_stamp"] is None
+    assert found.json["interval"][0] < found.json["size"] < found.json["interval"][1] < 0.0
+    done = hmcvt("watch", TABLE2)
+    assert done.code == 0 and done.out.startswith("no gap has opened in 8 samples")
+    assert_refused(hmcvt("watch", TABLE2, "--false-alarms", "0"), "--false-alarms")
+
+
+# Others: above, test_messy_tables.py, tests/fleet, tests/bag.
+WRITES = {
+    "identify": (TABLE2, "--fit", "1,2,4-6", "--out", "p.yaml", "--picture", "fit.png"),
+    "map": ("--steps", "3", "3", "2", "--out", "m.csv", "--picture", "m.svg", "--bench", TABLE2),
+    "breakdown": (*POINT, "--picture", "losses.svg"),
+    "diagnose": (TABLE2, "--report", "report.html", "--save-model", "d.yaml"),
+    "next": (TABLE2, "--noise", "0.0085", "--limits", TABLE2),
+    "separable": (TABLE2, "--output-speed", "--pressure"),
+}
+
+
+@pytest.mark.parametrize("name", WRITES)
+def test_json_is_one_value_alone_whatever_else_is_written(hmcvt, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    done = hmcvt(name, *WRITES[name], "--json")
+    assert done.code == 0 and done.json
+    assert all(line.startswith("note: ") for line in done.err.splitlines())
+    named = [word for option, word in zip(WRITES[name], WRITES[name][1:], strict=False)
+             if option in ("--out", "--picture", "--report", "--save-model")]
+    assert all((tmp_path / name).stat().st_size > 0 for name in named)
+
+
+# --- copies, stalls, oil temperature, errors of meters --------------------------------------------
+
+HEADER = "displacement_ratio,engine_speed,load_torque,efficiency\n"
+
+
+def saved(path, *effects):
+    model = hmcvt_library.load_model(HM4)
+    hmcvt_library.save_model(replace(model, effects=effects), path)
+    return path
+
+
+@pytest.fixture
+def with_a_stall(tmp_path):
+    bench = tmp_path / "bench.csv"
+    rows = "".join(",".join(line.split(",")[1:5]) + "\n"
+                   for line in Path(TABLE2).read_text().splitlines()[1:])
+    bench.write_text(f"{HEADER}{rows}-1,20,2000,0.3\n")
+    return bench
+
+
+def test_held_back_sample_that_stalls_is_counted(hmcvt, tmp_path, with_a_stall):
+    out = tmp_path / "model.yaml"
+    done = hmcvt("identify", with_a_stall, "--fit", "1,2,4-6", "--out", out)
+    assert "no answer at 1 of 4 samples held back" in done.out and "nan" not in done.out
+    assert ".nan" not in out.read_text()
+    stated = hmcvt_library.load_model(out).provenance
+    assert (stated["validation_samples"], stated["validation_without_answer"]) == (4, 1)
+    # The mean is that of the paper's three.
+    assert stated["prediction_error"] == pytest.approx(0.0160, abs=1e-4)
+
+
+def test_copied_rows_are_told(hmcvt, tmp_path):
+    text, bench = Path(TABLE2).read_text(), tmp_path / "copied.csv"
+    bench.write_text(text + "".join(text.splitlines(keepends=True)[1:]))
+    assert "8 of 16 samples copy another one" in hmcvt("identify", bench).out
+    assert "copy" not in hmcvt("identify", TABLE2).out
+    bench.write_text(HEADER + 12 * "0.5,150,200,0.8\n")
+    assert "12 samples at 1 working point cannot determine 3" in hmcvt("identify", bench).out
+
+
+@pytest.mark.parametrize("command", ["predict", "breakdown"])
+def test_oil_temperature_without_effect_is_told(hmcvt, command):
+    done = hmcvt(command, *POINT, "--oil-temperature", "20", "--json")
+    assert done.code == 0 and done.json["efficiency"] > 0.0
+    assert done.err == ("note: this model has no effect of the oil temperature; --oil-temperature "
+                        "changes nothing\n")
+    assert hmcvt(command, *POINT).err == ""
+
+
+@pytest.mark.parametrize("command", [
+    ("predict", *POINT), ("breakdown", *POINT), ("optimum", *POINT[2:]),
+    ("map", "--steps", "2", "2", "2")], ids=lambda command: command[0])
+def test_oil_temperature_that_is_assumed_is_told(hmcvt, tmp_path, command):
+    warm = saved(tmp_path / "warm.yaml", OilTemperature(1.0))
+    assert "60 deg C" in hmcvt(*command, "--params", warm).err
+    if command[0] in ("predict", "breakdown"):
+        assert hmcvt(*command, "--params", warm, "--oil-temperature", "40").err == ""

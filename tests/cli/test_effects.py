@@ -4,12 +4,10 @@
 import os
 import re
 import shlex
-import subprocess
-import sys
 
 import pytest
 
-from .running import HM4, ROOT, TABLE2, assert_refused, process
+from .running import HM4, ROOT, TABLE2, assert_refused, process, script
 
 EXAMPLE = ROOT / "examples" / "own_effect.py"
 PAGE = (ROOT / "docs" / "add-an-effect.md").read_text(encoding="utf-8")
@@ -19,9 +17,7 @@ PAGE = (ROOT / "docs" / "add-an-effect.md").read_text(encoding="utf-8")
 def worked(tmp_path_factory):
     """A folder in which the example has run, and what it printed."""
     folder = tmp_path_factory.mktemp("worked")
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(EXAMPLE)], cwd=folder, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=100)
+    done = script(EXAMPLE, cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder, done.stdout
 

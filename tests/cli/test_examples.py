@@ -1,8 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Every command shown to a reader works: in --help, in README.md and on every page of docs/.
 
-A command line is run for real in a folder that holds the files it names. What is not run is named
-in `PARSED_ONLY`, with the reason; its arguments are still read by the command it names. A line with
+The tutorial and the worked example of the diagnosis also print what the pages show. A command
+line is run for real in a folder that holds the files it names. What is not run is named in
+`PARSED_ONLY`, with the reason; its arguments are still read by the command it names. A line with
 placeholders (`BENCH.csv`, `[--json]`), or that does no more than name an option, is a synopsis: the
 command has to exist and have its options.
 """
@@ -21,10 +22,14 @@ from hmcvt_core.cli import cli
 
 from .running import ROOT, write_raw_bench
 
-PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
+pytestmark = pytest.mark.slow
+
+DOCS = ROOT / "docs"
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")))
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 NAMES = cli.list_commands(click.Context(cli))
 PARSED_ONLY = {
-    "diagnose": "seconds each; run by test_tutorial.py, test_json.py and the Python of README.md",
+    "diagnose": "seconds each; run by the tutorial, test_commands.py and README.md",
     "fleet": "needs the logs of a fleet, or a Dask cluster; run by tests/fleet",
     "import-bag": "needs bags; run by tests/bag",
     "unit": "makers' tables are not copied here; run on simulated ones by tests/units",
@@ -93,7 +98,7 @@ def test_every_command_shows_examples(name):
 
 
 def test_every_command_stands_in_cli_md_and_has_an_example():
-    table = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    table = (DOCS / "cli.md").read_text(encoding="utf-8")
     for name in NAMES:
         assert re.search(rf"^\| `hmcvt {name}\b", table, re.MULTILINE), name
         assert any(case[0] == name.removesuffix("-csv") for case in CASES), name
@@ -130,3 +135,83 @@ def test_python_of_the_readme(workplace):
     for block in blocks:
         exec(block, names)
     assert 0.0 < names["fit"].fit_error < 0.05 and names["found"].verdict
+
+
+# --- what pages show is what is printed -----------------------------------------------------------
+
+
+def blocks(page):
+    """Indented blocks of a page, as lists of lines."""
+    text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
+    found = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
+    return [[line[4:] for line in block.splitlines() if line.strip()] for block in found]
+
+
+def same(shown, printed):
+    """Whether a line is printed as it is shown; numbers may differ in the last digits."""
+    if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
+        return False
+    pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
+    return all(float(one) == pytest.approx(float(other), rel=0.02, abs=0.011)
+               for one, other in pairs)
+
+
+def follow(hmcvt, block, printed):
+    """Run the commands of a block, or find what the block shows in what was printed last."""
+    if block[0].startswith("pip install"):
+        return printed  # what this test runs is installed, or is the checkout
+    if block[0].startswith("cp "):
+        _, source, target = block[0].split()
+        shutil.copy(source, target)
+        return printed
+    if block[0].startswith("hmcvt "):
+        assert len(block) == 1
+        done = hmcvt(*shlex.split(block[0])[1:])
+        assert (done.code, done.err) == (0, "")
+        return done.out.splitlines()
+    at = 0
+    for line in block:
+        found = [i for i in range(at, len(printed)) if same(line, printed[i])]
+        assert found, (line, printed)
+        at = found[0] + 1
+    return printed
+
+
+def test_every_step(hmcvt, tmp_path, monkeypatch):
+    for folder in ("data", "params"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    write_raw_bench(tmp_path / "raw.csv")
+    monkeypatch.chdir(tmp_path)
+    page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+    printed, steps = [], blocks(page)
+    assert len(steps) >= 12
+    for block in steps:
+        printed = follow(hmcvt, block, printed)
+    # The pictures of the page are those that its commands draw.
+    pictures = set(re.findall(r"\(pictures/([\w.]+)\)", page))
+    assert pictures == {"fit.png", "map.png", "losses.png"}
+    assert all((tmp_path / name).is_file() for name in pictures)
+    assert (tmp_path / "report.html").is_file() and (tmp_path / "mine.yaml").is_file()
+
+
+def test_worked_example_of_the_diagnosis(hmcvt, tmp_path, monkeypatch):
+    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    example, = re.findall(r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE)
+    shutil.copytree(ROOT / "data", tmp_path / "data")
+    monkeypatch.chdir(tmp_path)
+    printed, steps = [], blocks(example)
+    assert len(steps) >= 6
+    told = []
+    for block in steps:
+        printed = follow(hmcvt, block, printed)
+        told += printed
+    assert (tmp_path / "better.yaml").is_file()
+    assert "model with charge_pump (50 %, not certain) written to better.yaml" in told
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
+def test_links_of_the_pages_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+        if not re.match(r"https?://", target):
+            assert (page.parent / target).exists(), target

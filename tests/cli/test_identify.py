@@ -2,7 +2,6 @@
 """`hmcvt identify`: the paper's split, what it prints and what it writes."""
 
 import pathlib
-import re
 
 import pytest
 
@@ -46,15 +45,6 @@ def test_file_and_report_say_what_json_says(tmp_path, hmcvt):
     assert [line.split()[0] for line in lines] == ["3", "7", "8"]
     for line, entry in zip(lines, done.json["held_back"], strict=True):
         assert f"{entry['predicted']:.4f}" in line
-
-
-def test_samples_are_numbered_as_in_the_file(hmcvt):
-    text = hmcvt("identify", SIMULATED, "--fit", "1,3,5-40").out
-    fitted, held = text.split("held back:\n")
-    rows = re.findall(r"^ +(\d+) +[-\d.]+ +\d.*$", fitted, re.MULTILINE)
-    assert rows == [str(number) for number in (1, 3, *range(5, 41))]
-    assert [line.split()[0] for line in held.splitlines()[1:4]] == ["2", "4", "41"]
-    assert "sample  displacement" in fitted
 
 
 def test_part_of_the_samples_is_held_back_at_random(hmcvt):

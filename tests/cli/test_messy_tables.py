@@ -284,7 +284,9 @@ def test_a_slow_output_is_in_the_unit_of_the_engine_and_a_mode_is_no_stage(hmcvt
     path, out = tmp_path / "t.csv", tmp_path / "bench.csv"
     path.write_text("eps,engine speed,engine torque,output speed,output torque,mode\n"
                     "0.5,1400,200,120,1900,auto\n-0.5,1500,180,150,1500,auto\n")
-    assert hmcvt("import", path, "--out", out, "--yes").code == 0
+    told = hmcvt("import-csv", path, "--out", out, "--yes", "--json").json  # its older name
+    assert (told["samples"], told["out"]) == (2, str(out))
+    assert told["columns"]["displacement_ratio"] == {"unit": "-", "low": -0.5, "high": 0.5}
     found = core.read_bench(out)
     assert found.output_speed == pytest.approx(np.array([120.0, 150.0]) * RPM)
     assert found.extra == {"mode": ("auto", "auto")} and found.points.stage is None

@@ -18,7 +18,7 @@ import pytest
 from click import shell_completion
 
 import hmcvt_core
-from hmcvt_core.cli import COMMANDS, cli, common, main, point
+from hmcvt_core.cli import COMMANDS, cli, common
 
 from .running import COMMAND, POINT, ROOT, TABLE2, assert_refused, process
 
@@ -80,19 +80,6 @@ def test_commands_of_another_package(hmcvt, other_package):
     assert {"greet", *COMMANDS} <= offered and not {"needy", "absent", "plain"} & offered
 
 
-def test_completion_is_set_up_by_the_line_of_the_page(hmcvt, monkeypatch):
-    page = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-    assert '    eval "$(_HMCVT_COMPLETE=bash_source hmcvt)"' in page
-    monkeypatch.setenv("_HMCVT_COMPLETE", "bash_source")
-    assert "_HMCVT_COMPLETE=bash_complete $1" in hmcvt().out
-
-
-def test_internal_failure_is_told_from_wrong_input(monkeypatch):
-    monkeypatch.setattr(point, "common", None)
-    with pytest.raises(AttributeError):  # which ends a process with a traceback and code 1
-        main(["predict", *POINT])
-
-
 def _limit_file_size():
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 
@@ -104,13 +91,6 @@ def test_write_that_fails_half_way_leaves_the_old_file(tmp_path):
     assert_refused(done, f"{out}: File too large")
     assert out.read_text() == "old"
     assert list(tmp_path.iterdir()) == [out]
-
-
-def test_folder_that_is_not_there_is_told_before_the_work(hmcvt, tmp_path):
-    # The bench file does not exist either: had the work begun, that would be the complaint.
-    out = tmp_path / "none" / "p.yaml"
-    assert_refused(hmcvt("identify", tmp_path / "none.csv", "--out", out), "--out", "not a folder")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_link_stays_a_link(hmcvt, tmp_path):

@@ -113,12 +113,6 @@ def falling(points):
     return np.array([-float(next(_count)) for _ in points])
 
 
-def test_generations_are_cooling_steps_at_the_slower_rate():
-    # docs/theory.md: 0.9^132 < 1e-6 < 0.9^131.
-    assert Schedule().generations == 132
-    assert Schedule(initial_temperature=1e-2, cooling=(0.7, 0.9)).generations == 88
-
-
 @pytest.mark.parametrize(("objective", "factor", "steps"), [(flat, 0.7, 39), (falling, 0.9, 132)])
 def test_cooling_of_equation_20(objective, factor, steps):
     """By hand: log(1e-6) / log(0.7) = 38.7 and log(1e-6) / log(0.9) = 131.1."""
@@ -202,13 +196,6 @@ def test_nan_is_infinitely_bad():
     np.testing.assert_allclose(found.ends[0], (0.5, -0.7), atol=0.01)
     nowhere = minimise(lambda points: np.full(len(points), np.nan), SQUARE)
     assert (nowhere.value, nowhere.stop_reason) == (math.inf, "cooled")
-
-
-def test_start_is_used_and_kept():
-    start, counted = np.array([1.5, -1.5]), Recorder(sphere)
-    minimise(counted, SQUARE, start=start, schedule=Schedule(chains=3))
-    np.testing.assert_array_equal(counted.asked[0], [[1.5, -1.5]] * 3)
-    np.testing.assert_array_equal(start, [1.5, -1.5])
 
 
 @pytest.mark.parametrize(("settings", "message"), [

@@ -166,13 +166,3 @@ def test_select_takes_indices_and_masks(table2):
     assert masked.extra == {"test": ("6", "7", "8")}
     with pytest.raises(hmcvt.InputError, match="holds no samples"):
         table2.select(np.zeros(8, dtype=bool))
-
-
-def test_write_leaves_the_old_file_when_it_fails(tmp_path, table2):
-    with pytest.raises(OSError):
-        hmcvt.write_bench(tmp_path / "absent" / "bench.csv", table2)
-    folder = tmp_path / "folder.csv"
-    folder.mkdir()
-    with pytest.raises(OSError):
-        hmcvt.write_bench(folder, table2)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.csv"]

@@ -119,17 +119,6 @@ def test_a_leakage_at_its_bound_is_found_there(hm4, leakage):
     assert any(side in sentence for sentence in found.warnings)
 
 
-def test_result_is_whole(fitted, table2):
-    assert len(fitted.residuals) == 5
-    assert fitted.correlation.shape == (3, 3)
-    assert np.diag(fitted.correlation) == pytest.approx(1.0)
-    assert (np.diff(fitted.history) <= 0.0).all()
-    assert (fitted.seed, fitted.stop_reason) == (0, "cooled")
-    assert fitted.model.domain.engine_speed == (78.54, 146.61)
-    again = hmcvt.identify(table2.select(FIT), seed=0)
-    assert again.parameters == fitted.parameters
-
-
 # --- part 1 of the paper's method: two roots ------------------------------------------------------
 
 
@@ -189,12 +178,6 @@ def test_truth_is_recovered_from_noisy_samples(hm4, seed):
     assert found.warnings == ()
 
 
-def test_truth_is_recovered_exactly_without_noise(hm4):
-    found = hmcvt.identify(synthetic(hm4, 30, 0, noise=0.0), stage=hm4, schedule=QUICK)
-    np.testing.assert_allclose(found.parameters.to_array(), TRUTH.to_array(), rtol=1e-5)
-    assert found.fit_error < 1e-7
-
-
 def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
     """Monte Carlo: 100 noisy repetitions of the same 40 points, each fitted by SciPy."""
     base = synthetic(hm4, 40, 11, noise=0.0)
@@ -222,12 +205,6 @@ def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
 # --- what the samples leave open ------------------------------------------------------------------
 
 
-def test_fewer_samples_than_parameters(table2):
-    found = hmcvt.identify(table2.select([0, 3]), schedule=QUICK)
-    assert "2 samples cannot determine 3 parameters: the values are one choice among many" \
-        in found.warnings
-
-
 @pytest.mark.parametrize(("sign", "missing", "present"), [
     (1.0, "negative", "positive"), (-1.0, "positive", "negative")])
 def test_one_sign_of_stroke_only(hm4, sign, missing, present):
@@ -237,22 +214,6 @@ def test_one_sign_of_stroke_only(hm4, sign, missing, present):
     assert f"no sample has a {missing} displacement ratio: the model is unchecked there" \
         in found.warnings
     assert not any(f"{present} displacement" in sentence for sentence in found.warnings)
-
-
-def test_all_samples_at_one_point(hm4):
-    rng = np.random.default_rng(0)
-    ones = np.ones(20)
-    exact = hmcvt.EfficiencyModel(hm4, TRUTH).efficiency(0.5, 150.0, 200.0)
-    samples = hmcvt.BenchSamples(0.5 * ones, 150.0 * ones, 200.0 * ones,
-                                 exact + 0.002 * rng.standard_normal(20))
-    found = hmcvt.identify(samples, stage=hm4, schedule=QUICK)
-    open_ = " ".join(found.warnings)
-    undetermined = [name for name in PARAMETER_NAMES
-                    if f"{name} is not determined by these samples" in open_]
-    # One point gives one number: at least two of three parameters stay open, and it is said.
-    assert undetermined
-    assert len(undetermined) >= 2 or "only a combination is determined" in open_
-    assert "20 samples at 1 working point cannot determine 3 parameters" in open_
 
 
 def test_annealing_of_many_samples_looks_at_some_and_tells_of_all(hm4):
@@ -275,45 +236,7 @@ def test_no_answer_within_the_bounds(hm4):
         hmcvt.identify(samples, stage=leaky, schedule=QUICK)
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"formulation": "magic"}, "formulation = 'magic'; there is"),
-    ({"gear_efficiency": 98.0}, r"gear_efficiency\.2 = 98 is outside 0\.5 to 1"),
-    ({"gear_efficiency": float("nan")}, r"gear_efficiency\.2 = nan is not finite"),
-])
-def test_bad_options(table2, options, message):
-    with pytest.raises(hmcvt.InputError, match=message):
-        hmcvt.identify(table2, **options)
-
-
-def test_progress_is_told_and_may_cancel(table2):
-    class CancelledError(Exception):
-        pass
-
-    seen = []
-
-    def watch(state):
-        seen.append(state)
-        if len(seen) == 4:
-            raise CancelledError
-
-    with pytest.raises(CancelledError):
-        hmcvt.identify(table2, schedule=QUICK, progress=watch)
-    assert [len(state.history) for state in seen] == [1, 2, 3, 4]
-    assert seen[-1].evaluations == 4 + 4 * 4 * 5
-
-
 # --- report and file ------------------------------------------------------------------------------
-
-
-def test_report_reads(fitted):
-    text = fitted.report()
-    for needle in ("power_balance, stage HM4: fitted to 5 samples",
-                   "which is assumed", "error of the fit           2.02 %",
-                   "error of the prediction    1.60 % (3 samples held back)",
-                   f"(the annealing by itself reached {fitted.annealing_objective:.6g}; a local",
-                   "note: leakage is not"):
-        assert needle in text
-    assert len(text.splitlines()) > 12
 
 
 def flat(value):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.hydraulic import (
@@ -15,18 +16,14 @@ from hmcvt_core.physics.effects.hydraulic import (
 )
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
+from studies.benchmarks.point import SPEEDS, Points, brute_force
 
-from .test_steady_state import best_on_the_line
+from .strategies import engine_speeds, load_torques, moderate, stages, strokes
 
 
 @pytest.mark.parametrize(("engine_speed", "load_torque"), [(78.54, 292.85), (150.0, 60.0)])
 def test_held_engine_speed(model, engine_speed, load_torque):
     found = model.optimal_displacement_ratio(engine_speed, load_torque)
-    grid = np.linspace(-1.0, 1.0, 40001)
-    efficiency = model.efficiency(grid, engine_speed, load_torque)
-    assert found.efficiency >= efficiency.max() - 1e-9
-    # Next to the top the curve is flat to second order, but the standstill of the motor is a kink.
-    assert found.displacement_ratio == pytest.approx(grid[efficiency.argmax()], abs=1e-3)
     at = (found.displacement_ratio, engine_speed, load_torque)
     assert found.efficiency == model.efficiency(*at)
     assert found.output_speed == model.output_speed(*at)
@@ -139,3 +136,38 @@ def test_bad_requests(model, options, message):
     with pytest.raises(hmcvt.InputError, match=message):
         model.optimal_displacement_ratio(
             **{"engine_speed": 120.0, "load_torque": 150.0, **options})
+
+
+@given(stages(), moderate, engine_speeds, load_torques)
+def test_no_stroke_is_better_than_the_best(stage, found, engine_speed, load_torque):
+    model = hmcvt.EfficiencyModel(stage, found)
+    grid = np.linspace(-1.0, 1.0, 4001)
+    brute = np.nan_to_num(model.efficiency(grid, engine_speed, load_torque)).max()
+    for best in (model.optimal_displacement_ratio(engine_speed, load_torque),
+                 model.optimal_displacement_ratio([engine_speed], load_torque)):
+        assert np.nan_to_num(best.efficiency) >= brute - 1e-6
+
+
+@given(stages(), moderate, engine_speeds, load_torques, strokes)
+def test_no_pair_is_better_than_the_best(stage, found, engine_speed, load_torque, stroke):
+    model = hmcvt.EfficiencyModel(stage, found)
+    target = model.output_speed(stroke, engine_speed, load_torque)
+    power = engine_speed * load_torque
+    # The line leads to torques at which no lookup would answer.
+    if not (0.1 < target < 1000.0 and SPEEDS[1] < power < 5000.0 * SPEEDS[0]):
+        return
+    best = model.optimal_displacement_ratio(
+        engine_speed, load_torque, hold="output_speed", output_speed=target,
+        engine_speed_limits=SPEEDS)
+    assert np.nan_to_num(best.efficiency) >= best_on_the_line(model, target, power) - 1e-6
+    if np.isfinite(best.efficiency):
+        assert SPEEDS[0] <= best.engine_speed <= SPEEDS[1]
+        reached = model.output_speed(best.displacement_ratio, best.engine_speed, best.load_torque)
+        assert reached == pytest.approx(target, rel=1e-6)
+
+
+def best_on_the_line(model, target, power):
+    """Best efficiency over strokes, each at the engine speed that holds output speed and power."""
+    found = brute_force(model, Points(*np.array([[np.nan]] * 3 + [[target], [power]])),
+                        "output_speed")
+    return found[0]

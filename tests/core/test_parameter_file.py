@@ -82,12 +82,6 @@ def test_the_same_model_again_is_no_other_version(model, saved, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_failed_save_leaves_no_file(model, tmp_path):
-    with pytest.raises(OSError):
-        hmcvt.save_model(model, tmp_path / "absent" / "model.yaml")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(("old", "new"), [
     ("value: 0.", "value: 0.1"),
     ("transmission:", "1: one\ntransmission:"),  # what was never written
@@ -120,13 +114,6 @@ def test_what_a_parameter_file_never_holds_is_refused_with_its_line(saved, old, 
     assert old in text
     saved.write_text(text.replace(old, new, 1), encoding="utf-8")
     assert_refused(hmcvt.load_model, saved, message)
-
-
-def test_what_a_node_says_of_its_model_is_a_parameter_file(saved, model):
-    with saved.open("a", encoding="utf-8") as file:
-        file.write("served: {file: models/0001.yaml, since: '2026-11-22T00:00:00Z'}\n")
-    edited(saved, lambda data: None)
-    assert hmcvt.load_model(saved).fingerprint == model.fingerprint
 
 
 def test_numbers_as_people_write_them(saved):

@@ -1,7 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A refit with the model in service as prior: bad samples, few samples, wear, drift."""
-
-from __future__ import annotations
+"""A refit with the model in service as prior, and what samples that it has not seen say of it."""
 
 from dataclasses import replace
 
@@ -10,7 +8,9 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.identify import QUICK
-from hmcvt_core.identification.refit import refit
+from hmcvt_core.identification.problem import Problem
+from hmcvt_core.identification.refit import FOLDS, cross_validate, folds, refit
+from hmcvt_core.transmission.parameters import from_scaled, to_scaled
 
 NOISE = 0.004
 WORN = (1.4, 1.1, 1.2)
@@ -156,3 +156,77 @@ def test_a_refit_can_be_repeated(known):
     one, other = (refit(samples, known, known, seed=7) for _ in range(2))
     assert one.model.parameters == other.model.parameters
     assert one.held_back == other.held_back and one.held_back.samples == 25
+
+
+# --- against the model in service -----------------------------------------------------------------
+
+
+COARSE = 0.011  # relative, about that of the paper's bench
+
+
+def nearest(new, samples):
+    """The nearest parameters; the search from afar is `identify`'s."""
+    scaled, _ = Problem(new, samples).finish(to_scaled(new.parameters.to_array())[None])
+    return replace(new, parameters=hmcvt.HydraulicParameters(*from_scaled(scaled).tolist()))
+
+
+def compare(new, samples, in_service=None):
+    found, fold = nearest(new, samples), folds(samples, seed=0)
+    others = [nearest(new, samples.select(fold != part)) for part in range(fold.max() + 1)]
+    return cross_validate(samples, found, in_service or found, fold, others)
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 23, 10_000])
+def test_every_sample_is_left_out_once_and_every_fold_spans_the_ratios(count):
+    ratio = np.random.default_rng(1).permutation(np.linspace(-1.0, 1.0, count))
+    samples = hmcvt.BenchSamples(ratio, *(np.full(count, value) for value in (150.0, 200.0, 0.8)))
+    fold = folds(samples, seed=3)
+    sizes = np.bincount(fold)
+    assert len(sizes) == min(count, FOLDS) and sizes.max() - sizes.min() <= 1
+    if count >= 20:
+        assert all(ratio[fold == part].min() < -0.6 and ratio[fold == part].max() > 0.3
+                   for part in range(FOLDS))
+    np.testing.assert_array_equal(fold, folds(samples, seed=3))
+
+
+def test_errors_are_those_of_models_that_have_not_seen_the_sample(new):
+    samples = campaign(new, 5, seed=0, noise=COARSE)
+    found = compare(new, samples, new)
+    others = [nearest(new, samples.select(np.delete(np.arange(5), i))) for i in range(5)]
+    errors = [abs(model.efficiency(s.displacement_ratio, s.engine_speed, s.load_torque)[0]
+                  / s.efficiency[0] - 1.0)
+              for model, s in ((others[i], samples.select([i])) for i in range(5))]
+    assert found.error_refit == pytest.approx(np.mean(errors), rel=1e-4)
+
+
+@pytest.mark.parametrize("count", [5, 30])
+def test_refit_of_unchanged_samples_is_never_worse(new, count):
+    found = compare(new, campaign(new, count, seed=1, noise=COARSE))
+    # It has seen every sample, so those held back always look worse.
+    assert found.error_refit > found.error_in_service
+    assert found.change == 0.0 and not found.worse
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_refit_is_not_worse_than_the_true_model_for_noise_alone(new, seed):
+    assert not compare(new, campaign(new, 20, seed, noise=COARSE), new).worse
+
+
+@pytest.mark.parametrize(("count", "part"), [(5, 0.2), (8, 0.125), (40, 0.2)])
+def test_refit_to_spoiled_samples_is_worse(new, count, part):
+    samples = campaign(new, count, seed=2, noise=COARSE)
+    rows = 1 + np.random.default_rng(0).permutation(count)[:round(part * count)]
+    found = compare(new, spoiled(samples, rows, -0.3), new)
+    assert found.error_refit > 1.3 * found.error_in_service
+    assert found.worse
+
+
+def test_no_answer_counts_as_no_power_out(new):
+    leaking = replace(new, parameters=replace(new.parameters, leakage=1e-8))
+    samples = campaign(new, 6, seed=4, noise=COARSE)
+    predicted = leaking.efficiency(
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque)
+    stalled = np.isnan(predicted)
+    assert stalled.any() and not stalled.all()
+    errors = np.where(stalled, 1.0, np.abs(predicted / samples.efficiency - 1.0))
+    assert compare(new, samples, leaking).error_in_service == pytest.approx(errors.mean())

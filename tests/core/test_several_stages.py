@@ -1,12 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Bench samples of several stages: one set of parameters, and what each stage says of it."""
+"""Bench samples of several stages: one set of parameters, and what one stage cannot settle."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli.running import run
 
 import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis import words
 from hmcvt_core.physics.effects.hydraulic import DisplacementOffset
 from hmcvt_core.physics.effects.mechanical import ClutchDrag, GearEfficiency
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
@@ -15,6 +17,7 @@ from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 TRACTOR = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
 STAGES = [each.stage for each in TRACTOR.stages.values()]
 NOISE = 0.004
+WORN = replace(TRACTOR, effects=(GearEfficiency(0.01),))
 
 
 def bench(names, count, seed, model=TRACTOR, noise=NOISE):
@@ -81,20 +84,12 @@ def test_report_says_what_each_stage_contributes():
 
 
 def test_from_the_command_line_through_files(tmp_path):
-    from click.testing import CliRunner
-
-    from hmcvt_core.cli import cli
-
-    hmcvt.write_bench(tmp_path / "bench.csv", bench(("HM1", "HM3"), 6, 5))
-    file = str(hmcvt.data_path("params/tractor.yaml"))
-    done = CliRunner().invoke(cli, ["identify", str(tmp_path / "bench.csv"), "--params", file,
-                                    "--out", str(tmp_path / "p.yaml")], catch_exceptions=False)
-    assert done.exit_code == 0 and "samples of HM1 alone" in done.output
-    again = hmcvt.load_model(tmp_path / "p.yaml")
-    assert list(again.stages) == list(TRACTOR.stages)
-    done = CliRunner().invoke(cli, ["predict", str(tmp_path / "bench.csv"), "--params",
-                                    str(tmp_path / "p.yaml"), "--json"], catch_exceptions=False)
-    assert done.exit_code == 0 and done.output.count('"predicted"') == 12
+    file, out = tmp_path / "bench.csv", tmp_path / "p.yaml"
+    hmcvt.write_bench(file, bench(("HM1", "HM3"), 6, 5))
+    done = run("identify", file, "--params", hmcvt.data_path("params/tractor.yaml"), "--out", out)
+    assert done.code == 0 and "samples of HM1 alone" in done.out
+    assert list(hmcvt.load_model(out).stages) == list(TRACTOR.stages)
+    assert len(run("predict", file, "--params", out, "--json").json) == 12
 
 
 def test_an_unknown_stage_or_none_is_named():
@@ -116,3 +111,33 @@ def test_the_gear_train_is_checked_stage_by_stage():
     assert ["gear train" in line for line in lines[:3]] == [True, True, False]
     assert lines[:2] == list(wrong.warnings[:2]), "each once, and nothing else is left out"
     assert sum("gear train" in line for line in lines) == 2
+
+
+@pytest.mark.slow
+def test_gears_and_a_torque_meter_are_twins_in_one_stage_and_not_in_three():
+    """Worse gears and the gain of a meter: HM1 has more pairs than HM4, the meter is the same."""
+    one = hmcvt.diagnose(TRACTOR, bench(("HM4",), 36, 3, WORN), noise=NOISE)
+    assert one.verdict == "ambiguous"
+    assert {cause.effect for cause in one.causes[:2]} == {"gear_mesh", "torque_sensor"}
+    three = hmcvt.diagnose(TRACTOR, bench(("HM1", "HM3", "HM4"), 12, 3, WORN), noise=NOISE)
+    assert three.verdict == "cause_found" and three.causes[0].effect == "gear_mesh"
+    assert three.causes[0].probability > 0.95
+    assert list(three.model.stages) == list(TRACTOR.stages)
+
+
+def test_a_sample_without_its_stage_is_named():
+    samples = bench(("HM1", "HM4"), 6, 3)
+    with pytest.raises(hmcvt.InputError, match="column stage is missing; the model has H0, HM1"):
+        hmcvt.diagnose(TRACTOR, replace(samples, extra={}), noise=NOISE)
+    wrong = ("HM9", *samples.extra["stage"][1:])
+    with pytest.raises(hmcvt.InputError, match="stage 'HM9' is not known to the model"):
+        hmcvt.diagnose(TRACTOR, replace(samples, extra={"stage": wrong}), noise=NOISE)
+
+
+def test_the_next_test_names_its_stage():
+    found = hmcvt.next_test(TRACTOR, bench(("HM1", "HM4"), 12, 3, WORN), noise=NOISE)
+    told = found.to_dict()["test"]
+    assert told["stage"] in ("HM1", "HM4")
+    assert f"stage {told['stage']}" in words.advice(found)
+    point = [told[name] for name in ("displacement_ratio", "engine_speed", "load_torque")]
+    assert np.isfinite(TRACTOR.efficiency(*point, stage=told["stage"]))

@@ -1,9 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A stage comes from YAML alone: a made-up one is checked by hand, wrong ones are refused."""
+"""Gear trains from YAML: the paper's (Table 1, eqs (5), (8)), a made-up one by hand, wrong ones."""
 
 import copy
+import csv
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -145,3 +147,49 @@ def test_wrong_field_is_named(tmp_path, old, new, message):
     with pytest.raises(hmcvt.InputError, match=message) as caught:
         made_up_stage(tmp_path, MADE_UP.replace(old, new, 1))
     assert str(caught.value).startswith(f"{tmp_path / 'transmission.yaml'}: ")
+
+
+# --- HM4 ------------------------------------------------------------------------------------------
+
+# Table 1, typed here a second time so that a typing error in either place shows.
+TABLE_1 = {
+    "i1": "1.439", "i2": "0.969", "i3": "1.484", "i4": "0.678", "i5": "1.96", "i6": "0.982",
+    "i7": "3.52", "i8": "2.767", "i9": "0.794", "i10": "2.767", "i11": "0.823", "i12": "1.093",
+    "k1": "2.56", "k2": "3.56",
+}
+STROKES = [-1.0, -0.73, 0.0, 0.73, 1.0]
+
+
+def equation_5(displacement_ratio):
+    """Eq. (5) in exact fractions."""
+    i = {name: Fraction(value) for name, value in TABLE_1.items()}
+    k, eps = i["k1"], Fraction(displacement_ratio)
+    return float(((1 + k) * i["i4"] * i["i5"] + eps * i["i2"] * i["i3"])
+                 / (k * i["i2"] * i["i3"] * i["i4"] * i["i5"] * i["i6"] * i["i11"]))
+
+
+def test_table_1_stands_in_the_data_and_in_the_transmission_file():
+    with hmcvt.data_path("data/table1.csv").open(encoding="utf-8") as file:
+        assert {row["symbol"]: row["value"] for row in csv.DictReader(file)} == TABLE_1
+    data = yaml.safe_load(
+        hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
+    assert ({f"i{name}": ratio for name, ratio in data["gear_pairs"].items()}
+            | data["planetary_rows"]) == {name: float(value) for name, value in TABLE_1.items()}
+
+
+def test_speed_ratio_is_equation_5(hm4):
+    found = speed_ratio(hm4, np.array(STROKES))
+    np.testing.assert_allclose(found, [equation_5(str(eps)) for eps in STROKES], rtol=1e-14)
+    # The digits of docs/theory.md
+    np.testing.assert_allclose(found, [0.83286, 0.93107, 1.19658, 1.46209, 1.56029], atol=5e-6)
+
+
+@pytest.mark.parametrize(("gear_efficiency", "total"), [(0.98, 0.8264), (0.97, 0.8096)])
+def test_efficiency_at_zero_stroke(hm4, gear_efficiency, total):
+    # 0.8605 is the paper's own number (section 4.2): (1 + A) / i_HM of (12) with eta_H -> 0. By
+    # hand: (11) then gives a_1 -> 1 and (7) eta_M1 -> 1, so eta_total = 0.8605 eta_gear^2.
+    stage = hm4.with_gear_efficiency(gear_efficiency)
+    found = published.efficiencies(stage, np.zeros(1), np.array([published.STANDING_EFFICIENCY]))
+    assert found.row[0] == pytest.approx(0.8605, abs=5e-5)
+    assert found.total[0] == pytest.approx(total, abs=5e-5)
+    assert found.total[0] == pytest.approx(0.8605 * gear_efficiency**2, abs=1e-4)

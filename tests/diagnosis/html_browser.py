@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A real browser without a window, and what it measures on pages."""
 
-from __future__ import annotations
-
 import html
 import json
 import os
@@ -131,10 +129,3 @@ def clicked(page: str, scratch: Path, script: str) -> dict[str, Any]:
     assert answer is not None, "the script gave nothing"
     found: dict[str, Any] = json.loads(html.unescape(answer[1]))
     return found
-
-
-def measured(
-    pages: Mapping[str, str], widths: tuple[int, ...], scratch: Path
-) -> dict[str, dict[str, Any]]:
-    """Return what `laid_out` measured."""
-    return laid_out(pages, scratch, widths).pages

@@ -134,12 +134,6 @@ def test_the_effect_that_a_model_has_is_no_gap():
     assert found.base.effects == case["effects"]
 
 
-def test_a_meter_error_is_settled_by_calibration():
-    """No operating point tells a constant torque from a meter's zero."""
-    measures = [test.measure for test in diagnosed("charge pump").next_tests if not test.point]
-    assert any("meter" in text or "shaft torque" in text for text in measures)
-
-
 # --- channels -------------------------------------------------------------------------------------
 
 
@@ -179,15 +173,6 @@ def test_residuals_are_of_samples_left_out():
     assert len(found.residuals_after) == len(samples)
     assert np.sqrt(np.mean(found.residuals_after**2)) >= 0.98 * np.sqrt(np.mean(in_sample**2))
     assert found.gap.rmse == pytest.approx(np.sqrt(np.mean(found.residuals_before**2)))
-
-
-def test_the_model_of_the_cause_can_be_saved(tmp_path):
-    path = tmp_path / "diagnosed.yaml"
-    hmcvt.save_model(diagnosed("oil").model, path)
-    model = hmcvt.load_model(path)
-    assert [effect.name for effect in model.effects] == ["oil_temperature"]
-    assert model.provenance["source"] == "hmcvt diagnose"
-    assert model.domain is not None
 
 
 # --- the contract ---------------------------------------------------------------------------------
@@ -257,12 +242,8 @@ def test_report_says_it_shortly_in_words(name):
     found = diagnosed(name)
     text = found.report()
     lines = text.splitlines()
-    assert max(map(len, lines)) <= 100
-    assert len(lines) <= 60
-    assert len(re.findall(r"^  \S.*? tells ", text, flags=re.MULTILINE)) <= 5
+    assert max(map(len, lines)) <= 100 and len(lines) <= 60
     assert "nan" not in text.lower().split()
-    if found.causes and found.verdict != "unexplained":
-        assert found.causes[0].effect in text
     chance = "<= 0.001" if found.gap.p_value <= 0.001 else f"= {found.gap.p_value:.2g}"
     assert f"p {chance} (limit 0.02)" in text
     for region in found.where:
@@ -290,6 +271,7 @@ def test_a_channel_that_no_effect_explains_counts_as_unlisted():
     slip = 1.0 - 0.02 * ((stroke > 0.1) & (stroke < 0.4))
     found = hmcvt.diagnose(SHIPPED, replace(SIMULATED, output_speed=slip * SIMULATED.output_speed))
     assert found.verdict == "unexplained" and found.unlisted > 0.95
+    assert found.where[0].channel == "output_speed"
     assert "no set of listed effects explains the gap" in found.notes[-1]
 
 
@@ -393,8 +375,8 @@ def test_rows_in_another_order_and_wrong_base_parameters_change_nothing():
 
 
 def test_the_simulated_bench_gives_these_numbers():
-    """As docs/diagnosis.md tells them; the same seed gives the same, another one nearly so."""
-    found, other = (hmcvt.diagnose(SHIPPED, SIMULATED, seed=seed) for seed in (0, 7))
+    """As docs/diagnosis.md tells them."""
+    found = hmcvt.diagnose(SHIPPED, SIMULATED)
     assert found.verdict == "ambiguous"
     assert found.gap.p_value == 0.001
     assert found.gap.rmse == pytest.approx(0.0058035, rel=2e-3)
@@ -415,5 +397,3 @@ def test_the_simulated_bench_gives_these_numbers():
     first = found.where[0]
     assert [*first.limits["engine_speed"], first.mean_residual, first.samples] == pytest.approx(
         [80.804, 147.117, -0.006456, 17], rel=1e-3)
-    # One deal of the folds: 83, 86 and 74 %.
-    assert other.shrinkage.fraction == pytest.approx(found.shrinkage.fraction, abs=0.04)

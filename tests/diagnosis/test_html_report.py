@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The page of a diagnosis: one real diagnosis, and what it could have been."""
 
-from __future__ import annotations
-
 import base64
 import functools
 import hashlib
@@ -18,7 +16,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary, words
 from hmcvt_core.diagnosis.result import CauseSet
 from hmcvt_core.physics.effects.mechanical import ChargePump
-from hmcvt_core.report import html, write_html
+from hmcvt_core.report import html
 
 from .campaigns import BASE, NOISE, campaign
 from .html_browser import Layout, clicked, laid_out
@@ -290,16 +288,6 @@ def test_watts_stack_up_to_the_loss_of_the_model_and_stalls_are_named() -> None:
     assert losses["charge pump"][0] == 0 < losses["charge pump"][1]
     assert "charge pump: " in figure("cause_found", "watts-1")
     assert "no answer" in figure("bare", "watts-0")
-
-
-def test_same_diagnosis_gives_same_text_and_file(tmp_path: Path) -> None:
-    path = tmp_path / "R.html"
-    path.write_text("old", encoding="utf-8")
-    write_html(diagnosis("no_gap"), str(path))
-    assert path.read_text(encoding="utf-8") == page("no_gap")
-    assert [entry.name for entry in tmp_path.iterdir()] == ["R.html"]
-    with pytest.raises(OSError, match="missing"):
-        write_html(diagnosis("no_gap"), tmp_path / "missing" / "R.html")
 
 
 BROKEN = """<!DOCTYPE html>

@@ -109,12 +109,3 @@ def test_effects_with_the_wrong_sign_are_refitted_below_zero():
     observed = observe(campaign((Churning(-8.0),), seed=2), 0.003)
     assert refit(hypothesis, observed).effects[0].torque == pytest.approx(-8.0, rel=0.2)
     np.testing.assert_array_equal(hypothesis.signs, [np.nan] * 4 + [-1.0])
-
-
-def test_forms_hold_every_combination_of_shapes():
-    for kind in SYSTEM.library:
-        grids = [item.grid for item in kind.parameters() if not item.is_size]
-        forms = forms_of(kind)
-        assert len(forms) == np.prod([len(grid) for grid in grids], dtype=int)
-        assert len({tuple(form.values().items()) for form in forms}) == len(forms)
-        assert all(form.values()[item.name] == 0.0 for form in forms for item in form.sizes())

@@ -100,10 +100,3 @@ def test_copies_are_dropped_and_repeated_readings_kept():
     found = hmcvt.diagnose(BASE, twice)
     assert "1 of 48 rows copy another one in every column and were left out" in found.notes
     assert found.samples.extra["run"][:3] == ("a", "a", "b")
-
-
-def test_a_sample_is_described_by_its_number_in_the_file():
-    observed = observe(campaign(seed=1, n=20)).select(np.array([4, 7]))
-    ratio, speed, load = observed.place[:, 1]
-    assert observed.describe(1) == (f"sample 8 (displacement ratio {ratio:.4g}, engine speed "
-                                    f"{speed:.4g} rad/s, load torque {load:.4g} N m)")

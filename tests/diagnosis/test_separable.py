@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a plan can tell apart, and what to measure next."""
 
-import json
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,14 +11,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
-from .campaigns import (
-    BASE,
-    NOISE,
-    campaign,
-    measure,
-    random_points,
-    with_column,
-)
+from .campaigns import BASE, NOISE, campaign, measure, random_points, with_column
 
 
 def _matrix(samples, **options):
@@ -31,9 +23,6 @@ def _common(*found):
     names = sorted(set.intersection(*(set(item.effects) for item in found)))
     index = [[item.effects.index(name) for name in names] for item in found]
     return [item.separation[np.ix_(i, i)] for item, i in zip(found, index, strict=True)]
-
-
-# --- the matrix -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("speed_noise", [0.001, None], ids=["with speed", "efficiency alone"])
@@ -88,23 +77,6 @@ def test_points_planned_twice_do_not_state_the_noise():
     assert (triple.detectability <= 3.0 * single.detectability * (1.0 + 1e-9)).all()
 
 
-def test_plain_data_and_words():
-    found = _matrix(campaign(seed=1, n=48))
-    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert data["samples"] == 48
-    assert data["channels"] == ["efficiency", "output_speed"]
-    assert [item["effect"] for item in data["effects"]] == list(found.effects)
-    for item in data["effects"]:
-        assert item["visible"] == (item["detectability"] >= data["threshold"])
-    assert np.shape(data["separation"]) == 2 * (len(found.effects),)
-    text = found.report()
-    added = found.report(matrix=True).removeprefix(text)
-    assert len(added.splitlines()) >= len(found.effects) + 2
-    assert all(name in text for name in found.effects)
-    assert text.startswith("48 points; read: efficiency, output_speed\nnoise of the efficiency: "
-                           "0.3 points, given\n\ntold from all others: ")
-
-
 def test_what_cannot_be_told_apart_comes_with_what_would():
     found = _matrix(campaign(seed=1, speed_noise=None))
     confused = {item["effect"]: item for item in found.to_dict()["confused"]}
@@ -139,9 +111,6 @@ def test_pressure_tells_the_sides_of_the_motor_apart():
     without_speed = _matrix(with_column(full, output_speed=None))
     assert without_speed.further == "output_speed"
     assert without_speed.fuller.plan.channels[1].name == "output_speed"
-
-
-# --- what to measure next -------------------------------------------------------------------------
 
 
 def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():

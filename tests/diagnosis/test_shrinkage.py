@@ -25,9 +25,6 @@ def _linear(observed, columns, target, spread, signs=np.nan):
     return linear
 
 
-# --- folds ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("n", [5, 24, 96])
 def test_every_sample_is_left_out_once(n):
     parts = deals(_observed(campaign(n=n, seed=1)), 0)[0]
@@ -57,9 +54,6 @@ def test_folds_follow_the_seed_and_are_dealt_anew_where_that_matters():
     assert len(deals(_observed(campaign(seed=1, n=12)), 0)) == 1, "every sample alone"
 
 
-# --- the formula ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("before", "after", "noise", "expected"), [
     (np.array([0.02, -0.02] * 10), np.array([-0.01, 0.01] * 10), 0.005, 0.8),
     (np.full(4, 0.02), np.full(4, 0.01), [0.0, 0.01, 0.0, 0.01], 1.0 - 0.5e-4 / 3.5e-4),
@@ -84,9 +78,6 @@ def test_without_a_gap_there_is_no_fraction(before, real):
                       "cross-validation", seed=0, real=real)
     assert found.fraction is None
     assert found.interval is None
-
-
-# --- errors of prediction -------------------------------------------------------------------------
 
 
 def _problem(seed=0, n=30, p=3):

@@ -1,14 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-import shutil
-
 import pytest
-from cli.running import hmcvt
+from cli.running import run
 
-from .fleets import make_fleet, results, run
-
-__all__ = ["hmcvt"]
-
-COPIES = 3
+from .fleets import make_fleet
 
 
 @pytest.fixture(scope="session")
@@ -32,20 +26,3 @@ def identified(logs, tmp_path_factory):
     out = tmp_path_factory.mktemp("identified")
     assert run("fleet", logs, "--out", out, "--processes", "1", "--no-diagnose").code == 0
     return out
-
-
-@pytest.fixture(scope="session")
-def many(logs, tmp_path_factory):
-    """Copies of the logs, for runs that are to be stopped half way; without diagnosis."""
-    folder = tmp_path_factory.mktemp("many")
-    for number in range(COPIES):
-        for path in logs.glob("*.csv"):
-            shutil.copy(path, folder / f"{number}-{path.name}")
-    return folder
-
-
-@pytest.fixture(scope="session")
-def many_results(identified):
-    """What one process makes of them: as of the logs, but for their names."""
-    return {f"{number}-{name}": text.replace(f"{name[:5]}.csv", f"{number}-{name[:5]}.csv")
-            for name, text in results(identified).items() for number in range(COPIES)}

@@ -2,36 +2,21 @@
 """Fleets to run, their results without what the clock wrote, and their worker processes."""
 
 import contextlib
-import io
 import json
-import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
-import pytest
 import yaml
-from cli.running import COMMAND, ROOT, Done
-
-from hmcvt_core.cli import main
+from cli.running import COMMAND, ROOT, Done, script
 
 
 def make_fleet(folder, logs, samples):
     """Make logs with the script that docs/fleet.md names."""
-    subprocess.run(
-        [sys.executable, "examples/make_fleet.py", folder, "--logs", str(logs),
-         "--samples", str(samples)],
-        cwd=ROOT, check=True, timeout=60, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    done = script(ROOT / "examples" / "make_fleet.py", folder, "--logs", logs, "--samples", samples,
+                  cwd=ROOT)
+    assert done.returncode == 0, done.stderr
     return folder / "logs"
-
-
-def run(*arguments):
-    """Run the command in this process, where there is no `capsys`."""
-    with contextlib.redirect_stdout(io.StringIO()) as out, \
-            contextlib.redirect_stderr(io.StringIO()) as err, pytest.raises(SystemExit) as stopped:
-        main([str(argument) for argument in arguments])
-    return Done(stopped.value.code, out.getvalue(), err.getvalue())
 
 
 def start(*arguments, **options):

@@ -5,8 +5,7 @@ import os
 import shutil
 
 import pytest
-from cli.permissions import BOUND_BY_PERMISSIONS
-from cli.running import assert_refused, process
+from cli.running import BOUND_BY_PERMISSIONS, assert_refused, process
 
 from hmcvt_core.errors import InputError
 from hmcvt_core.fleet.executors import attempt

@@ -3,6 +3,7 @@
 
 import multiprocessing
 import os
+import shutil
 import signal
 import threading
 import time
@@ -32,24 +33,6 @@ def tasks(logs):
 def kill(process):
     os.kill(process.pid, signal.SIGKILL)
     process.join()
-
-
-def test_killed_worker_loses_nothing(hmcvt, many, many_results, tmp_path):
-    killed = threading.Event()
-
-    def kill_one():
-        # In the middle: one log is finished, others are in hand.
-        wait_for(lambda: list(tmp_path.glob("*.json")))
-        kill(multiprocessing.active_children()[0])
-        killed.set()
-
-    killer = threading.Thread(target=kill_one)
-    killer.start()
-    done = hmcvt("fleet", many, "--out", tmp_path, "--processes", "2", "--no-diagnose")
-    killer.join()
-    assert killed.is_set() and done.code == 0, done
-    assert results(tmp_path) == many_results
-    assert multiprocessing.active_children() == []
 
 
 def test_log_that_kills_its_worker_twice_is_broken(tasks):
@@ -94,6 +77,14 @@ def test_worker_killed_between_logs_is_replaced(tasks):
     assert [type(outcome) for outcome in found.values()] == [Study, Study]
 
 
+def test_all_logs_in_hand_when_a_worker_is_killed_are_made_up(tasks):
+    outcomes = study_all(WORK, iter(tasks), partial(on_processes, 2))
+    found = dict([next(outcomes)])
+    kill(multiprocessing.active_children()[0])
+    found.update(outcomes)
+    assert [type(found[name]) for name, _ in tasks] == [Study] * 3
+
+
 def test_logs_are_read_as_there_is_room(tasks):
     read, told = [], []
 
@@ -108,21 +99,28 @@ def test_logs_are_read_as_there_is_room(tasks):
     assert len(told) == 6
 
 
-def test_interrupt_keeps_what_is_finished(hmcvt, many, many_results, tmp_path):
-    arguments = ("fleet", many, "--out", tmp_path, "--no-diagnose", "--processes")
+def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
+    many, out = tmp_path / "many", tmp_path / "out"
+    many.mkdir()
+    for name in (f"{number}-{path.name}" for path in logs.glob("*.csv") for number in range(3)):
+        shutil.copy(logs / name[2:], many / name)
+    arguments = ("fleet", many, "--out", out, "--no-diagnose", "--processes")
     running = start(*arguments, "1", start_new_session=True)
-    wait_for(lambda: list(tmp_path.glob("*.json")))
+    wait_for(lambda: list(out.glob("*.json")))
     pids = workers(running.pid)
     os.killpg(running.pid, signal.SIGINT)  # as a terminal does
     done = finish(running)
     assert done.code == 130 and done.out == ""
     assert done.err.endswith("hmcvt: error: interrupted\n") and "Traceback" not in done.err
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
-    kept = len(list(tmp_path.glob("*.json")))
+    kept = len(list(out.glob("*.json")))
     assert 1 <= kept < len(list(many.iterdir()))
     rest = hmcvt(*arguments, "2", "--json")
     assert rest.json["counts"]["finished_before"] == kept
-    assert results(tmp_path) == many_results
+    # As of the logs, but for their names.
+    assert results(out) == {
+        f"{number}-{name}": text.replace(f"{name[:5]}.csv", f"{number}-{name[:5]}.csv")
+        for name, text in results(identified).items() for number in range(3)}
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])

@@ -127,17 +127,6 @@ def test_changed_setting_is_done_again(one, tmp_path, option):
     assert made.provenance["seed"] == (1 if "--seed" in option else 0)
 
 
-def test_best_gear_efficiency_is_kept(one):
-    folder, out, run = one
-    assert run("--gear-efficiency", "0.95,0.98") == NAMES[:1]
-    found = json.loads((out / "00000.json").read_text())["identification"]
-    tried = [core.identify(core.read_bench(folder / "00000.csv"), gear_efficiency=gears)
-             for gears in (0.95, 0.98)]
-    best = min(tried, key=lambda item: item.objective)
-    assert found["objective"]["value"] == best.objective
-    assert found["gear_efficiency"] == [best.model.stage.gear_pairs[0].efficiency]
-
-
 def test_edited_parameter_file_is_kept_aside(one):
     _, out, run = one
     text = (out / "00000.yaml").read_text().replace("samples: 12", "samples: 13")

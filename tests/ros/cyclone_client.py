@@ -12,9 +12,7 @@ mapping to DDS") and takes them from no file of this project or of ROS.
 import json
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
@@ -33,9 +31,10 @@ LOOPBACK = """<CycloneDDS><Domain>
     <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
     <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
-RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
+COMMON = (Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(100),
+          Policy.DataRepresentation(use_cdrv0_representation=True))
+VOLATILE, LATCHED = Qos(*COMMON), Qos(*COMMON, Policy.Durability.TransientLocal)
 PATIENCE = 20.0
-INPUTS = ("displacement_ratio", "engine_speed", "load_torque")
 
 
 @dataclass
@@ -69,99 +68,51 @@ class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
     effort: sequence[float64]
 
 
-class Client:
-    """Readers and writers on the topics of one node."""
-
-    def __init__(self, participant: DomainParticipant, namespace: str) -> None:
-        def topic(name: str, kind: Any) -> Topic:
-            return Topic(participant, f"rt{namespace}/{name}", kind)
-
-        volatile = Qos(RELIABLE, Policy.History.KeepLast(100),
-                       Policy.DataRepresentation(use_cdrv0_representation=True))
-        latched = Qos(RELIABLE, Policy.History.KeepLast(1), Policy.Durability.TransientLocal,
-                      Policy.DataRepresentation(use_cdrv0_representation=True))
-        self._inputs = [DataWriter(participant, topic(name, Float64), qos=volatile)
-                        for name in INPUTS]
-        self._samples = DataWriter(participant, topic("bench_sample", JointState), qos=volatile)
-        self._point = DataWriter(participant, topic("operating_point", JointState), qos=volatile)
-        self._advice = DataReader(participant, topic("advice", JointState), qos=volatile)
-        self._efficiency, self._optimum = (
-            DataReader(participant, topic(name, Float64), qos=volatile)
-            for name in ("efficiency", "optimal_displacement_ratio"))
-        self._model = DataReader(participant, topic("hmcvt/model", String), qos=latched)
-
-    def model(self) -> str:
-        """Return the model in service, which the node has published before this client began."""
-        found: list[String] = []
-
-        def heard() -> bool:
-            found.extend(self._model.take(1))
-            return bool(found)
-
-        _until(heard)
-        return found[0].data
-
-    def ask(self, point: list[float]) -> list[float]:
-        """Hold an operating point until there are answers to it; return the last ones."""
-        answers: list[list[float]] = [[], []]
-        rounds = 0
-
-        def answered() -> bool:
-            nonlocal rounds
-            for writer, value in zip(self._inputs, point, strict=True):
-                writer.write(Float64(value))
-            time.sleep(0.1)
-            for found, reader in zip(answers, (self._efficiency, self._optimum), strict=True):
-                found += [sample.data for sample in reader.take(100)]
-            rounds += 1
-            return rounds >= 5 and all(answers)
-
-        _until(answered)
-        return [found[-1] for found in answers]
-
-    def advice(self, sample: dict[str, Any]) -> dict[str, Any]:
-        """Send a stamped operating point until there is advice that has its stamp."""
-        stamp = Time(*divmod(time.time_ns(), 10**9))
-        found: list[JointState] = []
-
-        def advised() -> bool:
-            self._point.write(JointState(header=Header(stamp), **sample))
-            time.sleep(0.1)
-            found.extend(each for each in self._advice.take(100) if each.header.stamp == stamp)
-            return bool(found)
-
-        _until(advised)
-        last = found[-1]
-        return {"frame_id": last.header.frame_id,
-                "values": dict(zip(last.name, last.position, strict=True))}
-
-    def send_sample(self, sample: dict[str, Any]) -> None:
-        """Send a bench sample, once the node listens."""
-        _until(lambda: self._samples.get_matched_subscriptions())
-        self._samples.write(JointState(header=Header(), **sample))
-        self._samples.wait_for_acks(duration(seconds=PATIENCE))
-
-
-def _until(condition: Callable[[], Any]) -> None:
+def until(found):
+    """Wait for a true value and return it."""
     end = time.monotonic() + PATIENCE
-    while not condition():
+    while not (value := found()):
         if time.monotonic() > end:
             sys.exit("cyclone_client: the node does not answer")
         time.sleep(0.02)
+    return value
 
 
-def main() -> None:
-    number, namespace = int(sys.argv[1]), sys.argv[2]
-    given = json.load(sys.stdin)
-    domain = Domain(number, LOOPBACK)  # noqa: F841 (lives as long as the client)
-    client = Client(DomainParticipant(number), namespace)
-    model = client.model()
-    answers = [client.ask(point) for point in given["points"]]
-    advice = client.advice(given["sample"])
-    client.send_sample(given["sample"])
-    json.dump({"model": model, "answers": answers, "advice": advice,
-               "ros": any(name.startswith(("rclpy", "hmcvt")) for name in sys.modules)}, sys.stdout)
+def ask(point, inputs, outputs):
+    """Hold an operating point until there are answers to it; return the last ones."""
+    heard = [[] for _ in outputs]
+    for i in range(int(PATIENCE / 0.1)):
+        for writer, value in zip(inputs, point, strict=True):
+            writer.write(Float64(value))
+        time.sleep(0.1)
+        for values, reader in zip(heard, outputs, strict=True):
+            values += [sample.data for sample in reader.take(100)]
+        if i >= 4 and all(heard):
+            return [values[-1] for values in heard]
+    sys.exit("cyclone_client: the node does not answer")
 
 
-if __name__ == "__main__":
-    main()
+number, namespace = int(sys.argv[1]), sys.argv[2]
+given = json.load(sys.stdin)
+domain = Domain(number, LOOPBACK)  # lives as long as the client
+participant = DomainParticipant(number)
+
+
+def end(kind, name, data, qos=VOLATILE):
+    """A reader or a writer on a topic of the node."""
+    return kind(participant, Topic(participant, f"rt{namespace}/{name}", data), qos=qos)
+
+
+inputs = [end(DataWriter, name, Float64)
+          for name in ("displacement_ratio", "engine_speed", "load_torque")]
+outputs = [end(DataReader, name, Float64) for name in ("efficiency", "optimal_displacement_ratio")]
+samples = end(DataWriter, "bench_sample", JointState)
+latched = end(DataReader, "hmcvt/model", String, LATCHED)
+# The model in service, which the node has published before this client began.
+model = until(lambda: latched.take(1))[0].data
+answers = [ask(point, inputs, outputs) for point in given["points"]]
+until(samples.get_matched_subscriptions)
+samples.write(JointState(header=Header(), **given["sample"]))
+samples.wait_for_acks(duration(seconds=PATIENCE))
+json.dump({"model": model, "answers": answers,
+           "ros": any(name.startswith(("rclpy", "hmcvt")) for name in sys.modules)}, sys.stdout)

@@ -5,8 +5,6 @@ What `ros2 security` makes of a policy is made here with openssl: identities, an
 the names that ROS 2 gives topics and services on the wire (`rt/...`, `rq/...Request`).
 """
 
-from __future__ import annotations
-
 import subprocess
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
@@ -99,11 +97,11 @@ def wire_names(tag: str, name: str) -> list[str]:
     return [f"rt{name}"] if tag == "topic" else [f"rq{name}Request", f"rr{name}Reply"]
 
 
-def full(name: str, node: str) -> str:
-    """A name as ROS expands it for a node in the namespace /."""
+def full(name: str, node: str, namespace: str = "") -> str:
+    """A name as ROS expands it for a node."""
     if name.startswith("~"):
-        return f"/{node}{name[1:]}"
-    return name if name.startswith("/") else f"/{name}"
+        return f"{namespace}/{node}{name[1:]}"
+    return name if name.startswith("/") else f"{namespace}/{name}"
 
 
 def _topics(names: Iterable[str]) -> str:

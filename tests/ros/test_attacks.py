@@ -4,74 +4,37 @@
 One node for all, with a clock and a main thread that the tests take hold of.
 """
 
-from __future__ import annotations
-
 import math
-import mmap
 import os
 import signal
-import struct
-import subprocess
 import time
-from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces import srv
 from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
-from ros_bench import GOOD
+from ros_bench import GOOD, Shim
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from type_description_interfaces.srv import GetTypeDescription
 
 import hmcvt_core as hmcvt
+from examples.bench_player import bench_sample_to_message
 from hmcvt_ros import qos
 from hmcvt_ros.outputs import ADVICE
 
-SHIM = Path(__file__).with_name("clock_shim.c")
 BAD_TYPE = Parameter(name="input_timeout", value=ParameterValue(type=99))
 GOOD_VALUE = Parameter(name="input_timeout", value=ParameterValue(type=3, double_value=0.4))
 LONG = "x" * 5_000_000
 
 
-class Orders:
-    """What the shim in the node is told."""
-
-    def __init__(self, path):
-        path.write_bytes(bytes(16))
-        self._file = path.open("r+b")
-        self._map = mmap.mmap(self._file.fileno(), 16)
-
-    def close(self):
-        self._map.close()
-        self._file.close()
-
-    def set_clock(self, seconds):
-        self._map[:8] = struct.pack("q", seconds)
-
-    def stall(self, seconds):
-        self._map[8:] = struct.pack("q", int(seconds * 1000))
-
-
 @pytest.fixture(scope="module")
 def attacked(start_node, paper_file, tmp_path_factory):
     """A node and what gives orders to its clock."""
-    folder = tmp_path_factory.mktemp("shim")
-    library, orders = folder / "clock_shim.so", folder / "orders"
-    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, SHIM], check=True)
-    given = Orders(orders)
-    node = start_node(paper_file, launcher=(
-        "env", f"LD_PRELOAD={library}", f"CLOCK_SHIM_FILE={orders}"))
-    yield node, given
-    given.close()
+    shim = Shim(tmp_path_factory.mktemp("shim"))
+    node = start_node(paper_file, launcher=shim.launcher)
+    yield node, shim
     assert node.stop() == 0
 
 
@@ -116,11 +79,11 @@ def flow(node, seconds):
 
 def test_parameter_of_an_unknown_type_is_refused(node):
     before = counted(node, "requests contained")
-    results = ask(node, SetParameters, "set_parameters",
+    results = ask(node, srv.SetParameters, "set_parameters",
                   parameters=[BAD_TYPE, GOOD_VALUE]).results
     assert [result.successful for result in results] == [False, True]
     assert "99" in results[0].reason
-    result = ask(node, SetParametersAtomically, "set_parameters_atomically",
+    result = ask(node, srv.SetParametersAtomically, "set_parameters_atomically",
                  parameters=[GOOD_VALUE, BAD_TYPE]).result
     assert not result.successful and "99" in result.reason
     assert answers(node) and node.says("99 is not a valid")
@@ -129,10 +92,10 @@ def test_parameter_of_an_unknown_type_is_refused(node):
 
 def test_parameter_without_a_name_is_refused(node):
     for kind in range(10):
-        result, = ask(node, SetParameters, "set_parameters", parameters=[Parameter(
+        result, = ask(node, srv.SetParameters, "set_parameters", parameters=[Parameter(
             name="", value=ParameterValue(type=kind, string_value="x"))]).results
         assert not result.successful and result.reason == "a parameter without a name"
-    assert "" not in ask(node, ListParameters, "list_parameters").result.names
+    assert "" not in ask(node, srv.ListParameters, "list_parameters").result.names
 
 
 def test_large_request_is_refused_and_holds_nothing_up(node):
@@ -140,20 +103,20 @@ def test_large_request_is_refused_and_holds_nothing_up(node):
     text = Parameter(name="samples_file", value=ParameterValue(type=4, string_value=LONG))
     many = ["input_timeout"] * 5000
     for kind, service, request in [
-            (SetParameters, "set_parameters", {"parameters": [GOOD_VALUE] * 5000}),
-            (SetParameters, "set_parameters", {"parameters": [text]})]:
+            (srv.SetParameters, "set_parameters", {"parameters": [GOOD_VALUE] * 5000}),
+            (srv.SetParameters, "set_parameters", {"parameters": [text]})]:
         results = ask(node, kind, service, **request).results
         assert len(results) == len(request["parameters"])
         assert not any(result.successful for result in results)
         assert "allowed are" in results[0].reason
-    result = ask(node, SetParametersAtomically, "set_parameters_atomically",
+    result = ask(node, srv.SetParametersAtomically, "set_parameters_atomically",
                  parameters=[GOOD_VALUE] * 5000).result
     assert not result.successful and "5000 entries; allowed are 100" in result.reason
     for kind, service, request in [
-            (GetParameters, "get_parameters", {"names": many}),
-            (GetParameterTypes, "get_parameter_types", {"names": [LONG]}),
-            (DescribeParameters, "describe_parameters", {"names": many}),
-            (ListParameters, "list_parameters", {"prefixes": many}),
+            (srv.GetParameters, "get_parameters", {"names": many}),
+            (srv.GetParameterTypes, "get_parameter_types", {"names": [LONG]}),
+            (srv.DescribeParameters, "describe_parameters", {"names": many}),
+            (srv.ListParameters, "list_parameters", {"prefixes": many}),
             (GetTypeDescription, "get_type_description", {"type_name": LONG})]:
         ask(node, kind, service, **request)
     assert answers(node)
@@ -173,7 +136,7 @@ def test_clock_of_the_ages_cannot_be_exchanged(node):
     result, = node.set(use_sim_time=True)
     assert not result.successful and "read-only" in result.reason
     for kind in (0, 1):  # to take a parameter away is a change too
-        result, = ask(node, SetParameters, "set_parameters", parameters=[Parameter(
+        result, = ask(node, srv.SetParameters, "set_parameters", parameters=[Parameter(
             name="use_sim_time", value=ParameterValue(type=kind))]).results
         assert not result.successful
     assert answers(node)
@@ -217,26 +180,17 @@ def test_broken_or_huge_message_is_refused(node):
 # --- clocks and stalls ----------------------------------------------------------------------------
 
 
-def test_stalled_node_does_not_answer_from_old_inputs(attacked, node):
+@pytest.mark.parametrize("how", ["stalled", "stopped"])
+def test_stalled_node_does_not_answer_from_old_inputs(attacked, node, how):
     node.set(input_timeout=0.3)
     assert answers(node)
-    attacked[1].stall(1.0)
-    node.player.spin_for(0.2)
+    if how == "stalled":
+        attacked[1].stall(1.0)
+        node.player.spin_for(0.2)
+    else:
+        os.kill(node.process.pid, signal.SIGSTOP)
     node.player.efficiencies.clear()
     for _ in range(5):  # they wait in the queue until it goes on
-        node.player.send_inputs(GOOD)
-        node.player.spin_for(0.02)
-    node.player.spin_for(1.2)
-    assert node.player.efficiencies == []
-    assert answers(node)
-
-
-def test_stopped_node_does_not_answer_from_old_inputs(node):
-    node.set(input_timeout=0.3)
-    assert answers(node)
-    os.kill(node.process.pid, signal.SIGSTOP)
-    node.player.efficiencies.clear()
-    for _ in range(5):
         node.player.send_inputs(GOOD)
         node.player.spin_for(0.02)
     node.player.spin_for(1.2)
@@ -323,12 +277,8 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
     assert node.comes(lambda: publisher.get_subscription_count() and node.player.count_publishers(
         f"{node.namespace}/advice"))
 
-    def advice(second, **changes):
-        values = {"engine": (100.0, math.nan), "output": (80.0, 250.0), "stroke": 0.5, **changes}
-        message = JointState(
-            name=["output", "engine", "displacement"], position=[0.0, 0.0, values["stroke"]],
-            velocity=[values["output"][0], values["engine"][0], 0.0],
-            effort=[values["output"][1], values["engine"][1], 0.0])
+    def advice(second, *changed):
+        message = bench_sample_to_message(*(changed or (0.5, 100.0, math.nan, 80.0, 250.0)))
         message.header.stamp.sec = second
         for _ in range(3):  # best effort
             publisher.publish(message)
@@ -353,11 +303,11 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
     assert found["optimal_engine_speed"] == best.engine_speed
     assert node.player.hold(GOOD).optimal_displacement_ratio == best.displacement_ratio
     assert speeds[-1] == best.engine_speed
-    for number, changes in enumerate((
-            {"stroke": 1.3}, {"output": (80.0, 0.0)}, {"engine": (math.nan, 1.0)},
-            {"output": (math.nan, 250.0)})):
-        assert all(map(math.isnan, advice(20 + number, **changes).values())), changes
-    assert advice(30, stroke=1.001)["efficiency"] > 0.0
+    for number, wrong in enumerate((
+            (1.3, 100.0, math.nan, 80.0, 250.0), (0.5, 100.0, math.nan, 80.0, 0.0),
+            (0.5, math.nan, 1.0, 80.0, 250.0), (0.5, 100.0, math.nan, math.nan, 250.0))):
+        assert all(map(math.isnan, advice(20 + number, *wrong).values())), wrong
+    assert advice(30, 1.001, 100.0, math.nan, 80.0, 250.0)["efficiency"] > 0.0
     for end in ends:
         node.player.destroy_subscription(end)
     node.player.destroy_publisher(publisher)
@@ -369,9 +319,7 @@ def test_client_that_sends_operating_points_alone_lacks_nothing(start_node, pape
         JointState, f"{node.namespace}/operating_point", qos.INPUT)
 
     def told(level, words, torque, stroke=0.5):
-        message = JointState(name=["engine", "output", "displacement"],
-                             position=[0.0, 0.0, stroke], velocity=[100.0, 80.0, 0.0],
-                             effort=[math.nan, torque, 0.0])
+        message = bench_sample_to_message(stroke, 100.0, math.nan, 80.0, torque)
 
         def found():
             publisher.publish(message)

@@ -1,14 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The bench log on disk."""
 
-from __future__ import annotations
-
-import dataclasses
 import threading
 
 import numpy as np
 import pytest
-from full_disk import file_limit
+from ros_bench import file_limit
 
 import hmcvt_core as hmcvt
 from hmcvt_ros import bench_log
@@ -26,13 +23,6 @@ def filled(path, count):
     for number in range(count):
         log.write(rows_of(sample(number)))
     return log
-
-
-def test_what_is_appended_is_read_back_exactly(path):
-    assert len(filled(path, 5)) == 5
-    read = hmcvt.read_bench(path)
-    np.testing.assert_array_equal(read.engine_speed, 100.0 + np.arange(5) / 7.0)
-    np.testing.assert_array_equal(read.stamp, np.arange(5.0))
 
 
 def test_every_cut_of_the_file_leaves_the_whole_samples(path):
@@ -54,19 +44,6 @@ def test_every_cut_of_the_file_leaves_the_whole_samples(path):
             damaged.unlink()
 
 
-def test_damage_in_the_middle_is_taken_out_and_kept_aside(path):
-    filled(path, 4)
-    lines = path.read_bytes().splitlines(keepends=True)
-    lines[2] = b"\x00" * 40 + b"\n"
-    lines[3] = lines[3].replace(b"0.8", b"80.")
-    path.write_bytes(b"".join(lines))
-    log = BenchLog(path, limit=100)
-    assert len(log) == 2
-    assert "2 damaged lines" in log.recovered
-    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, [0.0, 3.0])
-    assert path.with_name("log.damaged-1.csv").read_bytes() == b"".join(lines)
-
-
 def test_full_log_refuses_and_set_aside_makes_room(path):
     log = BenchLog(path, limit=2)
     log.write(rows_of(sample(0)))
@@ -80,18 +57,6 @@ def test_full_log_refuses_and_set_aside_makes_room(path):
     log.write(rows_of(sample(3)))
     assert log.set_aside()[1] != kept
     assert len(hmcvt.read_bench(kept)) == 2
-
-
-def test_log_changed_by_someone_else_is_taken_up(path):
-    log = filled(path, 3)
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text("".join(lines[:2]))
-    log.write(rows_of(sample(7)))
-    assert len(log) == 2
-    path.unlink()
-    log.write(rows_of(sample(8)))
-    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, [8.0])
-    assert len(log) == 1
 
 
 def test_failed_write_leaves_the_log_as_it_was(path):
@@ -121,24 +86,6 @@ def test_torn_log_that_cannot_be_repaired_yet_is_repaired_later(path):
     log.write(rows_of(sample(3)))
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(4.0))
     assert path.with_name("log.damaged-1.csv").read_bytes() == torn
-
-
-def test_folder_that_comes_back_is_logged_into(tmp_path):
-    (tmp_path / "disk").write_text("")
-    log = BenchLog(tmp_path / "disk" / "state" / "log.csv", limit=100)
-    with pytest.raises(OSError):
-        log.write(rows_of(sample(0)))
-    (tmp_path / "disk").unlink()
-    log.write(rows_of(sample(0)))
-    assert len(hmcvt.read_bench(log.path)) == len(log) == 1
-
-
-@pytest.mark.parametrize("column", ["stamp", "output_speed"])
-def test_sample_without_a_column_is_refused(path, column):
-    log = filled(path, 1)
-    with pytest.raises(hmcvt.InputError, match=f"{column} is missing"):
-        log.write(rows_of(dataclasses.replace(sample(1), **{column: None})))
-    assert len(hmcvt.read_bench(path)) == len(log) == 1
 
 
 def test_flipped_bits_change_no_value_silently(path):
@@ -215,16 +162,3 @@ def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypa
     taker.submit(sample(9))
     taker.close()  # writes what waits
     assert (tally.accepted, len(hmcvt.read_bench(path))) == (6, 1)
-
-
-def test_batch_is_taken_as_far_as_there_is_room(path, taken):
-    taker, tally, warned = taken(3)
-    go_on = threading.Event()
-    taker.call(go_on.wait)
-    for number in range(5):
-        taker.submit(sample(number))
-    go_on.set()
-    taker.close()
-    assert "3 samples and takes no more" in warned[0]
-    assert (tally.accepted, tally.refused[bench_log.FULL]) == (3, 2)
-    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(3.0))

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A program that shares no code with the node, not even the DDS, talks to it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -37,16 +35,6 @@ def test_cyclone_dds_reads_and_feeds_the_node(node, paper_file, table2):
         assert efficiency == model.efficiency(*point)
         best = model.optimal_displacement_ratio(point.engine_speed, point.load_torque)
         assert optimum == best.displacement_ratio
-
-    # A bench sample is an operating point too: the load torque is output power / engine speed.
-    advice, point = answer["advice"], asked[0]
-    assert model.fingerprint in advice["frame_id"]
-    assert advice["values"].keys() >= {
-        "efficiency", "efficiency_std", "extrapolated", "power_loss",
-        "optimal_displacement_ratio", "optimal_engine_speed"}
-    assert advice["values"]["efficiency"] == pytest.approx(model.efficiency(*point), rel=1e-9)
-    assert advice["values"]["power_loss"] == pytest.approx(
-        point.engine_speed * point.load_torque * (1 / model.efficiency(*point) - 1), rel=1e-9)
 
     assert node.comes(lambda: node.logged() == 1), node.log
     logged = hmcvt.read_bench(node.bench_file)

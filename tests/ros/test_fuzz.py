@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Nonsense (`make soak` sends 100,000 messages), and that what it is held to can be missed."""
 
-from __future__ import annotations
-
 import pytest
 from rclpy.qos import QoSProfile
 

@@ -4,8 +4,6 @@
 In processes of their own, because they fork, which the threads of DDS in this one would not bear.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Messages to values of the core and back."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which model is in service, over refits, reverts, restarts and damage."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -72,15 +70,6 @@ def test_damaged_refit_falls_back_to_the_one_before(paper_file, base, tmp_path):
     assert again.in_service.model.fingerprint == first and "0002.yaml" in again.complaint
     again.in_service.path.unlink()
     assert ModelStore(paper_file, tmp_path).in_service.model.fingerprint == base.fingerprint
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"in_service": 3, "base_fingerprint": ""}',
-                                  '{"base_fingerprint": "x"}'])
-def test_damaged_state_falls_back_to_the_model_file(paper_file, base, tmp_path, text):
-    (tmp_path / "in_service.json").write_text(text)
-    store = ModelStore(paper_file, tmp_path)
-    assert store.in_service.model.fingerprint == base.fingerprint
-    assert "in_service.json" in store.complaint
 
 
 def test_flipped_bits_of_the_state_are_noticed(paper_file, tmp_path):

@@ -1,7 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""docs/node.md against a node that runs: every table, every reply, every file."""
-
-from __future__ import annotations
+"""docs/node.md against a node that runs: every table, reply and file; and docs/layouts."""
 
 import importlib.util
 import json
@@ -9,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
@@ -308,3 +307,59 @@ def test_launch_arguments():
     text = (ROOT / "hmcvt_ros" / "launch" / "hmcvt.launch.py").read_text()
     written = [row[0] for row in table("launch argument")]
     assert written == re.findall(r'^    "(\w+)": \(', text, re.M)
+
+
+# --- docs/layouts: about the topics of the node ---------------------------------------------------
+
+LAYOUTS = ROOT / "docs" / "layouts"
+PLOTJUGGLER, FOXGLOVE = LAYOUTS / "plotjuggler.xml", LAYOUTS / "foxglove.json"
+INPUTS = {"/displacement_ratio", "/engine_speed", "/load_torque"}
+OUTPUTS = {"/efficiency", "/optimal_displacement_ratio"}
+SEEN = {f"/{row[0].replace('~', 'hmcvt').lstrip('/')}": row[1] for row in table("topic")}
+
+
+def plotted(curve, separator):
+    """The topic of a plotted field of a Float64."""
+    topic, field = curve.rsplit(separator, 1)
+    assert field == "data" and SEEN[topic] == "std_msgs/msg/Float64", curve
+    return topic
+
+
+def test_plotjuggler():
+    root = ElementTree.parse(PLOTJUGGLER).getroot()
+    assert root.tag == "root" and root.find("tabbed_widget/Tab/Container/DockSplitter") is not None
+    for splitter in root.iter("DockSplitter"):
+        assert len(splitter.get("sizes").split(";")) == len(splitter) == int(splitter.get("count"))
+    curves = [plotted(curve.get("name"), "/") for curve in root.iter("curve")]
+    assert sorted(curves) == sorted(INPUTS | OUTPUTS)
+
+
+def test_foxglove():
+    layout = json.loads(FOXGLOVE.read_text(encoding="utf-8"))
+    assert set(layout) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    configs = layout["configById"]
+    # Every panel is placed, once.
+    placed = re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"]))
+    assert sorted(placed) == sorted(configs)
+    curves, shown = [], set()
+    for config in configs.values():
+        curves += [plotted(path["value"], ".") for path in config.get("paths", ())]
+        shown |= {config[key] for key in ("topicToRender", "topicPath") if key in config}
+    assert sorted(curves) == sorted(INPUTS | OUTPUTS)
+    assert shown == {"/diagnostics", "/hmcvt/model", "/hmcvt/efficiency_map"} <= set(SEEN)
+
+
+@pytest.mark.parametrize(("path", "kept"), [(FOXGLOVE, {"/diagnostics"}), (PLOTJUGGLER, set())])
+def test_namespace_as_the_page_tells(path, kept, tmp_path):
+    page = (ROOT / "docs" / "live-view.md").read_text(encoding="utf-8")
+    line, = re.findall(rf"^    (sed .*layouts/{path.name}) > ", page, flags=re.MULTILINE)
+    done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True,
+                          check=True, timeout=20)
+
+    def topics(text):
+        return re.findall(r'"(/[\w/]+)', text)
+
+    plain = topics(path.read_text(encoding="utf-8"))
+    assert topics(done.stdout) == [
+        name if name in kept else f"/tractor1{name}" for name in plain]
+    assert len(plain) >= 5

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Refits that can do no harm, and jobs that have limits: attacks on a node over DDS."""
 
-from __future__ import annotations
-
 import os
 import signal
 import timeit
@@ -10,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core.test_refit import campaign, worn
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD, send_table
 
@@ -17,7 +16,6 @@ import hmcvt_core as hmcvt
 from hmcvt_ros.worker import Worker
 from studies.soak.kill_node import alive
 
-NOISE = 0.003
 POINTS = np.meshgrid(np.linspace(-1.0, 1.0, 9), np.linspace(90.0, 220.0, 5),
                      np.linspace(100.0, 300.0, 5))
 MANY = 60_000
@@ -42,24 +40,9 @@ def node(unit_under_test):
 @pytest.fixture
 def many(node, base):
     """A job that takes a second at least: it has to read this file."""
-    samples = measured(base, 20).select(np.arange(MANY) % 20)
+    samples = campaign(base, 20, 0).select(np.arange(MANY) % 20)
     hmcvt.write_bench(node.state / "many.csv", samples)
     node.set(samples_file="many.csv")
-
-
-def worn(base, *factors):
-    values = base.parameters.to_array() * factors
-    return replace(base, parameters=hmcvt.HydraulicParameters(*values.tolist()))
-
-
-def measured(unit, count, stroke=None, seed=0):
-    """Samples of a unit, with noise."""
-    rng = np.random.default_rng(seed)
-    ratio = rng.uniform(-1.0, 1.0, count) if stroke is None else np.full(count, stroke)
-    speed = rng.uniform(100.0, 220.0, count)
-    load = rng.uniform(100.0, 300.0, count)
-    efficiency = unit.efficiency(ratio, speed, load) * (1.0 + NOISE * rng.standard_normal(count))
-    return hmcvt.BenchSamples(ratio, speed, load, efficiency)
 
 
 def apart(one, other):
@@ -81,8 +64,8 @@ def told(node, *words):
 
 
 def test_one_bad_sample_of_twenty_is_named_and_decides_nothing(node, base):
-    unit = worn(base, 1.3, 1.3, 1.3)
-    samples = measured(unit, 20)
+    unit = worn(base, 3 * (1.3,))
+    samples = campaign(unit, 20, 0)
     low = 0.30 * (np.arange(20) == 4)
     send_table(node, replace(samples, efficiency=samples.efficiency - low))
     reply = node.player.call("reidentify")
@@ -101,25 +84,14 @@ def test_one_bad_sample_of_twenty_is_named_and_decides_nothing(node, base):
 
 
 def test_samples_at_one_stroke_change_nothing_elsewhere(node, base):
-    send_table(node, measured(base, 12, stroke=0.5))
+    send_table(node, campaign(base, 12, 0, stroke=0.5))
     reply = node.player.call("reidentify")
     assert apart(served(node, reply), base) < 0.01
     assert reply.data["kept"]
 
 
-def test_copies_of_a_sample_do_not_count(node, base):
-    one = measured(base, 1)
-    send_table(node, one)
-    node.set(reidentify_min_samples=1)
-    reply = node.player.call("reidentify")
-    assert not reply.success and "needs at least 3 points" in reply.data["error"]
-    send_table(node, one.select([0] * 3))
-    reply = node.player.call("reidentify")
-    assert not reply.success and "4 samples at 1 distinct working point " in reply.data["error"]
-
-
 def test_samples_that_vanish_from_the_log_are_told(node, base):
-    send_table(node, measured(base, 12))
+    send_table(node, campaign(base, 12, 0))
     lines = node.bench_file.read_bytes().splitlines(keepends=True)
     node.bench_file.write_bytes(b"".join(lines[:9]))
     assert node.player.call("reidentify").data["samples"] == 8
@@ -129,7 +101,7 @@ def test_samples_that_vanish_from_the_log_are_told(node, base):
     assert told(node, "is gone, and 8 samples with it")
     assert node.player.call("clear_samples").data == {"cleared": 0, "kept_as": None}
     assert node.comes(lambda: node.value("state folder") == "intact")
-    send_table(node, measured(base, 5))
+    send_table(node, campaign(base, 5, 0))
     node.bench_file.unlink()
     assert node.player.call("clear_samples").success
     assert node.comes(lambda: node.value("bench samples logged") == "0")
@@ -137,7 +109,7 @@ def test_samples_that_vanish_from_the_log_are_told(node, base):
 
 def test_drift_over_refits_is_told_and_bounded(node, base):
     node.set(reidentify_max_drift=0.04)
-    samples, models = measured(base, 40), [base]
+    samples, models = campaign(base, 40, 0), [base]
     for _ in range(10):
         samples = replace(samples, efficiency=samples.efficiency - 0.01)
         if node.logged():
@@ -155,7 +127,7 @@ def test_drift_over_refits_is_told_and_bounded(node, base):
 
 def test_staged_refit_waits_for_adopt(node, base):
     assert "no refit is staged" in node.player.call("adopt").data["error"]
-    samples = measured(worn(base, 1.3, 1.3, 1.3), 30)
+    samples = campaign(worn(base, 3 * (1.3,)), 30, 0)
     send_table(node, samples)
     node.set(reidentify_mode="stage")
     before = node.player.hold(GOOD).efficiency
@@ -182,7 +154,7 @@ def test_staged_refit_waits_for_adopt(node, base):
 
 
 def test_replies_name_no_folder(node, base):
-    send_table(node, measured(base, 8))
+    send_table(node, campaign(base, 8, 0))
     for name in (".", "models", "../samples.csv", "in_service.json"):
         node.set(samples_file=name)
         reply = node.player.call("reidentify")

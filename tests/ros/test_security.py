@@ -1,14 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The SROS2 policy that ships, against what a running node and its client really use."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from dds_security import full
 from rclpy.node import NodeNameNonExistentError
 from ros_bench import command
 
@@ -26,13 +25,6 @@ QUERIES = {
 }
 
 
-def expand(name, node, namespace):
-    """A name as ROS expands it for a node."""
-    if name.startswith("~"):
-        return f"{namespace}/{node}{name[1:]}"
-    return name if name.startswith("/") else f"{namespace}/{name}"
-
-
 def allowed(node, namespace):
     """What the policy allows a node, by the kinds of `QUERIES`; names stand once."""
     profile, = POLICY.iterfind(f"enclaves/enclave/profiles/profile[@node='{node}']")
@@ -40,7 +32,7 @@ def allowed(node, namespace):
     for group in profile:
         (verb, rule), = group.attrib.items()
         assert rule == "ALLOW"
-        found[group.tag, verb] += [expand(item.text, node, namespace) for item in group]
+        found[group.tag, verb] += [full(item.text, node, namespace) for item in group]
     return {kind: sorted(names) for kind, names in found.items()}
 
 

@@ -1,22 +1,18 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A slow disk, bursts of bench samples, and a state folder that is not as the node left it."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil
 import signal
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import QoSProfile
-from ros_bench import GOOD, adopted, message, send_table
+from ros_bench import GOOD, Shim, adopted, message, send_table
 from sensor_msgs.msg import JointState
-from slow_disk import launcher
 from std_msgs.msg import Float64
 
 import hmcvt_core as hmcvt
@@ -29,16 +25,16 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a comp
 
 @pytest.fixture(scope="module")
 def slow(start_node, paper_file, tmp_path_factory):
-    """A node, and the file that makes its disk slow."""
-    words, switch = launcher(tmp_path_factory.mktemp("shim"))
-    return start_node(paper_file, launcher=words), switch
+    """A node, and what makes its disk slow."""
+    shim = Shim(tmp_path_factory.mktemp("shim"))
+    return start_node(paper_file, launcher=shim.launcher), shim
 
 
 @pytest.fixture
 def node(slow):
     """The node on a disk that is not slow, with an empty log."""
-    node, switch = slow
-    switch.unlink(missing_ok=True)
+    node, shim = slow
+    shim.slow_disk(0.0)
     node.reset()
     return node
 
@@ -90,9 +86,9 @@ def test_slow_disk_holds_up_no_lookup(node, slow, table2):
     quick, slowly = 0.0, math.inf
     sent = 0
     while sent < 120 and not slowly <= 2.0 * quick:  # the machine may do something else meanwhile
-        slow[1].unlink(missing_ok=True)
+        slow[1].slow_disk(0.0)
         before = lookups(node, table2)
-        slow[1].touch()
+        slow[1].slow_disk(0.1)
         times = lookups(node, table2)
         assert len(before) == len(times) == 300
         sent += 40
@@ -105,7 +101,7 @@ def test_slow_disk_holds_up_no_lookup(node, slow, table2):
 
 
 def test_reply_that_counts_samples_waits_for_all_that_came(node, slow, table2):
-    slow[1].touch()
+    slow[1].slow_disk(0.1)
     for i in range(8):
         node.player.send_sample(message(table2, i))
         node.player.spin_for(0.01)
@@ -201,22 +197,22 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
     adopted(store, 2e-12)
     shutil.copy(first, store.in_service.path)  # a valid file, but an older one
     adopted(store, 3e-12)
-    bomb = ["a: &a [x, x, x, x, x, x, x, x, x]"] + [
-        f"{name}: &{name} [{', '.join(['*' + before] * 9)}]"
-        for before, name in zip("abcdefgh", "bcdefghi", strict=True)]
-    store.in_service.path.write_text("schema: hmcvt-model/1\n" + "\n".join(bomb) + "\n")
+    store.in_service.path.write_text("schema: hmcvt-model/1\na: &a [x, x]\nb: [*a, *a]\n")
+    (tmp_path / "bench_samples.csv").write_text(
+        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,crc\n"
+        "1.0,0.5,100.0,200.0,0.8,100.0,00000000\n")
     node = start_node(paper_file, state=tmp_path)
     assert node.player.hold(GOOD).efficiency == pytest.approx(good.efficiency(*GOOD), rel=1e-12)
     assert node.comes(lambda: node.value("file") == str(first))
     assert node.status()["level"] == DiagnosticStatus.WARN
     told = node.value("state folder")
     assert told in node.status()["message"]
-    assert "0003.yaml: not YAML of a parameter file at line 2: 'a' is an alias" in told
-    assert "0002.yaml: is not what was written: fingerprint" in told
-    assert told.endswith(f"{first} serves instead")
+    for words in ("0003.yaml: not YAML of a parameter file at line 2: 'a' is an alias",
+                  "0002.yaml: is not what was written: fingerprint",
+                  f"{first} serves instead", "1 damaged lines taken out"):
+        assert words in told, told
 
     # And while it runs.
-    hmcvt.save_model(replace(good, effects=()), tmp_path / "mine.yaml")
     shutil.copy(paper_file, first)
     hmcvt.write_bench(tmp_path / "mine.csv", hmcvt.read_bench(
         hmcvt.data_path("data/table2.csv")))
@@ -224,24 +220,9 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
     reply = node.player.call("reidentify")
     assert not reply.success and "0001.yaml: is not what was written" in reply.data["error"]
     assert node.player.call("revert").data["file"] == paper_file.name
+    assert node.player.call("clear_samples").success
     node.forget_status()
     assert node.comes(lambda: node.value("state folder") == "intact")
-
-
-def test_flipped_bits_in_the_state_are_told(start_node, paper_file, tmp_path):
-    adopted(ModelStore(paper_file, tmp_path), 1e-12)
-    state = tmp_path / "in_service.json"
-    state.write_text(state.read_text().replace("0001.yaml", "0000.yaml"))
-    (tmp_path / "bench_samples.csv").write_text(
-        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,crc\n"
-        "1.0,0.5,100.0,200.0,0.8,100.0,00000000\n")
-    node = start_node(paper_file, state=tmp_path)
-    paper = hmcvt.load_model(paper_file)
-    assert node.player.hold(GOOD).efficiency == pytest.approx(paper.efficiency(*GOOD), rel=1e-12)
-    assert node.comes(lambda: "in_service.json: cannot be read or is damaged" in (
-        node.value("state folder")))
-    assert "1 damaged lines taken out" in node.value("state folder")
-    assert node.status()["level"] == DiagnosticStatus.WARN
 
 
 # --- the end --------------------------------------------------------------------------------------
@@ -249,7 +230,7 @@ def test_flipped_bits_in_the_state_are_told(start_node, paper_file, tmp_path):
 
 def test_what_waits_for_the_disk_is_written_before_the_end(node, slow, table2):
     before = node.logged()
-    slow[1].touch()
+    slow[1].slow_disk(0.1)
     sample = message(table2, 0)
     for _ in range(200):
         node.player.send_sample(sample)

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A model of several stages in the node: the stage changes while it runs, the engine is known."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -80,11 +78,8 @@ def test_advice_names_the_stage_and_the_fuel(tractor):
     tractor.engage("HM3")
     model, point = TRACTOR.stages["HM3"], (0.4, 150.0, 200.0)
     output = model.output_speed(*point)
-    asked = JointState(name=["engine", "output", "displacement"], velocity=[point[1], output, 0.0],
-                       effort=[math.nan, 200.0 * 150.0 / output, math.nan],
-                       position=[0.0, 0.0, point[0]])
     tractor.heard.clear()
-    tractor.ask(asked)
+    tractor.ask(bench_sample_to_message(0.4, 150.0, math.nan, output, 200.0 * 150.0 / output))
     assert tractor.comes(lambda: any(isinstance(item, JointState) for item in tractor.heard))
     answer = next(item for item in tractor.heard if isinstance(item, JointState))
     assert answer.header.frame_id == f"{TRACTOR.fingerprint}:HM3"

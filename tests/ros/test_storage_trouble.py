@@ -1,24 +1,19 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A full disk, a folder that cannot be written, a folder that two nodes want, leftovers."""
 
-from __future__ import annotations
-
-import json
 import resource
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.permissions import BOUND_BY_PERMISSIONS
+from cli.running import BOUND_BY_PERMISSIONS
 from diagnostic_msgs.msg import DiagnosticStatus
-from full_disk import file_limit, read_only
-from ros_bench import GOOD, adopted, command, message, send_table
+from ros_bench import GOOD, command, file_limit, message, read_only, send_table
 
 import hmcvt_core as hmcvt
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_ros.bench_log import BenchLog, rows_of
-from hmcvt_ros.model_store import ModelStore
 from hmcvt_ros.state_folder import StateFolder
 
 # --- the node -------------------------------------------------------------------------------------
@@ -123,26 +118,6 @@ def test_second_node_on_one_state_folder_does_not_start(node, environment, paper
     assert second.returncode == 2
     assert second.stderr.startswith(f"hmcvt: error: state_folder: {node.state} is in use by")
     assert second.stderr.count("\n") == 1
-
-
-# --- what it is made of ---------------------------------------------------------------------------
-
-
-def test_model_that_cannot_be_adopted_leaves_the_one_before(paper_file, tmp_path):
-    store = ModelStore(paper_file, tmp_path)
-    before, first = adopted(store, 1e-12), store.in_service.path
-    second = store.new_path()
-    hmcvt.save_model(before, second)
-    state = (tmp_path / "in_service.json").read_bytes()
-    with file_limit(50):
-        with pytest.raises(OSError, match=r"in_service\.json"):
-            store.adopt(second)
-        with pytest.raises(OSError, match=r"in_service\.json"):
-            store.revert()
-    assert store.in_service.model is before and store.in_service.path == first
-    assert (tmp_path / "in_service.json").read_bytes() == state
-    assert ModelStore(paper_file, tmp_path).in_service.model.fingerprint == before.fingerprint
-    assert json.loads(state)["in_service"] == ["0001.yaml"]
 
 
 def test_leftovers_of_killed_writes_are_removed_and_nothing_else(tmp_path, monkeypatch):

@@ -2,20 +2,18 @@
 """The rules of the verdicts, and what they are fed with."""
 
 import math
-from concurrent.futures import Executor, Future
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from studies.reproduce import algorithms, bench, formulas, paper, subsets, tables
-from studies.reproduce.algorithms import GA, IMPROVED_SA, PSO, SERVED, WITHOUT, Run, Task
+from studies.reproduce import bench, formulas, paper, subsets, tables
+from studies.reproduce.algorithms import Run
 from studies.reproduce.comparison import Summary, cheaper
-from studies.reproduce.item import printed, printed_error
+from studies.reproduce.item import printed
 from studies.workers import recorded
-
-LOWEST = 0.018479745  # of 1 - RSQ on the paper's five tests: docs/theory.md, 1.32 % fit error
 
 
 @pytest.mark.parametrize(("published", "ours", "form", "verdict"), [
@@ -27,12 +25,6 @@ def test_printed_number_is_compared_in_its_printed_digits(published, ours, form,
     found = printed("g", "n", published, ours, form, why="reason", remark="note")
     assert found.verdict == verdict
     assert found.why == ("note" if verdict == "reproduced" else "reason")
-
-
-@pytest.mark.parametrize(("ours", "verdict"), [
-    (1.904, "reproduced"), (1.89, "better"), (1.91, "differs"), (math.nan, "differs")])
-def test_smaller_error_is_better(ours, verdict):
-    assert printed_error("g", "n", 1.90, ours, why="reason").verdict == verdict
 
 
 def test_items_of_a_wrong_gear_train_differ(monkeypatch):
@@ -52,37 +44,13 @@ def test_printed_tables_are_those_of_the_paper():
 
 
 @pytest.mark.parametrize("formulation", tables.FORMULATIONS)
-@pytest.mark.parametrize("tests", [(1, 2, 4, 5, 6), (1, 3, 4, 6, 8)])
-def test_cheap_search_ends_where_identify_does(formulation, tests):
+def test_cheap_search_ends_where_identify_does(formulation):
+    tests = (1, 3, 4, 6, 8)
     found = subsets.fit((formulation, tests))
     samples = bench.table2().select(np.array(tests) - 1)
     served = hmcvt.identify(samples, formulation=formulation)
     assert found.objective == pytest.approx(served.objective, rel=2e-3)
     assert found.fit_error == pytest.approx(100.0 * served.fit_error, abs=0.02)
-
-
-def test_subsets_are_all_with_three_tests_or_more():
-    found = subsets.subsets()
-    assert len(found) == len(set(found)) == 219
-    assert min(map(len, found)) == 3
-
-
-# --- figure 6 -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", [IMPROVED_SA, WITHOUT[4], GA, PSO, SERVED])
-def test_run_is_repeatable_and_honest(name):
-    one, two = (algorithms.run(Task(name, 3, LOWEST)) for _ in range(2))
-    assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
-    counts, values = zip(*one.curve, strict=True)
-    assert list(counts) == sorted(counts) and counts[-1] <= one.evaluations
-    assert list(values) == sorted(values, reverse=True) and values[-1] == one.value
-    assert one.value >= LOWEST * (1.0 - 1e-6)
-    assert one.seconds > 0.0
-    if name in (GA, PSO):
-        assert one.evaluations == paper.PARTICLES * paper.ITERATIONS
-    if name == SERVED:
-        assert one.value == pytest.approx(LOWEST, rel=1e-4)
 
 
 def summary(values, evaluations):
@@ -109,18 +77,6 @@ def test_difference_must_be_beyond_chance():
     assert cheaper(half, half, half.whole, half.whole) == 0.0
 
 
-# --- interruption ---------------------------------------------------------------------------------
-
-
-class Here(Executor):
-    """Work in this process, at once."""
-
-    def submit(self, work, /, *given):
-        done = Future()
-        done.set_result(work(*given))
-        return done
-
-
 def test_interrupted_work_goes_on_where_it_was(tmp_path):
     path, worked = tmp_path / "records.jsonl", []
 
@@ -128,12 +84,12 @@ def test_interrupted_work_goes_on_where_it_was(tmp_path):
         worked.append(number)
         return {"number": number}
 
-    first = recorded(Here(), work, {"a": 1}, path)
-    assert list(first) == [{"number": 1}]
-    with path.open("a") as file:
-        file.write('["b", {"num')  # cut off
-    tasks = {"a": 1, "b": 2, "c": 3}
-    for _ in range(2):
-        found = list(recorded(Here(), work, tasks, path))
-        assert sorted(record["number"] for record in found) == [1, 2, 3]
+    with ThreadPoolExecutor(1) as pool:
+        assert list(recorded(pool, work, {"a": 1}, path)) == [{"number": 1}]
+        with path.open("a") as file:
+            file.write('["b", {"num')  # cut off
+        tasks = {"a": 1, "b": 2, "c": 3}
+        for _ in range(2):
+            found = list(recorded(pool, work, tasks, path))
+            assert sorted(record["number"] for record in found) == [1, 2, 3]
     assert sorted(worked) == [1, 2, 3]

@@ -76,7 +76,6 @@ def test_one_unit_of_several(tmp_path):
 
 
 HEAD = "displacement_cc,pressure_bar,speed_rpm,volumetric,mechanical"
-PLAIN = "displacement,pressure,speed,volumetric_efficiency,mechanical_efficiency"
 LOSSES = "displacement_cc,pressure_bar,speed_rpm,flow_loss,torque_loss"
 
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preloaded into a node: its system clock is set, and its main thread stalls, as a file says. */
+/* Preloaded into a node: its clock is set, its main thread stalls, its disk is slow, as a file says. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -12,14 +12,15 @@
 #include <time.h>
 #include <unistd.h>
 
-/* Seconds that the clock is ahead; milliseconds for which the main thread is to stall, once. */
+/* Seconds that the clock is ahead; milliseconds for which the main thread is to stall, once, and that
+   an fsync takes. */
 static volatile int64_t *orders;
 
 __attribute__((constructor)) static void begin(void) {
-    const char *path = getenv("CLOCK_SHIM_FILE");
+    const char *path = getenv("SHIM_ORDERS");
     int file = path ? open(path, O_RDWR) : -1;
     if (file >= 0) {
-        void *found = mmap(0, 16, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+        void *found = mmap(0, 24, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
         orders = found == MAP_FAILED ? 0 : found;
         close(file);
     }
@@ -51,6 +52,14 @@ time_t time(time_t *where) {
     if (where) *where = now.tv_sec;
     return now.tv_sec;
 }
+
+static int slow(const char *name, int file) {
+    if (orders && orders[2]) usleep(orders[2] * 1000);
+    return ((int (*)(int))dlsym(RTLD_NEXT, name))(file);
+}
+
+int fsync(int file) { return slow("fsync", file); }
+int fdatasync(int file) { return slow("fdatasync", file); }
 
 /* The kernel's clock stays: a deadline by the clock that was set is one of another time. */
 int pthread_cond_timedwait(pthread_cond_t *restrict condition, pthread_mutex_t *restrict mutex,

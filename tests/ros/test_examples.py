@@ -1,8 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""examples/control_stack.py beside a node: the pair it asks for is the best of the served model."""
+"""The examples over ROS: those beside a node, which ask for what is best, and `make demo`."""
 
-from __future__ import annotations
-
+import os
 import re
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from sensor_msgs.msg import JointState
 
 import hmcvt_core as hmcvt
 
+pytestmark = pytest.mark.slow
 SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "control_stack.py"
 NOW = (209.4, 200.0)  # engine speed, load torque that the pretended tractor starts from
 
@@ -106,10 +106,9 @@ def test_without_a_node_it_says_so(run):
     assert errors == "no command: model or inputs did not come; does the node run?\n"
 
 
-def test_script_of_the_page_saves_the_model(environment, refused, tmp_path):
+def test_script_of_the_page_saves_the_model(environment, node, tmp_path):
     page = (SCRIPT.parents[1] / "docs" / "live-view.md").read_text(encoding="utf-8")
     code, = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    node = refused[0]
     # The page is about a node without a namespace.
     spaced = code.replace("BenchPlayer()", f"BenchPlayer(namespace={node.namespace!r})")
     assert spaced != code
@@ -117,3 +116,54 @@ def test_script_of_the_page_saves_the_model(environment, refused, tmp_path):
                    env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])})
     saved = hmcvt.load_model(tmp_path / "served.yaml")
     assert saved.fingerprint == served(node, tmp_path).fingerprint
+
+
+# --- the demonstration ----------------------------------------------------------------------------
+
+
+def processes_with(text: str) -> list[str]:
+    """Command lines of running processes that hold a text."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            line = path.read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue  # it ended meanwhile
+        if text in line:
+            found.append(line)
+    return found
+
+
+def demo(temporary: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, str(SCRIPT.with_name("demo.py"))], stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True, env={**os.environ, "TMPDIR": str(temporary)})
+
+
+def test_it_shows_that_the_refit_improves_the_node(environment, tmp_path):
+    process = demo(tmp_path)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0, output
+    rows = re.findall(r"^ +([1-8])[* ] +[-+]\d\.\d\d .*\|.*\|", output, flags=re.MULTILINE)
+    assert rows == list("12345678") * 2
+    assert "silent" not in output
+    changes = re.findall(r"([\d.]+) %  -> +([\d.]+) %", output)
+    assert len(changes) == 2
+    for before, after in changes:
+        assert float(before) > 20.0 and float(after) < 2.3
+    assert processes_with(str(tmp_path)) == []
+    assert list(tmp_path.glob("hmcvt-demo-*")) == []
+
+
+def test_interrupted_it_leaves_nothing_behind(environment, tmp_path):
+    process = demo(tmp_path)
+    while "1. The node runs" not in process.stdout.readline():
+        assert process.poll() is None
+    assert processes_with(str(tmp_path))
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == 130, output
+    assert "the node has been stopped" in output
+    assert processes_with(str(tmp_path)) == []
+    assert list(tmp_path.glob("hmcvt-demo-*")) == []

@@ -1,4 +1,0 @@
-# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-from .running import hmcvt
-
-__all__ = ["hmcvt"]
