@@ -77,13 +77,14 @@ def _items(fits: list[SubsetFit], formulation: str) -> list[Item]:
                              if each.formulation == formulation and len(each.tests) == size])
                    for size in (5, 7))
     low, middle, high = np.percentile(five, (25, 50, 75), method="nearest")
+    up_to = f"{high:.2f}" if np.isfinite(high) else "no answer"
     within = int((five <= limit).sum())
     most = float(np.percentile(seven, 50, method="nearest"))
     missing = int(np.isinf(five).sum())
     worst = f"worst {five.max():.2f}" if not missing else f"no answer in {missing}"
     return [
         claim(GROUP, f"any five tests predict the other three to {limit:g} %, {formulation}",
-              f"{limit:.2f} %", f"median {middle:.2f} % ({low:.2f} to {high:.2f}), "
+              f"{limit:.2f} %", f"median {middle:.2f} % ({low:.2f} to {up_to}), "
               f"{worst}", within == len(five),
               why=f"{within} of {len(five)} choices of five do"),
         claim(GROUP, f"more than five tests bring nothing, {formulation}", "five suffice",
