@@ -166,7 +166,7 @@ def _reader(name: str, example: str, units: Mapping[str, float]) -> Callable[[An
     """
     def read(text: str | float) -> float:
         value, unit = parsed(str(text).strip(), comma="." not in str(text))
-        if unit in ("", *units) and (value == value or "nan" in str(text).lower()):
+        if unit in ("", *units) and (value == value or str(text).strip().lower() == "nan"):
             return units.get(unit, 1.0) * value
         raise click.BadParameter(f"{text!r} is not a {name}: write {example}")
 

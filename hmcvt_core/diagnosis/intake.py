@@ -35,18 +35,8 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     Raises:
         InputError: what remains cannot carry a diagnosis.
     """
-    notes = []
-    base = refit(Hypothesis(system), observed)
-    impossible = np.flatnonzero(base.whitened[0] == REFUSED)
-    if len(impossible) > _MOST_REFUSED * len(observed):
-        raise InputError(
-            f"{observed.samples.source}: {len(impossible)} of {len(observed)} samples "
-            f"{system.refusal}, whatever its parameters (first: "
-            f"{observed.describe(impossible[0])}): {system.advice}")
-    if len(impossible):
-        notes.append(f"{len(impossible)} samples {system.refusal} and were left out: "
-                     f"{listed_samples(observed, impossible)}")
-        base = _without(base, impossible)
+    notes: list[str] = []
+    base = _answered(refit(Hypothesis(system), observed), notes)
     observed = base.observed
     slips, read = outliers(observed, base.whitened), observed.channels[0].name
     if len(slips) > _NAMED:
@@ -56,7 +46,7 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         notes += [f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
                   "against its neighbours and was left out: measure it again" for i in slips]
     if len(slips):
-        base = _without(base, slips)
+        base = _answered(_without(base, slips), notes)
     _check(system, base.observed)
     if len(base.observed) > LARGE:
         notes.append(f"{LARGE} of {len(base.observed)} samples are weighed, evenly spread over the "
@@ -64,6 +54,22 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         base = refit(base.hypothesis, base.observed.select(spread_out(base.observed, LARGE)),
                      base.base)
     return base, notes
+
+
+def _answered(base: Fit, notes: list[str]) -> Fit:
+    """Leave out samples to which the refitted base has no answer."""
+    system, observed = base.hypothesis.system, base.observed
+    impossible = np.flatnonzero(base.whitened[0] == REFUSED)
+    if not len(impossible):
+        return base
+    if len(impossible) > _MOST_REFUSED * len(observed):
+        raise InputError(
+            f"{observed.samples.source}: {len(impossible)} of {len(observed)} samples "
+            f"{system.refusal}, whatever its parameters (first: "
+            f"{observed.describe(impossible[0])}): {system.advice}")
+    notes.append(f"{len(impossible)} samples {system.refusal} and were left out: "
+                 f"{listed_samples(observed, impossible)}")
+    return _without(base, impossible)
 
 
 def _without(base: Fit, dropped: NDArray[np.intp]) -> Fit:

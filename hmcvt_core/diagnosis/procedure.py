@@ -237,7 +237,8 @@ def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
         real = fit.hypothesis.predict(fit.theta, points)[0]
         return float(np.mean(system.lost_power(points, expected, real)))
     lost = system.lost_power(points, expected, expected + gap)
-    return float(np.mean(lost[np.abs(gap) >= _rms(gap)]))
+    known = np.isfinite(gap)  # where the base gives an answer
+    return float(np.mean(lost[known & (np.abs(gap) >= _rms(gap[known]))]))
 
 
 def _sets(study: _Study) -> tuple[CauseSet, ...]:

@@ -109,7 +109,7 @@ class CauseSet:
     Attributes:
         effects: names, sorted.
         probability: that it is these and no others.
-        gap_after, shrinkage: as of a `Cause`, with all of them added; None for improbable sets.
+        gap_after, shrinkage: as of a `Cause`, with all of them added; None beyond the first five.
     """
 
     effects: tuple[str, ...]

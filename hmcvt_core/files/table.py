@@ -71,12 +71,15 @@ class Table(NamedTuple):
 
     def numbers(self, name: str, optional: bool = False) -> Array:
         """Plain numbers of a column; an `InputError` names the row of what is none."""
-        values, units = self._parsed(name)
-        for i in np.flatnonzero(np.isnan(values) | (units != "")):
-            if (cell := self.columns[name][i]).lower().lstrip("+-") != "nan":
+        values = np.empty(len(self.rows))
+        for i, cell in enumerate(self.columns[name]):
+            plain = cell.replace(",", ".") if name in self.commas else cell
+            try:
+                values[i] = float(plain.replace("_", "?"))  # Python reads 2_99 as 299
+            except ValueError:
                 cure = ": fill it in, or leave the column out" if optional and not cell else ""
                 raise InputError(f"{self.source}: row {self.rows[i]}: "
-                                 f"{no_number(name, cell)}{cure}")
+                                 f"{no_number(name, cell)}{cure}") from None
         return values
 
     def require_range(self, values: Array, limits: Range) -> None:
@@ -88,17 +91,15 @@ class Table(NamedTuple):
 
     def readings(self, name: str) -> tuple[Array, NDArray[np.str_]]:
         """Numbers of a column, NaN where a cell holds none, and the units behind them."""
-        values, units = self._parsed(name)
+        found = [parsed(cell, name in self.commas) for cell in self.columns[name]]
+        values = np.array([value for value, _ in found])
+        units = np.array([unit for _, unit in found], str)
         return np.where(np.isin(values, _SENTINELS), np.nan, values), units
 
     def stamps(self, name: str, unit: float = 1.0) -> Array:
         """Seconds of a column of times: numbers of a unit [s], times of day, or dates (UTC)."""
         return np.array([_seconds(cell) if ":" in cell else unit * value for cell, value in zip(
             self.columns[name], self.readings(name)[0], strict=True)])
-
-    def _parsed(self, name: str) -> tuple[Array, NDArray[np.str_]]:
-        found = [parsed(cell, name in self.commas) for cell in self.columns[name]]
-        return np.array([value for value, _ in found]), np.array([unit for _, unit in found], str)
 
 
 def read_plain(
@@ -108,7 +109,7 @@ def read_plain(
     """Read CSV with a header in its first line that is not empty and does not begin with #.
 
     Args:
-        path: of the file; separated by commas, semicolons, tabs or blanks; UTF-8, or else
+        path: of the file; separated by commas, semicolons or tabs; UTF-8, or else
             Windows-1252.
         required: columns that must be there.
         name_of: gives the name of a column from its cell in the header.
@@ -118,7 +119,10 @@ def read_plain(
             missing, a column doubled, or a row of another length than the header.
     """
     text, sha256 = _text(Path(path))
-    rows = _separated(text, str(path))
+    # The header says what parts the columns; a note below may hold anything.
+    line = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
+    mark = _mark([line]) or ","
+    rows = _separated(text, mark, str(path))
     # Above the header only: below it a cell may well begin like that.
     top = next((i for i, row in enumerate(rows, 1) if any(row) and row[0][:1] != "#"), None)
     if top is None:
@@ -135,7 +139,7 @@ def read_plain(
     table = _table(rows, top, header, str(Path(path)), sha256)
     for number, told in table.broken.items():
         raise InputError(f"{path}: row {number}: {told}")
-    return table
+    return table._replace(commas=()) if mark == "," else table
 
 
 def read_table(
@@ -145,7 +149,7 @@ def read_table(
     """Read a table as text.
 
     Args:
-        path: CSV as `read_plain` takes it, or Excel.
+        path: CSV as `read_plain` takes it, or separated by blanks, or Excel.
         names: columns that must be there; they tell which row is the header.
         header_row: row of the header, from 1; found when left out.
         sheet: of an Excel file; the one that looks most like a bench table when left out.
@@ -160,7 +164,8 @@ def read_table(
         raise InputError(f"{source}: has no sheets; --sheet is for Excel")
     else:
         text, sha256 = _text(Path(path))
-        sheets = [_separated(text, source)]
+        lines = [line for line in text.splitlines()[:2 * _TOP] if line.strip()]
+        sheets = [_separated(text, _mark(lines), source)]
     rows, top, header = max((
         (rows, *_header(rows, names, header_row)) for rows in sheets),
         key=lambda found: _worth(found[2]))
@@ -244,14 +249,21 @@ def _bytes(path: Path) -> tuple[bytes, str]:
     return raw, hashlib.sha256(raw).hexdigest()
 
 
-def _separated(text: str, source: str) -> list[list[str]]:
-    """The cells of every line, without blanks around them."""
-    lines = [line for line in text.splitlines()[:2 * _TOP] if line.strip() and line[0] != "#"]
+def _mark(lines: Sequence[str]) -> str:
+    """What parts the columns: the mark that stands most often equally often in a line, or blanks.
+
+    Of several, the one that stands there most.
+    """
     counts = {mark: Counter(count for line in lines if (count := line.count(mark)))
-              for mark in ";\t,"}
-    # The mark that stands most often equally often in a line.
-    mark = max(counts, key=lambda each: max(counts[each].values(), default=0))
-    if lines and not counts[mark]:
+              for mark in ",;\t"}
+    mark = max(counts, key=lambda each: max(
+        ((lines, marks) for marks, lines in counts[each].items()), default=(0, 0)))
+    return mark if counts[mark] or not lines else ""
+
+
+def _separated(text: str, mark: str, source: str) -> list[list[str]]:
+    """The cells of every line, without blanks around them."""
+    if not mark:
         return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
     try:
         return [[cell.strip() for cell in row]

@@ -186,6 +186,7 @@ class Search:
         self._function = function
         self._low, self._high = np.array(intervals).T
         self._ends = self._low, self._high
+        self.cost, self.at = math.inf, math.nan
         self.closer(1)
 
     def closer(self, times: int) -> Search:
@@ -198,7 +199,8 @@ class Search:
             lowest = np.arange(len(grid)), cost.argmin(axis=1)
             at, least = grid[lowest], cost[lowest]
             self._ends = np.maximum(at - step, self._low), np.minimum(at + step, self._high)
-            self.cost, self.at = min(zip(least.tolist(), at.tolist(), strict=True))
+            self.cost, self.at = min([(self.cost, self.at),
+                                      *zip(least.tolist(), at.tolist(), strict=True)])
         return self
 
 

@@ -72,6 +72,8 @@ def command(
     One sample for each window with settled speeds, torques and displacement ratio; transients are
     rejected. BAG is the folder or one of its files.
     """
+    if len(dict(signals)) < len(signals):
+        raise click.BadParameter("each signal has one topic", param_hint="--signal")
     settings = ImportSettings(topic, namespace, Steadiness(**steady), age_limit, gap, averaged,
                               not no_oil_temperature, dict(signals))
     if Path(out).exists() and Path(out).suffix in BAG_FILES:

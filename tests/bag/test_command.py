@@ -110,6 +110,7 @@ def test_signals_with_topics_of_their_own_give_the_same_samples(hmcvt, workplace
             ("", "no topic is named for displacement_ratio"),
             ("displacement_ratio=/pump/angle", "holds no topic /pump/angle"),
             ("displacement_ratio=/engine/torque", "two signals name the same topic"),
+            ("engine_speed=/pump/stroke", "each signal has one topic"),
             ("displacement_ratio=/note", "/note is std_msgs/msg/String, not a number"),
             ("displacement_ratio=/pump/stroke:deg", "'deg' is no unit of displacement_ratio"),
             ("stroke=/pump/stroke", "write NAME=TOPIC[:UNIT]")):

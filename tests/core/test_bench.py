@@ -79,6 +79,8 @@ def test_round_trip_keeps_every_bit(tmp_path, data, n, optional):
     f"{HEADER}\r{GOOD}\r",
     f"{HEADER},\u00f6l\n{GOOD},x".encode("cp1252"),
     "efficiency,load_torque,engine_speed,displacement_ratio,\n8e-1,+200,1.5e2,.5,x\n",
+    f'{HEADER},note\n{GOOD},"a, b, c; d"\n',
+    HEADER.replace(",", ";") + ";gears\n0,5;150;200.000;0,8;1,2\n",  # no thousands
 ])
 def test_spellings_that_are_read(tmp_path, text):
     samples = hmcvt.read_bench(written(tmp_path, text))
@@ -97,6 +99,8 @@ def test_spellings_that_are_read(tmp_path, text):
     ("0.5,150,,0.8", r"row 3: load_torque is empty"),
     ("0.5,150,200", r"row 3: 3 fields, the header has 4"),
     ("0.5;150;200;0,8", r"row 3: 2 fields, the header has 4"),
+    ('0.5,150,"1,200.5",0.8', r"row 3: load_torque '1,200.5' is not a number"),
+    ("0.5,150,1 200,0.8", r"row 3: load_torque '1 200' is not a number"),
     ('0.5,"150,200,0.8', r"not CSV: unexpected end of data"),
     ('0.5,"150\n",1000000,0.8', r"row 3: load_torque = 1e\+06 is outside"),
 ])
