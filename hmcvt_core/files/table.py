@@ -121,7 +121,7 @@ def read_plain(
     text, sha256 = _text(Path(path))
     # The header says what parts the columns; a note below may hold anything.
     line = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
-    mark = _mark([line]) or ","
+    mark = max(",;\t", key=line.count)  # what stands there most, first a comma
     rows = _separated(text, mark, str(path))
     # Above the header only: below it a cell may well begin like that.
     top = next((i for i, row in enumerate(rows, 1) if any(row) and row[0][:1] != "#"), None)
@@ -250,14 +250,10 @@ def _bytes(path: Path) -> tuple[bytes, str]:
 
 
 def _mark(lines: Sequence[str]) -> str:
-    """What parts the columns: the mark that stands most often equally often in a line, or blanks.
-
-    Of several, the one that stands there most.
-    """
+    """What parts the columns: the mark most often equally often in a line, or blanks."""
     counts = {mark: Counter(count for line in lines if (count := line.count(mark)))
-              for mark in ",;\t"}
-    mark = max(counts, key=lambda each: max(
-        ((lines, marks) for marks, lines in counts[each].items()), default=(0, 0)))
+              for mark in ";\t,"}
+    mark = max(counts, key=lambda each: max(counts[each].values(), default=0))
     return mark if counts[mark] or not lines else ""
 
 
