@@ -73,7 +73,8 @@ class Table(NamedTuple):
         """Plain numbers of a column; an `InputError` names the row of what is none."""
         values = np.empty(len(self.rows))
         for i, cell in enumerate(self.columns[name]):
-            plain = cell.replace(",", ".") if name in self.commas else cell
+            # Beside decimal commas a point may be one between thousands.
+            plain = cell.replace(".", "?").replace(",", ".") if name in self.commas else cell
             try:
                 values[i] = float(plain.replace("_", "?"))  # Python reads 2_99 as 299
             except ValueError:
@@ -365,5 +366,6 @@ def _seconds(cell: str) -> float:
 
 def no_number(name: str, cell: str) -> str:
     """Say what is wrong with a cell of a column that holds no number."""
-    cure = ": write a decimal point, and nothing between thousands" if "," in cell else ""
+    cure = (": write a decimal point, and nothing between thousands"
+            if re.search(r"\d[.,]\d", cell) else "")
     return f"{name} {f'{cell!r} is not a number' if cell else 'is empty'}{cure}"

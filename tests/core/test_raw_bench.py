@@ -107,10 +107,15 @@ def test_a_row_without_values_is_no_row_of_units(tmp_path, row):
     ("0.5;146;850.250;0.8\n0.5;146;200.125;0.8", [850.25, 200.125]),
     ("0,5;146;850.250;0,8\n0,5;146;200.125;0,8", [850.25, 200.125])])
 def test_points_and_commas_are_told_apart(tmp_path, rows, load):
+    """A bench table is plain: it has nothing between thousands."""
     path = raw(tmp_path, f"displacement_ratio;engine_speed;load_torque;efficiency\n{rows}\n")
     named = {name: name for name in PLAIN}
-    for found in (read_raw_bench(path, named), hmcvt.read_bench(path)):
-        assert found.load_torque.tolist() == load
+    assert read_raw_bench(path, named).load_torque.tolist() == load
+    if "1.200" in rows:
+        with pytest.raises(hmcvt.InputError, match=r"row 3: load_torque '1.200.*between thousands"):
+            hmcvt.read_bench(path)
+    else:
+        assert hmcvt.read_bench(path).load_torque.tolist() == load
 
 
 def test_the_first_unit_is_the_one_that_is_kept():
