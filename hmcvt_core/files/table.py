@@ -16,10 +16,12 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+from functools import cache, cached_property
 from itertools import accumulate, count, product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +51,8 @@ _TIMES = [f"%Y-%m-%d{mark}{time}" for mark in " T" for time in (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M", "%H:%M:%S%z", "%H:%M:%S.%f%z")]
 
 
-class Table(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Table:
     """A table as text.
 
     Attributes:
@@ -76,7 +79,7 @@ class Table(NamedTuple):
             # Beside decimal commas a point may be one between thousands.
             plain = cell.replace(".", "?").replace(",", ".") if name in self.commas else cell
             try:
-                values[i] = float(plain.replace("_", "?"))  # Python reads 2_99 as 299
+                values[i] = _plain_number(plain)
             except ValueError:
                 cure = ": fill it in, or leave the column out" if optional and not cell else ""
                 raise InputError(f"{self.source}: row {self.rows[i]}: "
@@ -90,8 +93,12 @@ class Table(NamedTuple):
             raise InputError(f"{self.source}: row {self.rows[outside[0]]}: "
                              f"{limits.complaint(values[outside[0]])}")
 
-    def readings(self, name: str) -> tuple[Array, NDArray[np.str_]]:
-        """Numbers of a column, NaN where a cell holds none, and the units behind them."""
+    @cached_property
+    def readings(self) -> Callable[[str], tuple[Array, NDArray[np.str_]]]:
+        """Of a column: numbers, NaN where a cell holds none, and the units behind them."""
+        return cache(self._readings)
+
+    def _readings(self, name: str) -> tuple[Array, NDArray[np.str_]]:
         found = [parsed(cell, name in self.commas) for cell in self.columns[name]]
         values = np.array([value for value, _ in found])
         units = np.array([unit for _, unit in found], str)
@@ -140,7 +147,7 @@ def read_plain(
     table = _table(rows, top, header, str(Path(path)), sha256)
     for number, told in table.broken.items():
         raise InputError(f"{path}: row {number}: {told}")
-    return table._replace(commas=()) if mark == "," else table
+    return replace(table, commas=()) if mark == "," else table
 
 
 def read_table(
@@ -178,8 +185,8 @@ def read_table(
         return table
     if not table.rows[1:] and not table.broken:
         raise InputError(f"{source}: holds a header but no samples")
-    return table._replace(
-        units={name: cells[0] for name, cells in table.columns.items()}, rows=table.rows[1:],
+    return replace(
+        table, units={name: cells[0] for name, cells in table.columns.items()}, rows=table.rows[1:],
         columns={name: cells[1:] for name, cells in table.columns.items()})
 
 
@@ -330,6 +337,10 @@ def _distinct(header: Sequence[str]) -> list[str]:
     return names
 
 
+def _plain_number(text: str) -> float:
+    return float(text.replace("_", "?"))  # Python reads 2_99 as 299
+
+
 def parsed(cell: str, comma: bool) -> tuple[float, str]:
     """Number of a cell, NaN where it holds none, and the unit behind it, `""` without one.
 
@@ -340,7 +351,7 @@ def parsed(cell: str, comma: bool) -> tuple[float, str]:
     if comma and _THOUSANDS.fullmatch(cell):
         cell = cell.replace(".", "")
     with suppress(ValueError):
-        return float(cell.replace("_", "?")), ""  # Python reads 2_99 as 299
+        return _plain_number(cell), ""
     hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
     if hit is None:
         return math.nan, ""

@@ -190,7 +190,7 @@ def _of_unit(cells: Table, unit: str | None) -> Table:
     rows = [i for i, name in enumerate(names) if unit in (None, name)]
     if not rows or (unit is None and len(set(names)) > 1):
         raise InputError(f"{cells.source}: --unit names one of {there}")
-    return cells._replace(rows=[cells.rows[i] for i in rows], columns={
+    return replace(cells, rows=[cells.rows[i] for i in rows], columns={
         name: [column[i] for i in rows] for name, column in cells.columns.items()})
 
 

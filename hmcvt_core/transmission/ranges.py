@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -172,32 +173,13 @@ class OperatingPoints(NamedTuple):
         if flat.stage is not None:
             parts = [(name, at[i:i + CHUNK]) for name in dict.fromkeys(flat.stage.tolist())
                      for at in np.nonzero(flat.stage == name) for i in range(0, len(at), CHUNK)]
-        rows = np.stack(in_parts(parts, flat._replace(stage=None), lambda name, *columns: solve(
-            name, OperatingPoints(*columns))))
+        flat, rows = flat._replace(stage=None), np.empty(0)
+        for name, at in parts:
+            piece = np.stack(solve(name, flat.map(itemgetter(at))))
+            if not rows.size:
+                rows = np.empty((*piece.shape[:-1], flat.engine_speed.size))
+            rows[..., at] = piece
         return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
-
-
-def in_parts(
-    parts: Sequence[tuple[Any, Any]], columns: Sequence[Array | None],
-    function: Callable[..., Sequence[Array]],
-) -> Sequence[Array]:
-    """Columns of shape (..., n) that a function gives for each part of others, put together.
-
-    Args:
-        parts: what is handed to the function first, and where the part is: a mask, places, a slice.
-        columns: shape (n,); None stays None.
-        function: takes the key of a part and the columns there.
-    """
-    if len(parts) == 1:
-        return function(parts[0][0], *columns)
-    found: list[Array] = []
-    size = next(len(axis) for axis in columns if axis is not None)
-    for key, chosen in parts:
-        pieces = function(key, *(None if axis is None else axis[chosen] for axis in columns))
-        found = found or [np.empty((*piece.shape[:-1], size)) for piece in pieces]
-        for column, piece in zip(found, pieces, strict=True):
-            column[..., chosen] = piece
-    return found
 
 
 class Solution(NamedTuple):
