@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
 from .bench import BenchSamples, column_name
 from .guess import UNITS, likely_unit, quantity_of, unit_of
-from .steady import Readings, Shafts, Steadiness, complaint, split_at_gaps, steady_tests
+from .steady import Readings, Shafts, Steadiness, complaint, held, split_at_gaps, steady_tests
 from .table import STATISTIC, Table, no_number, read_table
 
 Array = NDArray[np.float64]
@@ -90,11 +90,9 @@ def choose_columns(
     Raises:
         InputError: the file cannot be read, a column is missing or a unit is unknown.
     """
-    bare = []
-    for text in columns.values():
-        name, colon, unit = text.rpartition(":")
-        bare.append((name if colon and unit_of(unit) else text).strip())
-    table = read_table(path, bare, header_row, sheet)
+    parted = [(text, *text.rpartition(":")) for text in columns.values()]
+    table = read_table(path, [(name if colon and unit_of(unit) else text).strip()
+                              for text, name, colon, unit in parted], header_row, sheet)
     chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
     return Chosen(table, chosen | _guesses(table, chosen) if guess and _lacking(columns)
                   else chosen)
@@ -133,10 +131,12 @@ def import_table(
     if "stage" in columns:
         extra["stage"] = table.columns[columns.pop("stage").name]
     values = {quantity: _values(quantity, column, table) for quantity, column in columns.items()}
-    if "stamp" not in values and not averaged:
-        _refuse_recording(table)
-    elif not averaged and _is_recording(values["stamp"]):
+    stamp = _guesses(table, columns).get("stamp")
+    if not averaged and _is_recording(values.get("stamp", np.empty(0))):
         return _cut(values, extra, table)
+    if not averaged and stamp and _is_recording(_values("stamp", stamp, table)):
+        raise InputError(f"{table.source}: column {stamp.name!r} looks like that of a recording: "
+                         "name it by --stamp, or give --averaged")
     notes = []
     for quantity in [name for name in _OPTIONAL if name in values]:
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
@@ -307,15 +307,6 @@ def _is_recording(stamp: Array) -> bool:
         np.mean(steps >= 0.0) > 0.9) and bool(np.median(steps) < 1.1 * _STEP)
 
 
-def _refuse_recording(table: Table) -> None:
-    for name in table.columns:
-        quantity, unit = quantity_of(name, table.units.get(name, "")) or ("", "")
-        if quantity == "stamp" and _is_recording(
-                table.stamps(name, UNITS["stamp"].get(unit, 1.0))):
-            raise InputError(f"{table.source}: column {name!r} looks like that of a recording: "
-                             "name it by --stamp, or give --averaged")
-
-
 def _spread(stamp: Array) -> Array:
     """Stamps (n,) of a log; those of one tick of a clock that is too slow lie evenly within it."""
     first = np.flatnonzero(np.diff(stamp, prepend=-np.inf))
@@ -324,15 +315,6 @@ def _spread(stamp: Array) -> Array:
         return stamp  # what stands twice is a copy
     place = (np.arange(len(stamp)) - np.repeat(first, counts)) / np.repeat(counts, counts)
     return stamp + np.median(np.diff(stamp[first])) * place
-
-
-def _held(time: Array, values: Array) -> Array:
-    """A slow quantity at rising times (n,) [s]: linear between its readings, NaN far from any."""
-    known = np.isfinite(values)
-    before = np.maximum.accumulate(np.where(known, time, -np.inf))
-    after = np.minimum.accumulate(np.where(known, time, np.inf)[::-1])[::-1]
-    near = np.minimum(time - before, after - time) <= _AGE
-    return np.where(near, np.interp(time, time[known], values[known]), np.nan)
 
 
 def _cut(
@@ -348,7 +330,8 @@ def _cut(
     limits = Steadiness(max(5.0, 3.0 * block), block)
     oil = values.get("oil_temperature")
     if oil is not None:
-        oil = _held(time, oil) if np.isfinite(oil).any() else None
+        there = np.isfinite(oil)
+        oil = held(time, time[there], oil[there], _AGE) if there.any() else None
     stage = extra.get("stage")
     stages = np.array(stage if stage is not None else [""] * len(known))[known]
     (into, out), speed = _powers(values), values["engine_speed"]

@@ -88,29 +88,17 @@ class Channels(NamedTuple):
     relative: NDArray[np.bool_]
 
 
-class Blocks(NamedTuple):
-    """Statistics of blocks of equal duration.
+def block_statistics(
+    time: Array, values: Array, block: float
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Cut a series at times (n,) [s], values (c, n), into blocks [s]; the rest is left over.
 
-    Attributes:
-        edges: block k holds the readings edges[k] to edges[k + 1] - 1; shape (blocks + 1,).
-        means, deviations: shape (channels, blocks); NaN for a block of fewer than 3 readings.
-    """
-
-    edges: NDArray[np.intp]
-    means: Array
-    deviations: Array
-
-
-def block_statistics(time: Array, values: Array, block: float) -> Blocks:
-    """Cut a series into blocks; what does not fill the last one is left over.
-
-    Args:
-        time: rising strictly [s], shape (n,).
-        values: shape (channels, n).
-        block: duration [s].
+    Returns:
+        Edges, shape (blocks + 1,): block k holds the readings edges[k] to edges[k + 1] - 1. Means
+        and standard deviations, shape (c, blocks); NaN for a block of fewer than 3 readings.
     """
     if len(time) < _LEAST_READINGS:
-        return Blocks(np.zeros(1, dtype=np.intp), *np.empty((2, len(values), 0)))
+        return np.zeros(1, dtype=np.intp), *np.empty((2, len(values), 0))
     # The last reading stands for a step of time, as every other one does.
     span = time[-1] - time[0] + np.median(np.diff(time))
     count = int(span / block + 1e-6)
@@ -121,29 +109,23 @@ def block_statistics(time: Array, values: Array, block: float) -> Blocks:
         if last - first >= _LEAST_READINGS:
             part = values[:, first:last] - origin
             means[:, k], deviations[:, k] = part.mean(axis=1), part.std(axis=1, ddof=1)
-    return Blocks(edges, means + origin, deviations)
+    return edges, means + origin, deviations
 
 
 def find_windows(time: Array, channels: Channels, steadiness: Steadiness) -> list[slice]:
-    """Find the steady windows of a series without gaps, in order of time.
-
-    Args:
-        time: rising strictly [s], shape (n,).
-        channels: what has to be settled.
-        steadiness: duration of blocks and of the shortest window.
-    """
-    blocks = block_statistics(time, channels.values, steadiness.block)
+    """Steady windows of a series without gaps, at times (n,) that rise [s], in order."""
+    edges, means, deviations = block_statistics(time, channels.values, steadiness.block)
     least = int(np.ceil(steadiness.min_duration / steadiness.block - 1e-9))
-    return [slice(int(blocks.edges[first]), int(blocks.edges[last]))
-            for first, last in _longest_first(_reach(blocks, channels), least)]
+    return [slice(int(edges[first]), int(edges[last]))
+            for first, last in _longest_first(_reach(means, deviations, channels), least)]
 
 
-def _reach(blocks: Blocks, channels: Channels) -> NDArray[np.intp]:
+def _reach(means: Array, deviations: Array, channels: Channels) -> NDArray[np.intp]:
     """For each block the end (exclusive) of the longest steady run that starts there."""
-    means, relative = blocks.means, channels.relative
+    relative = channels.relative
     scale = np.where(relative[:, None], np.abs(means), 1.0)
     # False for NaN.
-    quiet = np.all(blocks.deviations <= channels.scatter[:, None] * scale, axis=0)
+    quiet = np.all(deviations <= channels.scatter[:, None] * scale, axis=0)
     count = means.shape[1]
     reach = np.arange(count, dtype=np.intp)
     end = 0
@@ -310,6 +292,18 @@ def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
         parts[-1].append(i)
         last = now
     return parts
+
+
+def held(at: Array, times: Array, values: Array, age: float) -> Array:
+    """Values of a slow series (m,) at times (n,) [s]: linear between two readings, beside only one
+    within an age [s] that reading, else NaN."""
+    order = np.argsort(times, kind="stable")
+    times, values = times[order], values[order]
+    after = np.searchsorted(times, at)
+    around = np.clip([after - 1, after], 0, len(times) - 1)
+    fresh = np.abs(at - times[around]) <= age
+    return np.select([fresh.all(axis=0), *fresh],
+                     [np.interp(at, times, values), *values[around]], np.nan)
 
 
 SETTLED = ("engine_speed", "output_speed", "engine_torque", "load_torque", "displacement_ratio")

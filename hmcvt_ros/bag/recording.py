@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core import InputError
-from hmcvt_core.files.steady import Readings, Shafts
+from hmcvt_core.files.steady import Readings, Shafts, held
 from hmcvt_core.transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
@@ -172,19 +172,9 @@ def align(slow: Array, fast: Array, age_limit: float) -> Array:
         age_limit: a reading further away than this in time is not used [s].
 
     Returns:
-        Shape (len(fast),); between two readings linear, beside only one that reading, else NaN.
+        Shape (len(fast),), as `held`.
     """
     if not len(slow):
         return np.full(len(fast), np.nan)
     clock = _clock(slow, fast) if np.all(np.diff(slow[:, 0]) >= 0.0) else 1
-    at = fast[:, clock]
-    times, values = slow[np.argsort(slow[:, clock], kind="stable")][:, [clock, 2]].T
-    after = np.searchsorted(times, at)
-    before = np.maximum(after - 1, 0)
-    after = np.minimum(after, len(times) - 1)
-    # At the ends both are the same reading, on one side.
-    fresh_before = np.abs(at - times[before]) <= age_limit
-    fresh_after = np.abs(times[after] - at) <= age_limit
-    between = np.interp(at, times, values)
-    return np.select([fresh_before & fresh_after, fresh_before, fresh_after],
-                     [between, values[before], values[after]], np.nan)
+    return held(fast[:, clock], slow[:, clock], slow[:, 2], age_limit)
