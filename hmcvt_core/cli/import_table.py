@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import shlex
-from typing import Any
 
 import click
 
@@ -61,10 +60,10 @@ def command(
 ) -> Answer:
     """Turn the table of your bench (CSV, Excel) into bench samples.
 
-    Each option names a column of TABLE and its unit, the first in brackets when left out. What is
-    not named is guessed: without --yes the guess is shown and nothing is written. Efficiency and
-    load torque are computed where no column holds them. Other columns are kept. A recording is cut
-    into its steady windows.
+    Each option names a column of TABLE and its unit, the first in brackets when left out; or, as
+    =VALUE:UNIT, what holds in all rows. What is not named is guessed: without --yes the guess is
+    shown and nothing is written. Efficiency and load torque are computed where no column holds
+    them. Other columns are kept. A recording is cut into its steady windows.
     """
     common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
@@ -87,8 +86,8 @@ def command(
         if not guesses:
             raise
         click.echo("\n".join(told), err=True)
-        raise InputError(f"{error}; this was guessed: name the column and unit that are "
-                         "wrong") from None
+        raise InputError(f"{error}; this was guessed: name the column and unit that are wrong, or "
+                         "as =VALUE:UNIT what holds in all rows") from None
     samples = found.samples
     if guesses and not yes:
         return Answer({"samples": len(samples), "out": None, "left_out": found.left_out,
@@ -97,16 +96,14 @@ def command(
             f"{len(samples)} bench samples would be written; --yes takes the guess, an option "
             "corrects it" + "; --skip-bad leaves the rows above out" * bool(found.left_out)])
     write_bench(out, samples)
-    kept: list[tuple[Any, Any]] = [
-        (column, values) for column in BENCH_COLUMNS
-        if (values := getattr(samples, column.name)) is not None]
+    kept = {column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
+            for column in BENCH_COLUMNS
+            if (values := samples.columns.get(column.name)) is not None}
     return Answer(
         {"samples": len(samples), "out": out, "left_out": found.left_out, "notes": found.notes,
-         "from": columns, "columns": {
-             column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
-             for column, values in kept}},
+         "from": columns, "columns": kept},
         [common.table(("column", "unit", "lowest", "highest"), [
-            (column.name, column.unit, f"{values.min():.4g}", f"{values.max():.4g}")
-            for column, values in kept]),
+            (name, told["unit"], f"{told['low']:.4g}", f"{told['high']:.4g}")
+            for name, told in kept.items()]),
          *(f"left out: {each}" for each in found.left_out), *found.notes,
          f"{len(samples)} bench samples written to {out}"])

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -88,22 +88,25 @@ class BenchSamples:
         return OperatingPoints(self.displacement_ratio, self.engine_speed, self.load_torque,
                                self.oil_temperature, None if stage is None else np.array(stage))
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of numbers that there are, by name."""
+        return {column.name: values for column in BENCH_COLUMNS
+                if (values := getattr(self, column.name)) is not None}
+
     def select(self, index: ArrayLike) -> BenchSamples:
         """Return the samples at an index array or mask, in that order."""
         chosen = np.arange(len(self))[np.asarray(index)]
-        values: dict[str, Any] = {
-            column.name: None if (value := getattr(self, column.name)) is None
-            else value[chosen] for column in BENCH_COLUMNS}
         extra = {name: tuple(column[i] for i in chosen) for name, column in self.extra.items()}
-        return BenchSamples(**values, extra=extra, source=self.source, sha256=self.sha256,
-                            rows=tuple(self.rows[i] for i in chosen) if self.rows else ())
+        return replace(
+            self, **{name: values[chosen] for name, values in self.columns.items()}, extra=extra,
+            rows=tuple(self.rows[i] for i in chosen) if self.rows else ())
 
 
 def joined(parts: Sequence[BenchSamples]) -> BenchSamples:
     """Return bench samples of the same columns one after the other."""
-    values: dict[str, Any] = {
-        column.name: np.concatenate([getattr(part, column.name) for part in parts])
-        for column in BENCH_COLUMNS if getattr(parts[0], column.name) is not None}
+    values: dict[str, Any] = {name: np.concatenate([part.columns[name] for part in parts])
+                              for name in parts[0].columns}
     extra = {name: tuple(chain.from_iterable(part.extra[name] for part in parts))
              for name in parts[0].extra}
     return BenchSamples(**values, extra=extra, source=parts[0].source)
@@ -125,8 +128,7 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
 
 def write_bench(path: str | os.PathLike[str], samples: BenchSamples) -> None:
     """Write bench samples as CSV, whole or not at all; `read_bench` gives the same values."""
-    columns = {column.name: map(repr, values.tolist()) for column in BENCH_COLUMNS
-               if (values := getattr(samples, column.name)) is not None}
+    columns = {name: map(repr, values.tolist()) for name, values in samples.columns.items()}
     write_atomically(Path(path), csv_text({**columns, **samples.extra}))
 
 

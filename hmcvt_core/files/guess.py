@@ -73,7 +73,8 @@ _WORDS: Mapping[str, str] = {
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
     "feed": "feed charge boost speise lade",  # as of the engine's oil: not over the motor
-    "loss": "loss losses verlust fuel ambient room target set soll cmd demand limit coolant wasser",
+    "machine": "motor winding wicklung bearing lager fet",  # warmer than the oil
+    "loss": "loss losses verlust fuel ambient room target set soll so cmd demand limit coolant wasser",
     "stage": "stage gang fahrbereich stufe",
 }
 _FIND = {meaning: re.compile("|".join(
@@ -139,13 +140,16 @@ def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
             return None
     if kind == "efficiency":
         return "efficiency_std" if "std" in means else kind, unit
-    if not kind or "std" in means or (kind == "pressure" and means & {"feed", "engine"}):
+    if not kind or "std" in means or (kind == "pressure" and means & {"feed", "engine"}) or (
+            kind == "temperature" and "machine" in means):
         return None
     if kind in _ALONE:
         return _ALONE[kind], unit
     if "load" in means and "output" not in means:
         return ("load_torque" if kind == "torque" else f"output_{kind}"), unit
-    return f"{next((side for side in ('output', 'engine') if side in means), 'any')}_{kind}", unit
+    # What the engine puts out goes into the transmission.
+    sides = ("engine", "output") if "engine" in apart else ("output", "engine")
+    return f"{next(filter(means.__contains__, sides), 'any')}_{kind}", unit
 
 
 _TOLD = ("efficiency", "stroke", "temperature", "pressure", "power", "torque", "speed", "time",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,7 +83,7 @@ def choose_columns(
     Args:
         path: CSV or Excel file.
         columns: where each quantity of `UNITS` stands, and `stage`, as `COLUMN` or `COLUMN:UNIT`,
-            such as `{"engine_speed": "n_engine:rpm"}`.
+            such as `{"engine_speed": "n_engine:rpm"}`; or what it is in all rows: `"=1500:rpm"`.
         header_row: row of the header, from 1; found when left out.
         sheet: of an Excel file.
         guess: what other columns hold, where those named do not make bench samples.
@@ -91,8 +92,12 @@ def choose_columns(
         InputError: the file cannot be read, a column is missing or a unit is unknown.
     """
     parted = [(text, *text.rpartition(":")) for text in columns.values()]
-    table = read_table(path, [(name if colon and unit_of(unit) else text).strip()
-                              for text, name, colon, unit in parted], header_row, sheet)
+    bare = [(name if colon and unit_of(unit) else text).strip()
+            for text, name, colon, unit in parted]
+    table = read_table(path, [name for name in bare if name[:1] != "="], header_row, sheet)
+    table = replace(table, columns={
+        **{name: [name[1:]] * len(table.rows) for name in bare if name[:1] == "="},
+        **table.columns})
     chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
     return Chosen(table, chosen | _guesses(table, chosen) if guess and _lacking(columns)
                   else chosen)
@@ -142,13 +147,10 @@ def import_table(
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
             notes.append(f"column {columns.pop(quantity).name!r} is mostly empty and was left out")
             del values[quantity]
-    bad = _bad_rows(values, columns, table)
     into, out = _powers(values)
-    for quantity, found in (("load_torque", out / values["engine_speed"]),
-                            ("efficiency", out / into)):
-        if quantity not in values:
-            values[quantity] = found
-            _require(found, _KEPT[quantity], _COMPUTED, bad, table)
+    values.setdefault("load_torque", out / values["engine_speed"])
+    values.setdefault("efficiency", out / into)
+    bad = _bad_rows(values, columns, table)
     kept = [i for i, number in enumerate(table.rows) if number not in bad]
     told = tuple(f"row {number}: {bad[number]}" for number in sorted(bad))
     if told and not (skip_bad and kept):
@@ -210,11 +212,16 @@ def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
     for name in table.columns:
         below = table.units.get(name, "")
         quantity, unit = quantity_of(name, below) or ("", "")
-        if not quantity or quantity in {*found, *known} or name in named:
+        if not quantity or quantity in known or name in named or (
+                below and not unit_of(below)):  # in a unit that nobody knows
             continue
         why = "cells" if not unit else "row of units" if unit_of(below) else "name"
         unit = unit or next(filter(None, table.readings(name)[1]), "")
-        untold = () if quantity == "pressure" else ("", "-")  # numbers do not tell bar from MPa
+        untold = ("", "-")
+        if quantity in found and (unit in untold or found[quantity].unit not in untold):
+            continue  # the first, or the first that tells its unit
+        if quantity == "pressure":
+            untold = ()  # numbers do not tell bar from MPa
         if unit in (*untold, *UNITS.get(_UNNAMED.get(quantity, quantity), ())) and (
                 quantity == "stage" or np.isfinite(table.stamps(name)).any()):
             found[quantity] = Column(name, unit, why if unit else "name")
@@ -269,27 +276,22 @@ def _bad_rows(
             bad[number] = f"{statistic!r} is no test"
         elif first.setdefault(row, number) != number:
             bad[number] = f"copies row {first[row]}"
-    for quantity, (name, unit, _) in columns.items():
-        for i in np.flatnonzero(np.isnan(values[quantity])).tolist():
-            if (cell := table.columns[name][i]).lower() not in ("nan", "inf"):
-                bad.setdefault(table.rows[i], no_number(name, cell))
-        _require(values[quantity], _RANGES[quantity], (
-            f"; column {name!r} is taken as {unit}: another unit is written {name}:UNIT, one of "
-            f"{', '.join(UNITS[quantity])}"), bad, table)
+    for quantity, found in values.items():
+        limits, remark = _RANGES[quantity], _COMPUTED
+        if quantity in columns:
+            name, unit, _ = columns[quantity]
+            remark = (f"; column {name!r} is taken as {unit}: another unit is written {name}:UNIT, "
+                      f"one of {', '.join(UNITS[quantity])}")
+            for i in np.flatnonzero(np.isnan(found)).tolist():
+                if (cell := table.columns[name][i]).lower() not in ("nan", "inf"):
+                    bad.setdefault(table.rows[i], no_number(name, cell))
+        fresh = [i for i in np.flatnonzero(~limits.contains(found)) if table.rows[i] not in bad]
+        told = {table.rows[i]: limits.complaint(found[i]) for i in fresh}
+        if told and 2 * len(told) > len(found) - len(bad):  # the column or its unit is wrong
+            number = min(told)
+            raise InputError(f"{table.source}: row {number}: {told[number]}{remark}")
+        bad |= told
     return bad
-
-
-def _require(
-    values: Array, limits: Range, remark: str, bad: dict[int, str], table: Table
-) -> None:
-    """Note the rows out of range; where most are, the column or unit is wrong: say the remark."""
-    fresh = [i for i in np.flatnonzero(~limits.contains(values)) if table.rows[i] not in bad]
-    most = 2 * len(fresh) > len(values) - len(bad)
-    for i in fresh:
-        if most:
-            raise InputError(f"{table.source}: row {table.rows[i]}: "
-                             f"{limits.complaint(values[i])}{remark}")
-        bad[table.rows[i]] = limits.complaint(values[i])
 
 
 def _powers(values: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -332,8 +334,7 @@ def _cut(
     if oil is not None:
         there = np.isfinite(oil)
         oil = held(time, time[there], oil[there], _AGE) if there.any() else None
-    stage = extra.get("stage")
-    stages = np.array(stage if stage is not None else [""] * len(known))[known]
+    stages = np.array(extra.get("stage", [""] * len(known)))[known]
     (into, out), speed = _powers(values), values["engine_speed"]
     turned = values.get("output_speed", speed)
     readings = Readings(values["stamp"], Shafts(
@@ -356,6 +357,6 @@ def _cut(
     columns: dict[str, Any] = {
         name: np.array([sample[name] for _, sample in found]) for name in found[0][1]
         if name != "output_speed" or name in values}
-    told = {} if stage is None else {"stage": tuple(name for name, _ in found)}
+    told = {"stage": tuple(name for name, _ in found)} if "stage" in extra else {}
     return Imported(BenchSamples(**columns, extra=told, source=table.source,
                                  sha256=table.sha256), (), notes)

@@ -295,8 +295,10 @@ def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
 
 
 def held(at: Array, times: Array, values: Array, age: float) -> Array:
-    """Values of a slow series (m,) at times (n,) [s]: linear between two readings, beside only one
-    within an age [s] that reading, else NaN."""
+    """Values (m,) of a slow series, read at times (m,), at other times [s].
+
+    Linear between two readings, beside only one within an age [s] that reading, else NaN.
+    """
     order = np.argsort(times, kind="stable")
     times, values = times[order], values[order]
     after = np.searchsorted(times, at)
