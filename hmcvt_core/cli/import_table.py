@@ -60,10 +60,10 @@ def command(
 ) -> Answer:
     """Turn the table of your bench (CSV, Excel) into bench samples.
 
-    Each option names a column of TABLE and its unit, the first in brackets when left out; or, as
-    =VALUE:UNIT, what holds in all rows. What is not named is guessed: without --yes the guess is
-    shown and nothing is written. Efficiency and load torque are computed where no column holds
-    them. Other columns are kept. A recording is cut into its steady windows.
+    Each option names a column of TABLE, or a number for all rows, and the unit, the first in
+    brackets when left out. What is not named is guessed: without --yes the guess is shown and
+    nothing is written. Efficiency and load torque are computed where no column holds them. Other
+    columns are kept. A recording is cut into its steady windows.
     """
     common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
@@ -86,8 +86,8 @@ def command(
         if not guesses:
             raise
         click.echo("\n".join(told), err=True)
-        raise InputError(f"{error}; this was guessed: name the column and unit that are wrong, or "
-                         "as =VALUE:UNIT what holds in all rows") from None
+        raise InputError(f"{error}; this was guessed: name the column and unit that are wrong, or a "
+                         "number that holds in all rows") from None
     samples = found.samples
     if guesses and not yes:
         return Answer({"samples": len(samples), "out": None, "left_out": found.left_out,

@@ -73,8 +73,9 @@ _WORDS: Mapping[str, str] = {
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
     "feed": "feed charge boost speise lade",  # as of the engine's oil: not over the motor
-    "machine": "motor winding wicklung bearing lager fet",  # warmer than the oil
-    "loss": "loss losses verlust fuel ambient room target set soll so cmd demand limit coolant wasser",
+    "oil": r"\boil oel\w* sump huile olio fluid hydrau getriebe gear transmission",
+    "loss": "loss losses verlust fuel ambient room target set soll so cmd demand limit coolant "
+            "wasser",
     "stage": "stage gang fahrbereich stufe",
 }
 _FIND = {meaning: re.compile("|".join(
@@ -141,7 +142,7 @@ def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
     if kind == "efficiency":
         return "efficiency_std" if "std" in means else kind, unit
     if not kind or "std" in means or (kind == "pressure" and means & {"feed", "engine"}) or (
-            kind == "temperature" and "machine" in means):
+            kind == "temperature" and "oil" not in means and " " in apart.strip()):
         return None
     if kind in _ALONE:
         return _ALONE[kind], unit

@@ -16,7 +16,7 @@ from ..transmission.ranges import BENCH_COLUMNS, Range
 from .bench import BenchSamples, column_name
 from .guess import UNITS, likely_unit, quantity_of, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, held, split_at_gaps, steady_tests
-from .table import STATISTIC, Table, no_number, read_table
+from .table import STATISTIC, Table, no_number, parsed, read_table
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def choose_columns(
     Args:
         path: CSV or Excel file.
         columns: where each quantity of `UNITS` stands, and `stage`, as `COLUMN` or `COLUMN:UNIT`,
-            such as `{"engine_speed": "n_engine:rpm"}`; or what it is in all rows: `"=1500:rpm"`.
+            such as `{"engine_speed": "n_engine:rpm"}`; or a number for all rows: `"1500:rpm"`.
         header_row: row of the header, from 1; found when left out.
         sheet: of an Excel file.
         guess: what other columns hold, where those named do not make bench samples.
@@ -94,10 +94,10 @@ def choose_columns(
     parted = [(text, *text.rpartition(":")) for text in columns.values()]
     bare = [(name if colon and unit_of(unit) else text).strip()
             for text, name, colon, unit in parted]
-    table = read_table(path, [name for name in bare if name[:1] != "="], header_row, sheet)
+    same = [name for name in bare if np.isfinite(parsed(name, False)[0])]
+    table = read_table(path, [name for name in bare if name not in same], header_row, sheet)
     table = replace(table, columns={
-        **{name: [name[1:]] * len(table.rows) for name in bare if name[:1] == "="},
-        **table.columns})
+        **{name: [name] * len(table.rows) for name in same}, **table.columns})
     chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
     return Chosen(table, chosen | _guesses(table, chosen) if guess and _lacking(columns)
                   else chosen)
@@ -207,7 +207,7 @@ def _column(quantity: str, text: str, table: Table) -> Column:
 
 def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
     """Columns and units of quantities that are not known, by names, rows of units and ranges."""
-    found: dict[str, Column] = {}
+    ranked: dict[str, tuple[tuple[bool, bool], Column]] = {}
     named = {column.name for column in known.values()}
     for name in table.columns:
         below = table.units.get(name, "")
@@ -217,14 +217,22 @@ def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
             continue
         why = "cells" if not unit else "row of units" if unit_of(below) else "name"
         unit = unit or next(filter(None, table.readings(name)[1]), "")
-        untold = ("", "-")
-        if quantity in found and (unit in untold or found[quantity].unit not in untold):
-            continue  # the first, or the first that tells its unit
-        if quantity == "pressure":
-            untold = ()  # numbers do not tell bar from MPa
-        if unit in (*untold, *UNITS.get(_UNNAMED.get(quantity, quantity), ())) and (
-                quantity == "stage" or np.isfinite(table.stamps(name)).any()):
-            found[quantity] = Column(name, unit, why if unit else "name")
+        meant, numbers = _UNNAMED.get(quantity, quantity), table.stamps(name)
+        told, rank = unit in UNITS.get(meant, ()), (True, True)
+        if not told and (unit not in ("", "-") or meant == "pressure"):
+            continue  # numbers do not tell bar from MPa
+        if meant == "stage":
+            why = why if unit else "name"
+        elif not np.isfinite(numbers).any():
+            continue
+        else:
+            if not told:
+                unit, why = likely_unit(meant, numbers), "range"
+            fits = _RANGES[meant].contains(UNITS[meant][unit] * (numbers - _ZERO.get(unit, 0.0)))
+            rank = bool(fits.mean() > 0.5), told  # one that fits goes first, then one that tells
+        if quantity not in ranked or rank > ranked[quantity][0]:
+            ranked[quantity] = rank, Column(name, unit, why)
+    found = {quantity: column for quantity, (_, column) in ranked.items()}
     for unnamed, other in _UNNAMED.items():
         if (alone := found.pop(unnamed, None)) and other not in {*found, *known}:
             found[other] = alone
@@ -232,10 +240,6 @@ def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
         there = {*found, *known}
         if spare in found and _missing(there - {spare}) == _missing(there):
             del found[spare]
-    for quantity, column in found.items():
-        if quantity != "stage" and column.unit not in UNITS[quantity]:
-            unit = likely_unit(quantity, table.stamps(column.name))
-            found[quantity] = Column(column.name, unit, "range")
     # An output that turns slowly may look like rad/s; a bench has one unit for both shafts.
     if "engine_speed" in found and "output_speed" in found and (
             found["output_speed"].why == "range"):

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Ten tables as benches write them, unlike each other: each read in at most one correction."""
+"""Tables as benches write them, of our own and from outside: one correction at most is needed."""
 
 import re
 import shlex
@@ -153,13 +153,8 @@ def recording(folder, seconds=0.1):
     return Case(lines(folder / "t.csv", [head, *rows], ","))
 
 
-# Tables as programs of others write them; the numbers are simulated here.
-
 def motec_export(folder):
-    """As MoTeC i2 exports a log: rows of keys, names, units and a blank row, all quoted.
-
-    In the style of the exports described at github.com (search: "Format","MoTeC CSV File").
-    """
+    """As MoTeC i2 exports a log: rows of keys, names, units and a blank row, all quoted."""
     keys = [["Format", "MoTeC CSV File", "", "", "Workbook", ""],
             ["Venue", "Test bed", "", "", "Worksheet", ""], ["Device", "ADL"],
             ["Log Date", "21/11/2026", "", "", "Origin Time", "0", "s"],
@@ -173,42 +168,27 @@ def motec_export(folder):
         [f'"{cell}"' for cell in row] for row in (*keys, *names, *rows)], ","))
 
 
-def labview_measurement(folder):
-    """As LabVIEW writes .lvm: two headers, tabs, decimal commas, a column of comments.
-
-    Specification for the LabVIEW Measurement File, ni.com/tutorial/4139. Its X_Value has no unit,
-    so the time has to be named.
-    """
-    keys = [["LabVIEW Measurement", ""], ["Writer_Version", 2], ["Separator", "Tab"],
-            ["Decimal_Separator", ","], ["X_Columns", "One"], ["Time_Pref", "Relative"],
-            ["Date", "2026/11/21"], ["***End_of_Header***", ""], [""],
-            ["Channels", 5, "", "", "", "", ""], ["Samples", *[1680] * 5, ""],
-            ["Y_Unit_Label", "", "rpm", "Nm", "rpm", "Nm", ""],
-            ["X_Dimension", *["Time"] * 5, ""], ["X0", *["0,0000000000000000E+0"] * 5, ""],
-            ["Delta_X", *["0,100000"] * 5, ""], ["***End_of_Header***", *[""] * 6]]
-    names = ["X_Value", "Swash ratio", "Engine speed", "Engine torque", "Output speed",
-             "Output torque", "Comment"]
-    rows = [[f"{0.1 * i:.6f}", *row, ""] for i, row in enumerate(readings())]
-    return Case(lines(folder / "t.lvm", [*keys, names, *(
-        [cell.replace(".", ",") for cell in row] for row in rows)], "\t"), ("--stamp", "X_Value"))
-
-
-def power_loss_test(folder):
-    """A transmission's power-loss test as 40 CFR 1037.565 asks, in columns as VECTO writes them.
-
-    Comments and blanks in the header: VECTO user manual, `engine speed [1/min]`; repeated points.
-    """
-    head = ["swash plate [%]", "input speed [1/min]", "input torque [Nm]", "output speed [1/min]",
-            "output torque [Nm]", "torque loss [Nm]", "sump temperature [degC]"]
-    rows = [[f"{100 * EPS[i]:.0f}", SPEED[i], f"{INTO[i]:.3f}", f"{OUT[i]:.3f}",
-             f"{TORQUE[i]:.3f}", f"{INTO[i] - LOAD[i]:.3f}", 78 + 0.1 * i] for i in range(TESTS)]
-    return Case(lines(folder / "t.vtlm", [["# power loss, three repeats averaged"], head, *rows],
-                      ","))
-
-
 CASES = [german_office, excel_of_two_heads, tabs_of_an_american, aligned_text, units_in_the_cells,
-         english_thousands, french, greek_and_si, torque_of_no_shaft, recording, motec_export,
-         labview_measurement, power_loss_test]
+         english_thousands, french, greek_and_si, torque_of_no_shaft, recording, motec_export]
+
+# From outside: numbers that others measured, under the heads that they wrote, cut short here.
+PAPER = '''Test No.\tDisplacement Ratio\t\
+Angular Velocity of the Output Shaft of the Engine (rad/s)\tLoad Torque (N · m)\t\
+Transmission Efficiency (%)
+1\t-1\t78.54\t101.86\t64.3\n5\t-1\t146.61\t163.70\t58.8\n8\t0\t126.19\t340.76\t84.4'''
+"""Table 2 of Cheng, Lu, Dai 2019, doi 10.1155/2019/2856908, CC BY 4.0."""
+# An electric drive on a dynamometer: github.com/sbwcwso/MotorTestDataProcessAndPlot, 03 Eff/335V.
+BENCH = '''speed_step,test_m_t [s],SO_N_HM [1/min],STOP_T [s],SO_M_VM [Nm],N_HM [1/min],M_HM [Nm],\
+N_VM [1/min],M_VM [Nm],M_HMmess [Nm],Torque Accuracy (%),U_DC [V],P_Mech_GLM [W],P_VES_GLM [W],\
+ETA_SYS_Pst_GLM [%],T_MOTOR [°C],T_PEU [°C]
+2,3.255,500,2680.765,5,499.9928,-5.442408,498.57,4.9775,5.442408,0.44,335.02,284.9,392.6,72.582,59,40
+22,45.525,1000,4728.725,5,999.9978,-5.40594,1000.28,4.8325,5.40594,0.41,335.04,566.1,708.3,79.918,59,40
+422,777.335,3500,15293.6,5,3499.9999,-5.57543,3499.42,5,5.57543,0.58,334.9,2042.7,2436.5,83.83,61,40'''
+WORKED_OUT = '''SO_N_HM [1/min],SO_M_VM [Nm],speed_step,N_HM [1/min],M_HMmess [Nm],PA1_P_1 [W],\
+PA1_P_4 [W],PA1_PM [W],Eff_Sys_WT [%],Eff_Motor_PA [%],T_MOTOR [°C],T_Rotor [°C]
+500.0,200.0,200.0,499.9916,202.25303,8405.19,14852.577,10588.986,71.293928,82.93189584,60.0,
+500.0,320.0,476.0,500.0153,322.26819,15352.2,26359.837,16873.195,64.011,75.89512987,61.58,
+1000.0,-290.0,540.0,999.9996,-267.75235,-6201.8,-21234.9,-28036.88,75.739251,86.88663238,59.685,'''
 
 
 @pytest.mark.parametrize("make", CASES, ids=lambda make: make.__name__)
@@ -242,6 +222,25 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
     # The steps, for `pytest -rP`.
     command = ["hmcvt", "import", path.name, "--out", "bench.csv", *correction]
     print(f"{shlex.join(command)}\n{shown.out}{shlex.join([*command, '--yes', *skip])}\n{done.out}")
+
+
+@pytest.mark.parametrize(("text", "correction", "expected"), [
+    (PAPER, (), [
+        [-1, 78.54, 101.86, 0.643], [-1, 146.61, 163.7, 0.588], [0, 126.19, 340.76, 0.844]]),
+    (BENCH, ("--displacement-ratio", "1"), [
+        [1, 498.57 * RPM, 5.442408, 0.72582], [1, 1000.28 * RPM, 5.40594, 0.79918]]),
+    (WORKED_OUT, ("--displacement-ratio", "100:%"), [
+        [1, 499.9916 * RPM, 202.25303, 0.71293928], [1, 500.0153 * RPM, 322.26819, 0.64011]]),
+], ids=["paper", "bench", "worked_out"])
+def test_a_table_from_outside_takes_one_correction(hmcvt, tmp_path, text, correction, expected):
+    (tmp_path / "t.csv").write_text(text, encoding="utf-8")
+    out = tmp_path / "bench.csv"
+    done = hmcvt("import", tmp_path / "t.csv", "--out", out, "--yes", "--skip-bad", *correction)
+    found = core.read_bench(out)
+    columns = [found.displacement_ratio, found.engine_speed, found.load_torque, found.efficiency]
+    assert np.transpose(columns) == pytest.approx(np.array(expected), rel=1e-9)
+    assert found.oil_temperature is None  # those of motor and electronics are not the oil's
+    assert len(done.out.split("left out: ")) - 1 == len(text.splitlines()) - 1 - len(expected)
 
 
 def test_every_bad_row_is_told_at_once_and_none_is_left_out_unasked(hmcvt, tmp_path):
