@@ -67,8 +67,8 @@ def command(
     """
     common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
-    chosen = choose_columns(raw, columns, header_row=header_row, sheet=sheet, guess=True)
-    guesses = {quantity: column for quantity, column in chosen.columns.items() if column.why}
+    table, chosen = choose_columns(raw, columns, header_row=header_row, sheet=sheet, guess=True)
+    guesses = {quantity: column for quantity, column in chosen.items() if column.why}
     columns |= {quantity: f"{column.name}:{column.unit}" if column.unit else column.name
                 for quantity, column in guesses.items()}
     options = {**columns, "header_row": header_row, "sheet": sheet}
@@ -80,18 +80,19 @@ def command(
         (quantity, column.name, column.unit or "-", column.why)
         for quantity, column in guesses.items()]), "", f"the same said: {shlex.join(command)}"]
     try:
-        found = import_table(chosen, averaged=averaged,
+        found = import_table(table, chosen, averaged=averaged,
                              skip_bad=skip_bad or bool(guesses and not yes))
     except InputError as error:
         if not guesses:
             raise
         click.echo("\n".join(told), err=True)
-        raise InputError(f"{error}; this was guessed: name the column and unit that are wrong, or a "
-                         "number that holds in all rows") from None
+        raise InputError(f"{error}; this was guessed: name the column and unit that are wrong, or "
+                         "a number that holds in all rows") from None
     samples = found.samples
+    data = {"samples": len(samples), "out": None, "left_out": found.left_out,
+            "notes": found.notes, "from": columns}
     if guesses and not yes:
-        return Answer({"samples": len(samples), "out": None, "left_out": found.left_out,
-                       "notes": found.notes, "from": columns}, [
+        return Answer(data, [
             *told, *(f"without {line}" for line in found.left_out), *found.notes,
             f"{len(samples)} bench samples would be written; --yes takes the guess, an option "
             "corrects it" + "; --skip-bad leaves the rows above out" * bool(found.left_out)])
@@ -99,11 +100,9 @@ def command(
     kept = {column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
             for column in BENCH_COLUMNS
             if (values := samples.columns.get(column.name)) is not None}
-    return Answer(
-        {"samples": len(samples), "out": out, "left_out": found.left_out, "notes": found.notes,
-         "from": columns, "columns": kept},
-        [common.table(("column", "unit", "lowest", "highest"), [
-            (name, told["unit"], f"{told['low']:.4g}", f"{told['high']:.4g}")
-            for name, told in kept.items()]),
-         *(f"left out: {each}" for each in found.left_out), *found.notes,
-         f"{len(samples)} bench samples written to {out}"])
+    return Answer({**data, "out": out, "columns": kept}, [
+        common.table(("column", "unit", "lowest", "highest"), [
+            (name, each["unit"], f"{each['low']:.4g}", f"{each['high']:.4g}")
+            for name, each in kept.items()]),
+        *(f"left out: {each}" for each in found.left_out), *found.notes,
+        f"{len(samples)} bench samples written to {out}"])

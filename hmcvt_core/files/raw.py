@@ -50,13 +50,6 @@ class Column(NamedTuple):
     why: str = ""
 
 
-class Chosen(NamedTuple):
-    """A table, and the column of each quantity in it."""
-
-    table: Table
-    columns: Mapping[str, Column]
-
-
 class Imported(NamedTuple):
     """Bench samples, the rows that were left out, each with the reason, and what was done."""
 
@@ -71,14 +64,14 @@ def read_raw_bench(
 ) -> BenchSamples:
     """Read bench samples from a table; see `choose_columns` and `import_table`."""
     chosen = choose_columns(path, columns, header_row=header_row, sheet=sheet)
-    return import_table(chosen, skip_bad=skip_bad).samples
+    return import_table(*chosen, skip_bad=skip_bad).samples
 
 
 def choose_columns(
     path: str | os.PathLike[str], columns: Mapping[str, str], *, header_row: int | None = None,
     sheet: str | None = None, guess: bool = False,
-) -> Chosen:
-    """Read a table with column names and units of its own.
+) -> tuple[Table, dict[str, Column]]:
+    """Read a table with names and units of its own, and say where each quantity stands in it.
 
     Args:
         path: CSV or Excel file.
@@ -99,13 +92,12 @@ def choose_columns(
     table = replace(table, columns={
         **{name: [name] * len(table.rows) for name in same}, **table.columns})
     chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
-    return Chosen(table, chosen | _guesses(table, chosen) if guess and _lacking(columns)
-                  else chosen)
+    return table, chosen | (_guesses(table, chosen) if guess and _lacking(columns) else {})
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
 def import_table(
-    chosen: Chosen, *, skip_bad: bool = False, averaged: bool = False
+    table: Table, columns: Mapping[str, Column], *, skip_bad: bool = False, averaged: bool = False
 ) -> Imported:
     """Make bench samples of a table.
 
@@ -115,7 +107,7 @@ def import_table(
     rows or more whose stamps rise by a second or less) is cut into its steady windows.
 
     Args:
-        chosen: the table and its columns.
+        table, columns: of `choose_columns`.
         skip_bad: leave rows out that hold no test, instead of refusing the table.
         averaged: each row is a steady test, however fast the stamps rise.
 
@@ -124,7 +116,7 @@ def import_table(
             missing or say the same twice, it is a recording whose stamps are not named, or rows
             hold no test: all are named.
     """
-    table, columns = chosen.table, dict(chosen.columns)
+    columns = dict(columns)
     if lacking := _lacking(columns):
         raise InputError(lacking)
     names = [column.name for column in columns.values()]
