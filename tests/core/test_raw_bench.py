@@ -126,6 +126,7 @@ def test_the_first_unit_is_the_one_that_is_kept():
 @pytest.mark.parametrize(("header", "text", "expected"), [
     ("n", "n", 100.0), ("n", "n:rpm", 100.0 * RPM), ("n", " n : r/min ", 100.0 * RPM),
     ("n: engine", "n: engine", 100.0), ("a:b", "a:b:rpm", 100.0 * RPM),
+    ("n", "1500:rpm", 1500.0 * RPM), ("7", "7:rpm", 100.0 * RPM),  # for all rows; a column
 ])
 def test_column_and_unit(tmp_path, header, text, expected):
     path = raw(tmp_path, f"eps,{header},M,eta\n0,100,200,0.8\n")
