@@ -73,7 +73,7 @@ _WORDS: Mapping[str, str] = {
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
     "feed": "feed charge boost speise lade",  # as of the engine's oil: not over the motor
-    "oil": r"\boil oel\w* sump huile olio fluid hydrau getriebe gear transmission",
+    "oil": r"\boil oel\w* sump tank reservoir lube huile olio hydrau getriebe gear transmission",
     "loss": "loss losses verlust fuel ambient room target set soll so cmd demand limit coolant "
             "wasser",
     "stage": "stage gang fahrbereich stufe",
