@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import os
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,8 +69,7 @@ def command(
         train, effects = base.stage, base.effects
     trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
     settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
-    place = (partial(on_processes, processes or _cores())
-             if scheduler is None else partial(on_cluster, scheduler))
+    place = on_processes(processes or _cores()) if scheduler is None else on_cluster(scheduler)
     with closing(_Counter("fleet", _REPORT_EVERY)) as counter:
         found = run(Path(logs), Path(out), settings, place, counter.count)
     if as_json:

@@ -53,7 +53,7 @@ def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs,
     monkeypatch.setattr(executors, "_AHEAD_LEAST", 8)
     samples = read_bench(logs / "00000.csv")
     outcomes = study_all(WORK, ((str(number), samples) for number in count()),
-                         partial(on_cluster, cluster.scheduler_address))
+                         on_cluster(cluster.scheduler_address))
     with distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))
     in_hand = {str(number) for number in range(8)} - {next(outcomes)[0]}
