@@ -28,6 +28,7 @@ from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model
 from ..physics.effects import load_effects
+from ..report import check_drawable, picture_format, write_html
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
@@ -54,6 +55,23 @@ def answers(function: Callable[..., Answer]) -> Callable[..., int]:
         return found.code
 
     return command
+
+
+def command(
+    name: str, examples: str, *shared: Callable[[Any], Any]
+) -> Callable[[Callable[..., Answer]], click.Command]:
+    """Declare a command that gives an answer, with options that it shares with others.
+
+    They stand in --help behind its own.
+    """
+    def declare(function: Callable[..., Answer]) -> click.Command:
+        own = function.__dict__.pop("__click_params__", [])
+        found = click.command(name, epilog=f"\b\nExamples:{examples}")(
+            options(*shared)(answers(function)))
+        found.params[:0] = reversed(own)
+        return found
+
+    return declare
 
 
 class OutputFile(click.ParamType):  # type: ignore[type-arg]
@@ -88,23 +106,12 @@ def _fractions(text: str) -> list[float]:
         raise click.BadParameter(f"{text!r} is not a list of numbers such as 0.98,0.97") from None
 
 
-def _picture_format(path: str) -> None:
-    from ..report.style import picture_format
-
-    picture_format(path)
-
-
-def _check_drawable(_: str) -> None:
-    from ..report import check_drawable
-
-    check_drawable()
-
-
 picture_option = click.option(
-    "--picture", type=OutputFile(_picture_format), metavar="FILE",
+    "--picture", type=OutputFile(picture_format), metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
 report_option = click.option(
-    "--report", type=OutputFile(_check_drawable), metavar="R.html", help="Write the report page.")
+    "--report", type=OutputFile(lambda _: check_drawable()), metavar="R.html",
+    help="Write the report page.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value and nothing else on stdout.")
 seed_option = click.option(
@@ -289,8 +296,6 @@ def report_written(found: Diagnosis | UnitDiagnosis, path: str | None) -> list[s
     """Write the page of a diagnosis where asked, and say so."""
     if path is None:
         return []
-    from ..report import write_html
-
     write_html(found, path)
     return [f"report written to {path}"]
 
