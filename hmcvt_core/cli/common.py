@@ -187,17 +187,29 @@ power = _reader("power", "40000 (W) or 40kW", UNITS["engine_power"])
 fraction = _reader("fraction", "0.5 or 50%", UNITS["efficiency"])
 
 
-def ground_speed(text: str | float) -> float | str:
-    """Read a speed as `speed` does; in km/h it stays text until tyre and final drive are known."""
-    return str(text) if str(text).strip().lower().endswith("km/h") else speed(text)
+def _output_speed(ctx: click.Context, _: click.Parameter, value: str | None) -> float | None:
+    """Read an output speed as `speed` does; one in km/h by tyre and final drive."""
+    sizes = ctx.params["tyre_radius"], ctx.params["final_drive"]
+    if value is None or not value.strip().lower().endswith("km/h"):
+        if any(size is not None for size in sizes):
+            raise click.UsageError("--tyre-radius and --final-drive are for an --output-speed in "
+                                   "km/h")
+        return None if value is None else speed(value)
+    if not all(size is not None and size > 0.0 for size in sizes):
+        raise click.UsageError("--output-speed in km/h needs --tyre-radius and --final-drive")
+    driven, _unit = parsed(value.lower().replace("km/h", "").strip(), comma="." not in value)
+    if math.isnan(driven):
+        raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
+    return driven / 3.6 / sizes[0] * float(sizes[1])
 
 
 # What meters show at either shaft.
 measured_options = options(
-    click.option("--output-speed", type=ground_speed,
+    click.option("--output-speed", metavar="SPEED", callback=_output_speed,
                  help="Of the output shaft: rad/s, 1200rpm; or 8km/h with the next two."),
-    click.option("--tyre-radius", type=float, help="Rolling radius in m, for km/h."),
-    click.option("--final-drive", type=float, help="Output shaft speed / wheel speed, for km/h."),
+    click.option("--tyre-radius", type=float, is_eager=True, help="Rolling radius in m, for km/h."),
+    click.option("--final-drive", type=float, is_eager=True,
+                 help="Output shaft speed / wheel speed, for km/h."),
     click.option("--output-power", type=power, help="In W or like 40kW."),
     click.option("--output-torque", type=torque, help="Of the output shaft in N m."),
     click.option("--load-torque", type=torque, help="Output power / engine speed in N m."),
@@ -212,38 +224,17 @@ point_options = options(
     click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
 
 
-def output_speed(given: Mapping[str, Any]) -> float | None:
-    """Return the output speed [rad/s] that the options give.
-
-    Raises:
-        UsageError: it is in km/h and tyre radius or final drive are not given, or not positive.
-    """
-    value, sizes = given["output_speed"], (given["tyre_radius"], given["final_drive"])
-    if not isinstance(value, str):
-        if any(size is not None for size in sizes):
-            raise click.UsageError("--tyre-radius and --final-drive are for an --output-speed in "
-                                   "km/h")
-        return None if value is None else float(value)
-    if not all(size is not None and size > 0.0 for size in sizes):
-        raise click.UsageError("--output-speed in km/h needs --tyre-radius and --final-drive")
-    driven, _ = parsed(value.lower().replace("km/h", "").strip(), comma="." not in value)
-    if math.isnan(driven):
-        raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
-    return driven / 3.6 / sizes[0] * float(sizes[1])
-
-
 def point_from(given: Mapping[str, Any], model: EfficiencyModel) -> Point:
     """Return the operating point that options give, with what a meter shows turned into it."""
-    values = {**given, "output_speed": output_speed(given)}
-    if values["engine_speed"] is None:
+    if given["engine_speed"] is None:
         raise click.UsageError("--engine-speed is needed")
     for names in (STROKES, LOADS):
-        if sum(values[name] is not None for name in names) != 1:
+        if sum(given[name] is not None for name in names) != 1:
             options = ", ".join(f"--{name.replace('_', '-')}" for name in names)
             raise click.UsageError(f"one of {options} is needed, and one only")
-    stroke, load = operating_point(model, values["engine_speed"], {
-        name: values[name] for name in (*STROKES, *LOADS)})
-    return Point(stroke, values["engine_speed"], load, values["oil_temperature"])
+    stroke, load = operating_point(model, given["engine_speed"], {
+        name: given[name] for name in (*STROKES, *LOADS)})
+    return Point(stroke, given["engine_speed"], load, given["oil_temperature"])
 
 
 def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:

@@ -18,7 +18,7 @@ from ..model.optimum import HOLDS
 from ..report import draw_losses, save
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
-from .common import Answer, Point, domain_lines, output_speed, point_from
+from .common import Answer, Point, domain_lines, point_from
 
 _ASKED = "the output speed and power cannot be held within the engine speed limits"
 _OF_THE_DRIVE_LINE = ("engine", "torque_reserve", "hysteresis")
@@ -153,7 +153,7 @@ def optimum(params: str | None, stage: str | None, **given: Any) -> Answer:
 def _of_drive_line(
     model: EfficiencyModel, stage: str | None, limits: tuple[float, float], given: dict[str, Any]
 ) -> Answer:
-    held, power, torque = output_speed(given), given["output_power"], given["output_torque"]
+    held, power, torque = (given[f"output_{name}"] for name in ("speed", "power", "torque"))
     if held is None or (power is None) == (torque is None) or any(
             given[name] is not None
             for name in ("load_torque", "engine_torque", "displacement_ratio")):
@@ -181,7 +181,7 @@ def _of_one_stage(
     model: EfficiencyModel, limits: tuple[float, float], given: dict[str, Any]
 ) -> Answer:
     # Refused: options that would be ignored or contradict each other.
-    hold, stroke, held = given["hold"], given["displacement_ratio"], output_speed(given)
+    hold, stroke, held = given["hold"], given["displacement_ratio"], given["output_speed"]
     if hold == "engine_speed" and (held is not None or given["engine_speed_limits"] is not None):
         raise click.UsageError(
             "--output-speed and --engine-speed-limits need --hold output_speed")
