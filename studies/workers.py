@@ -7,21 +7,15 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, as_completed
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hmcvt_core.fleet.executors import on_processes
+from hmcvt_core.fleet.executors import on_processes as workers
+
+__all__ = ["Record", "recorded", "workers"]
 
 Task = TypeVar("Task")
 Record = dict[str, Any]
-
-
-@contextmanager
-def workers(jobs: int) -> Iterator[Executor]:
-    """Open processes with one BLAS thread each; what is not done when it closes is left out."""
-    with on_processes(jobs) as crew:
-        yield crew.executor
 
 
 def recorded(

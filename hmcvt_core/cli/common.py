@@ -269,17 +269,17 @@ def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None =
                    "its identification, 60 deg C", err=True)
 
 
-def inside_domain(model: EfficiencyModel, point: Point) -> bool | None:
-    """Tell whether a point lies within the data of the model; None if it does not know them."""
-    return None if model.domain is None else not model.domain.departures(*point[:3])
+def domain_told(
+    model: EfficiencyModel, point: Point, which: str = ""
+) -> tuple[bool | None, list[str]]:
+    """Tell whether a point lies within the data of the model, and in words where it does not.
 
-
-def domain_lines(model: EfficiencyModel, point: Point, which: str = "") -> list[str]:
-    """Say where a point leaves the data that the model comes from."""
+    None if the model does not know them.
+    """
     if model.domain is None:
-        return ["the model does not say what range of data it comes from"]
+        return None, ["the model does not say what range of data it comes from"]
     left = [f"  {departure}" for departure in model.domain.departures(*point[:3])]
-    return left and [
+    return not left, left and [
         f"{which}outside the range of the data that the model was identified from:", *left]
 
 

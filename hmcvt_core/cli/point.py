@@ -18,7 +18,7 @@ from ..model.optimum import HOLDS
 from ..report import draw_losses, save
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
-from .common import Answer, Point, domain_lines, point_from
+from .common import Answer, Point, domain_told, point_from
 
 _ASKED = "the output speed and power cannot be held within the engine speed limits"
 _OF_THE_DRIVE_LINE = ("engine", "torque_reserve", "hysteresis")
@@ -59,9 +59,9 @@ def _predicted(model: EfficiencyModel, point: Point, given: dict[str, Any]) -> A
         lines += [f"output speed   {speed:.2f} rad/s",
                   f"power loss     {model.power_loss(*point):.0f} W"]
     lines += [f"{name.replace('_', ' '):<18} {value:.5g}" for name, value in solved.items()]
-    return Answer({**found._asdict(), "inside_domain": common.inside_domain(model, point),
-                   "output_speed": speed, "refusal": refusal, **solved},
-                  [*lines, *domain_lines(model, point)])
+    inside, told = domain_told(model, point)
+    return Answer({**found._asdict(), "inside_domain": inside, "output_speed": speed,
+                   "refusal": refusal, **solved}, [*lines, *told])
 
 
 def _compared(model: EfficiencyModel, bench: str) -> Answer:
@@ -108,10 +108,10 @@ def breakdown(
         # + 0.0: no loss reads 0.0, not -0.0.
         (name, f"{round(watts)}", f"{round(100 * watts / max(into, -out), 1) + 0.0:.1f}")
         for name, watts in rows])
+    inside, told = domain_told(model, point)
     return Answer(
         {"input_power": into, "output_power": out, "efficiency": model.efficiency(*point),
-         "losses": found.losses, "inside_domain": common.inside_domain(model, point)},
-        [shown, *domain_lines(model, point)])
+         "losses": found.losses, "inside_domain": inside}, [shown, *told])
 
 
 @common.command("optimum", """
@@ -204,13 +204,12 @@ def _of_one_stage(
                          "no working point: the load cannot be carried at this engine speed")
     common.note_oil_temperature(model)
     point, now = Point(best.displacement_ratio, best.engine_speed, best.load_torque), math.nan
-    lines = domain_lines(model, point)
+    inside, lines = domain_told(model, point)
     if stroke is not None:
         now = model.efficiency(stroke, engine_speed, load_torque)
-        if model.domain is not None:
-            lines += domain_lines(model, Point(stroke, engine_speed, load_torque), "now ")
-    return Answer({**asdict(best), "efficiency_now": now,
-                   "inside_domain": common.inside_domain(model, point)},
+        if inside is not None:
+            lines += domain_told(model, Point(stroke, engine_speed, load_torque), "now ")[1]
+    return Answer({**asdict(best), "efficiency_now": now, "inside_domain": inside},
                   [*_best_lines(best, now), f"output speed        {best.output_speed:.2f} rad/s",
                    *lines])
 

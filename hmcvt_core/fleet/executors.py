@@ -21,7 +21,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from itertools import islice
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import HmcvtError, InputError
 from ..version import __version__
@@ -34,24 +34,18 @@ Key = TypeVar("Key")
 Sent = TypeVar("Sent")
 Result = TypeVar("Result")
 _CONNECT = 10.0  # seconds
-# Logs handed over ahead: enough that no worker waits, and that an adaptive cluster sees the work.
-_AHEAD_PER_THREAD, _AHEAD_LEAST = 2, 32
-
-
-class Crew(NamedTuple):
-    """Where logs are studied, and how many it may have in hand at the moment."""
-
-    executor: futures.Executor
-    room: Callable[[], int]
+# Logs handed over: so many that no worker of a cluster waits, and all have room in memory; and of
+# these at a time, so that outcomes are told while a large fleet is still being read.
+_AHEAD, _AT_A_TIME = 1000, 32
 
 
 def study_all(
     study: Callable[[Sent], Result], tasks: Iterator[tuple[Key, Sent]],
-    place: AbstractContextManager[Crew],
+    place: AbstractContextManager[futures.Executor],
 ) -> Generator[tuple[Key, Result | str], None, None]:
     """Study logs side by side; give each with its outcome, in the order in which they finish.
 
-    Tasks are taken one by one as there is room, so that a fleet need not fit into memory.
+    Tasks are taken as there is room, so that a fleet need not fit into memory.
 
     Args:
         study: gives the result of a log.
@@ -65,27 +59,29 @@ def study_all(
         InputError: the place cannot be used.
         HmcvtError: it is lost.
     """
-    killers: list[tuple[Key, Sent]] = []
-    with place as crew:
-        # Those that killed a worker go again, each alone, and last, when that hurts fewest.
-        for again, batch in enumerate((tasks, iter(killers))):
+    killed: list[tuple[Key, Sent]] = []
+    with place as executor:
+        def outcomes(
+            tasks: Iterator[tuple[Key, Sent]], ahead: int
+        ) -> Iterator[tuple[tuple[Key, Sent], Result | str | None]]:
             in_hand: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
-            finished: list[tuple[tuple[Key, Sent], Result | str | None]] = []
             while True:
-                # Before the outcomes are told, so that nobody waits while their files are written.
-                for task in islice(batch, max(0, (1 if again else crew.room()) - len(in_hand))):
-                    in_hand[crew.executor.submit(attempt, study, task[1])] = task
-                for task, outcome in finished:
-                    if outcome is not None:
-                        yield task[0], outcome
-                    elif again:
-                        yield task[0], "killed its worker 2 times (memory, most likely)"
-                    else:
-                        killers.append(task)
+                for task in islice(tasks, min(_AT_A_TIME, ahead - len(in_hand))):
+                    in_hand[executor.submit(attempt, study, task[1])] = task
                 if not in_hand:
-                    break
-                done = futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done
-                finished = [(in_hand.pop(future), _outcome(future)) for future in done]
+                    return
+                for future in futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done:
+                    yield in_hand.pop(future), _outcome(future)
+
+        for task, outcome in outcomes(tasks, _AHEAD):
+            if outcome is None:
+                killed.append(task)
+            else:
+                yield task[0], outcome
+        # Each alone, and last, when it hurts fewest.
+        for task, outcome in outcomes(iter(killed), 1):
+            yield task[0], ("killed its worker 2 times (memory, most likely)" if outcome is None
+                            else outcome)
 
 
 def attempt(study: Callable[[Sent], Result], sent: Sent) -> Result | str:
@@ -172,21 +168,21 @@ def _end_with(run: Connection) -> None:
 
 
 @contextmanager
-def on_processes(count: int) -> Iterator[Crew]:
+def on_processes(count: int) -> Iterator[futures.Executor]:
     """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
     before = os.environ.copy()
     try:
         # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
         os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
         with _Processes(count) as pool:
-            yield Crew(pool, lambda: count)
+            yield pool
     finally:
         os.environ.clear()
         os.environ.update(before)
 
 
 @contextmanager
-def on_cluster(address: str) -> Iterator[Crew]:
+def on_cluster(address: str) -> Iterator[futures.Executor]:
     """Open the Dask cluster whose scheduler has this address.
 
     Raises:
@@ -222,5 +218,4 @@ def on_cluster(address: str) -> Iterator[Crew]:
             if there != __version__:
                 raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
                                  f"there is {there}")
-        yield Crew(client.get_executor(pure=False), lambda: max(
-            _AHEAD_LEAST, _AHEAD_PER_THREAD * sum(client.ncores().values())))
+        yield client.get_executor(pure=False)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -31,7 +32,7 @@ from ..transmission.parameters import PAPER_PARAMETERS
 from ..transmission.ranges import EFFICIENCY_STD
 from ..transmission.stage import Stage
 from ..version import __version__
-from .executors import Crew, study_all
+from .executors import study_all
 from .summary import Entry, record, summarise
 
 SCHEMA = "hmcvt-fleet-result/1"
@@ -175,7 +176,7 @@ def _hold(file: int) -> None:
 
 
 def run(
-    folder: Path, out: Path, settings: Settings, place: AbstractContextManager[Crew],
+    folder: Path, out: Path, settings: Settings, place: AbstractContextManager[Executor],
     progress: Callable[[Entry, int], None],
 ) -> dict[str, Any]:
     """Study the logs of a folder and write the files of each as soon as it is finished.
