@@ -26,9 +26,10 @@ from ..files.table import parsed
 from ..model.agreement import LOADS, STROKES, operating_point
 from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
-from ..model.parameter_file import load_model
-from ..physics.effects import load_effects
+from ..model.parameter_file import load_model, load_stage
+from ..physics.effects import Effect, load_effects
 from ..report import check_drawable, picture_format, write_html
+from ..transmission.stage import Stage
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
@@ -256,6 +257,16 @@ def stage_from(path: str | None, stage: str | None) -> EfficiencyModel:
     if stage is None and len(model.stages) > 1:
         raise click.UsageError(f"{path} holds {', '.join(model.stages)}: --stage is needed")
     return model if stage is None else model.in_stage(stage)
+
+
+def gear_train(
+    params: str | None, transmission: str | None, stage: str | None
+) -> tuple[list[Stage], tuple[Effect, ...]]:
+    """Return the stages of a parameter file and its effects, or the one of a transmission file."""
+    if params is None:
+        return [load_stage(transmission or data_path("params/transmission.yaml"), stage)], ()
+    model = load_model(params)
+    return [each.stage for each in model.stages.values()], model.effects
 
 
 def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None = None) -> None:

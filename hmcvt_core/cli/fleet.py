@@ -10,12 +10,9 @@ from typing import Any
 
 import click
 
-from ..files import data_path
 from ..fleet.executors import on_cluster, on_processes
 from ..fleet.run import Settings, run
 from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
-from ..model.parameter_file import load_model, load_stage
-from ..physics.effects import Effect
 from . import common
 from .common import Answer
 
@@ -56,12 +53,7 @@ def command(
         raise click.UsageError("--params holds a gear train: leave --transmission and --stage out")
     if no_diagnose and noise is not None:
         raise click.UsageError("--noise is for the diagnosis, --no-diagnose leaves it out")
-    if params is None:
-        train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
-        effects: tuple[Effect, ...] = ()
-    else:
-        base = load_model(params)
-        train, effects = base.stage, base.effects
+    (train, *_), effects = common.gear_train(params, transmission, stage)
     trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
     settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
     place = on_processes(processes or _cores()) if scheduler is None else on_cluster(scheduler)

@@ -7,15 +7,13 @@ import click
 import numpy as np
 
 from ..errors import IdentificationError, InputError
-from ..files import data_path
 from ..files.bench import BenchSamples, read_bench
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingRun
 from ..identification.refit import refit
 from ..model.model import EfficiencyModel
-from ..model.parameter_file import load_stage, save_model
+from ..model.parameter_file import save_model
 from ..report import draw_fit, save
-from ..transmission.stage import Stage
 from . import common
 from .common import Answer
 
@@ -89,10 +87,7 @@ def command(
     rest = sorted({*range(1, len(samples) + 1)}.difference(fit))
     fitted = samples.select(np.array(fit) - 1)
     held = samples.select(np.array(rest) - 1) if rest else None
-    train: list[Stage] = (
-        [load_stage(transmission or data_path("params/transmission.yaml"), stage)]
-        if params is None else
-        [each.stage for each in common.model_from(params).stages.values()])
+    train, _ = common.gear_train(params, transmission, stage)
     with common.Progress("annealing") as progress:
         def show(run: AnnealingRun) -> None:
             progress(f"step {len(run.history)}, objective {run.value:.6g}")

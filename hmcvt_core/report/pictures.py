@@ -21,17 +21,7 @@ from ..model.optimum import DriveOptimum
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
 from ..transmission.stage import speed_ratio
-from .style import (
-    BLUE,
-    LOSSES,
-    ORANGE,
-    loss_style,
-    picture_format,
-    render,
-    styled,
-    to_png,
-    to_svg,
-)
+from .style import BLUE, LOSSES, ORANGE, loss_style, picture_format, render, styled, to_png, to_svg
 
 Array = NDArray[np.float64]
 STROKES = np.linspace(-1.0, 1.0, 201)
