@@ -10,9 +10,9 @@ from concurrent.futures import Executor, as_completed
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hmcvt_core.fleet.executors import on_processes as workers
+from hmcvt_core.fleet.executors import Processes
 
-__all__ = ["Record", "recorded", "workers"]
+workers = Processes
 
 Task = TypeVar("Task")
 Record = dict[str, Any]

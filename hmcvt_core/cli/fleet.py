@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from ..fleet.executors import on_cluster, on_processes
+from ..fleet.executors import Processes, on_cluster
 from ..fleet.run import Settings, run
 from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
 from . import common
@@ -56,7 +56,7 @@ def command(
     (train, *_), effects = common.gear_train(params, transmission, stage)
     trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
     settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
-    place = on_processes(processes or _cores()) if scheduler is None else on_cluster(scheduler)
+    place = Processes(processes or _cores()) if scheduler is None else on_cluster(scheduler)
     counter = _Counter("fleet", _REPORT_EVERY)
     with counter:
         found = run(Path(logs), Path(out), settings, place, counter.count)

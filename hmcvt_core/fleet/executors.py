@@ -117,11 +117,11 @@ def _outcome(future: futures.Future[Result | str]) -> Result | str | None:
             f"killed its worker {failures + 1} times (as often as the cluster allows)")
 
 
-class _Processes(futures.ThreadPoolExecutor):
-    """Processes, each in the hands of a thread here.
+class Processes(futures.ThreadPoolExecutor):
+    """As many processes as asked for, with one BLAS thread each; none outlives this one.
 
-    So a killed one takes with it (`BrokenExecutor`) its own work alone, and leaves its place to
-    another. To close ends them at once: they write no files.
+    Each is in the hands of a thread here: a killed one takes with it (`BrokenExecutor`) its own
+    work alone, and leaves its place to another. To close ends them at once: they write no files.
     """
 
     def __init__(self, count: int) -> None:
@@ -136,9 +136,18 @@ class _Processes(futures.ThreadPoolExecutor):
             self._idle.put(self._open())
 
     def submit(self, work: Callable[..., Any], /, *args: Any, **named: Any) -> futures.Future[Any]:
+        """Have a process do the work."""
         return super().submit(self._hand_over, partial(work, *args, **named))
 
+    def __enter__(self) -> Processes:
+        self._environment = os.environ.copy()
+        # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
+        os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
+        return self
+
     def __exit__(self, *_: object) -> None:
+        os.environ.clear()
+        os.environ.update(self._environment)
         self.shutdown(wait=False, cancel_futures=True)
         self._held.close()
         self.shutdown()
@@ -165,20 +174,6 @@ def _end_with(run: Connection) -> None:
     with suppress(EOFError, OSError):
         run.recv_bytes()
     os._exit(1)
-
-
-@contextmanager
-def on_processes(count: int) -> Iterator[futures.Executor]:
-    """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
-    before = os.environ.copy()
-    try:
-        # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
-        os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
-        with _Processes(count) as pool:
-            yield pool
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
 
 
 @contextmanager

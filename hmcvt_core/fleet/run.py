@@ -100,17 +100,14 @@ class Log(NamedTuple):
     Attributes:
         name: path below the folder of logs, parts separated by "/".
         path: of the log.
+        parameters: path of its parameter file.
         result: path of its result.
     """
 
     name: str
     path: Path
+    parameters: Path
     result: Path
-
-    @property
-    def parameters(self) -> Path:
-        """Path of its parameter file."""
-        return self.result.with_suffix(".yaml")
 
 
 def find_logs(folder: Path, out: Path) -> list[Log]:
@@ -130,7 +127,8 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
     found: dict[Path, Log] = {}
     for path in _csv_files(folder):
         below = path.relative_to(folder)
-        log = Log(below.as_posix(), path, (out / below).with_suffix(".json"))
+        log = Log(below.as_posix(), path, (out / below).with_suffix(".yaml"),
+                  (out / below).with_suffix(".json"))
         other = found.setdefault(log.result, log)
         if other is not log:
             raise InputError(f"{other.path} and {path} would share {log.result}: rename one")

@@ -98,9 +98,9 @@ def test_a_fleet_holds_its_folder_with_the_lock_of_windows(tmp_path):
     code = """
 from pathlib import Path
 from hmcvt_core import InputError
-from hmcvt_core.fleet.executors import on_processes
+from hmcvt_core.fleet.executors import Processes
 from hmcvt_core.fleet.run import locked
-with locked(Path("out")), on_processes(1):
+with locked(Path("out")), Processes(1):
     try:
         with locked(Path("out")):
             print("twice")

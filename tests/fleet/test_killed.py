@@ -13,7 +13,7 @@ import pytest
 from hmcvt_core import read_bench
 from hmcvt_core.files import data_path
 from hmcvt_core.fleet import executors
-from hmcvt_core.fleet.executors import on_processes, study_all
+from hmcvt_core.fleet.executors import Processes, study_all
 from hmcvt_core.fleet.run import Settings, Study, study
 from hmcvt_core.model.parameter_file import load_stage
 
@@ -40,7 +40,7 @@ def test_log_that_kills_its_worker_twice_is_broken(tasks):
     found, first = {}, threading.Thread(
         target=lambda: kill(wait_for(multiprocessing.active_children)[0]))
     first.start()
-    for name, outcome in study_all(WORK, iter(tasks), on_processes(1)):
+    for name, outcome in study_all(WORK, iter(tasks), Processes(1)):
         found[name] = outcome
         if len(found) == 2:
             kill(*multiprocessing.active_children())
@@ -58,12 +58,12 @@ def test_worker_killed_between_logs_is_replaced(tasks, monkeypatch):
         kill(multiprocessing.active_children()[0])
         yield tasks[1]
 
-    found = dict(study_all(WORK, two(), on_processes(1)))
+    found = dict(study_all(WORK, two(), Processes(1)))
     assert [type(outcome) for outcome in found.values()] == [Study, Study]
 
 
 def test_all_logs_in_hand_when_a_worker_is_killed_are_made_up(tasks):
-    outcomes = study_all(WORK, iter(tasks), on_processes(2))
+    outcomes = study_all(WORK, iter(tasks), Processes(2))
     found = dict([next(outcomes)])
     kill(multiprocessing.active_children()[0])
     found.update(outcomes)
@@ -80,7 +80,7 @@ def test_logs_are_read_as_there_is_room(tasks, monkeypatch):
             assert len(read) - len(told) <= 3  # two in hand, one that waits for being told
             yield task
 
-    for name, _ in study_all(WORK, watched(), on_processes(2)):
+    for name, _ in study_all(WORK, watched(), Processes(2)):
         told.append(name)
     assert len(told) == 6
 
@@ -127,10 +127,10 @@ def test_workers_are_given_one_thread_and_no_module_of_the_folder(tmp_path, monk
     monkeypatch.chdir(tmp_path)
     for name in ("random.py", "multiprocessing.py"):
         (tmp_path / name).write_text("raise SystemExit")
-    with on_processes(1) as executor:
+    with Processes(1) as executor:
         assert executor.submit(os.getenv, "OMP_NUM_THREADS").result(timeout=60) == "1"
     assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
-    with pytest.raises(ValueError), on_processes(0):
+    with pytest.raises(ValueError), Processes(0):
         pass
     assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
 
@@ -141,5 +141,5 @@ def test_error_while_logs_are_taken_ends_the_workers(tasks):
         raise OSError("disk gone")
 
     with pytest.raises(OSError, match="disk gone"):
-        list(study_all(WORK, broken(), on_processes(2)))
+        list(study_all(WORK, broken(), Processes(2)))
     assert multiprocessing.active_children() == []
