@@ -215,10 +215,11 @@ def run(
                 except HmcvtError as error:
                     finish(_broken(log, str(error)))
 
-        with closing(study_all(partial(study, settings), tasks(), place)) as outcomes:
-            for log, outcome in outcomes:
-                finish(_broken(log, outcome) if isinstance(outcome, str)
-                       else save(log, outcome, settings))
+        if todo:  # else no cluster is asked
+            with closing(study_all(partial(study, settings), tasks(), place)) as outcomes:
+                for log, outcome in outcomes:
+                    finish(_broken(log, outcome) if isinstance(outcome, str)
+                           else save(log, outcome, settings))
     return summarise(list(before.values()), now)
 
 
