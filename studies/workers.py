@@ -5,30 +5,17 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from multiprocessing import get_context
+from concurrent.futures import Executor, as_completed
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hmcvt_core.fleet import ONE_BLAS_THREAD
+from hmcvt_core.fleet.executors import Processes
+
+workers = Processes
 
 Task = TypeVar("Task")
 Record = dict[str, Any]
-
-
-@contextmanager
-def workers(jobs: int) -> Iterator[Executor]:
-    """Open processes with one BLAS thread each; what has not begun when it closes is left out."""
-    # NumPy reads these when a worker, or a command that it runs, imports it.
-    os.environ.update(ONE_BLAS_THREAD)
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _leave_interrupts)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def recorded(
@@ -65,8 +52,3 @@ def _read(path: Path) -> dict[str, Record]:
     whole = text[:text.rfind(b"\n") + 1]
     os.truncate(path, len(whole))
     return dict(map(json.loads, whole.splitlines()))
-
-
-def _leave_interrupts() -> None:
-    """Ctrl-C goes to every process of the terminal; the first one tells the others to end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -26,8 +26,10 @@ from ..files.table import parsed
 from ..model.agreement import LOADS, STROKES, operating_point
 from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
-from ..model.parameter_file import load_model
-from ..physics.effects import load_effects
+from ..model.parameter_file import load_model, load_stage
+from ..physics.effects import Effect, load_effects
+from ..report import check_drawable, picture_format, write_html
+from ..transmission.stage import Stage
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _QUIET = 2.0  # seconds of work before progress is shown
@@ -54,6 +56,23 @@ def answers(function: Callable[..., Answer]) -> Callable[..., int]:
         return found.code
 
     return command
+
+
+def command(
+    name: str, examples: str, *shared: Callable[[Any], Any]
+) -> Callable[[Callable[..., Answer]], click.Command]:
+    """Declare a command that gives an answer, with options that it shares with others.
+
+    They stand in --help behind its own.
+    """
+    def declare(function: Callable[..., Answer]) -> click.Command:
+        own = function.__dict__.pop("__click_params__", [])
+        found = click.command(name, epilog=f"\b\nExamples:{examples}")(
+            options(*shared)(answers(function)))
+        found.params[:0] = reversed(own)
+        return found
+
+    return declare
 
 
 class OutputFile(click.ParamType):  # type: ignore[type-arg]
@@ -88,23 +107,12 @@ def _fractions(text: str) -> list[float]:
         raise click.BadParameter(f"{text!r} is not a list of numbers such as 0.98,0.97") from None
 
 
-def _picture_format(path: str) -> None:
-    from ..report.style import picture_format
-
-    picture_format(path)
-
-
-def _check_drawable(_: str) -> None:
-    from ..report import check_drawable
-
-    check_drawable()
-
-
 picture_option = click.option(
-    "--picture", type=OutputFile(_picture_format), metavar="FILE",
+    "--picture", type=OutputFile(picture_format), metavar="FILE",
     help="Draw it; the ending (.png, .svg, .html) names the format.")
 report_option = click.option(
-    "--report", type=OutputFile(_check_drawable), metavar="R.html", help="Write the report page.")
+    "--report", type=OutputFile(lambda _: check_drawable()), metavar="R.html",
+    help="Write the report page.")
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value and nothing else on stdout.")
 seed_option = click.option(
@@ -180,17 +188,29 @@ power = _reader("power", "40000 (W) or 40kW", UNITS["engine_power"])
 fraction = _reader("fraction", "0.5 or 50%", UNITS["efficiency"])
 
 
-def ground_speed(text: str | float) -> float | str:
-    """Read a speed as `speed` does; in km/h it stays text until tyre and final drive are known."""
-    return str(text) if str(text).strip().lower().endswith("km/h") else speed(text)
+def _output_speed(ctx: click.Context, _: click.Parameter, value: str | None) -> float | None:
+    """Read an output speed as `speed` does; one in km/h by tyre and final drive."""
+    sizes = ctx.params["tyre_radius"], ctx.params["final_drive"]
+    if value is None or not value.strip().lower().endswith("km/h"):
+        if any(size is not None for size in sizes):
+            raise click.UsageError("--tyre-radius and --final-drive are for an --output-speed in "
+                                   "km/h")
+        return None if value is None else speed(value)
+    if not all(size is not None and size > 0.0 for size in sizes):
+        raise click.UsageError("--output-speed in km/h needs --tyre-radius and --final-drive")
+    driven, _unit = parsed(value.lower().replace("km/h", "").strip(), comma="." not in value)
+    if math.isnan(driven):
+        raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
+    return driven / 3.6 / sizes[0] * float(sizes[1])
 
 
 # What meters show at either shaft.
 measured_options = options(
-    click.option("--output-speed", type=ground_speed,
+    click.option("--output-speed", metavar="SPEED", callback=_output_speed,
                  help="Of the output shaft: rad/s, 1200rpm; or 8km/h with the next two."),
-    click.option("--tyre-radius", type=float, help="Rolling radius in m, for km/h."),
-    click.option("--final-drive", type=float, help="Output shaft speed / wheel speed, for km/h."),
+    click.option("--tyre-radius", type=float, is_eager=True, help="Rolling radius in m, for km/h."),
+    click.option("--final-drive", type=float, is_eager=True,
+                 help="Output shaft speed / wheel speed, for km/h."),
     click.option("--output-power", type=power, help="In W or like 40kW."),
     click.option("--output-torque", type=torque, help="Of the output shaft in N m."),
     click.option("--load-torque", type=torque, help="Output power / engine speed in N m."),
@@ -205,38 +225,17 @@ point_options = options(
     click.option("--oil-temperature", type=float, help="Oil temperature in deg C."))
 
 
-def output_speed(given: Mapping[str, Any]) -> float | None:
-    """Return the output speed [rad/s] that the options give.
-
-    Raises:
-        UsageError: it is in km/h and tyre radius or final drive are not given, or not positive.
-    """
-    value, sizes = given["output_speed"], (given["tyre_radius"], given["final_drive"])
-    if not isinstance(value, str):
-        if any(size is not None for size in sizes):
-            raise click.UsageError("--tyre-radius and --final-drive are for an --output-speed in "
-                                   "km/h")
-        return None if value is None else float(value)
-    if not all(size is not None and size > 0.0 for size in sizes):
-        raise click.UsageError("--output-speed in km/h needs --tyre-radius and --final-drive")
-    driven, _ = parsed(value.lower().replace("km/h", "").strip(), comma="." not in value)
-    if math.isnan(driven):
-        raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
-    return driven / 3.6 / sizes[0] * float(sizes[1])
-
-
 def point_from(given: Mapping[str, Any], model: EfficiencyModel) -> Point:
     """Return the operating point that options give, with what a meter shows turned into it."""
-    values = {**given, "output_speed": output_speed(given)}
-    if values["engine_speed"] is None:
+    if given["engine_speed"] is None:
         raise click.UsageError("--engine-speed is needed")
     for names in (STROKES, LOADS):
-        if sum(values[name] is not None for name in names) != 1:
+        if sum(given[name] is not None for name in names) != 1:
             options = ", ".join(f"--{name.replace('_', '-')}" for name in names)
             raise click.UsageError(f"one of {options} is needed, and one only")
-    stroke, load = operating_point(model, values["engine_speed"], {
-        name: values[name] for name in (*STROKES, *LOADS)})
-    return Point(stroke, values["engine_speed"], load, values["oil_temperature"])
+    stroke, load = operating_point(model, given["engine_speed"], {
+        name: given[name] for name in (*STROKES, *LOADS)})
+    return Point(stroke, given["engine_speed"], load, given["oil_temperature"])
 
 
 def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:
@@ -260,6 +259,16 @@ def stage_from(path: str | None, stage: str | None) -> EfficiencyModel:
     return model if stage is None else model.in_stage(stage)
 
 
+def gear_train(
+    params: str | None, transmission: str | None, stage: str | None
+) -> tuple[list[Stage], tuple[Effect, ...]]:
+    """Return the stages of a parameter file and its effects, or the one of a transmission file."""
+    if params is None:
+        return [load_stage(transmission or data_path("params/transmission.yaml"), stage)], ()
+    model = load_model(params)
+    return [each.stage for each in model.stages.values()], model.effects
+
+
 def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None = None) -> None:
     """Say on stderr that a temperature given does nothing, or that one is assumed."""
     used = any(effect.acts_at("viscosity_ratio") for effect in model.effects)
@@ -271,17 +280,17 @@ def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None =
                    "its identification, 60 deg C", err=True)
 
 
-def inside_domain(model: EfficiencyModel, point: Point) -> bool | None:
-    """Tell whether a point lies within the data of the model; None if it does not know them."""
-    return None if model.domain is None else not model.domain.departures(*point[:3])
+def domain_told(
+    model: EfficiencyModel, point: Point, which: str = ""
+) -> tuple[bool | None, list[str]]:
+    """Tell whether a point lies within the data of the model, and in words where it does not.
 
-
-def domain_lines(model: EfficiencyModel, point: Point, which: str = "") -> list[str]:
-    """Say where a point leaves the data that the model comes from."""
+    None if the model does not know them.
+    """
     if model.domain is None:
-        return ["the model does not say what range of data it comes from"]
+        return None, ["the model does not say what range of data it comes from"]
     left = [f"  {departure}" for departure in model.domain.departures(*point[:3])]
-    return left and [
+    return not left, left and [
         f"{which}outside the range of the data that the model was identified from:", *left]
 
 
@@ -289,8 +298,6 @@ def report_written(found: Diagnosis | UnitDiagnosis, path: str | None) -> list[s
     """Write the page of a diagnosis where asked, and say so."""
     if path is None:
         return []
-    from ..report import write_html
-
     write_html(found, path)
     return [f"report written to {path}"]
 

@@ -5,30 +5,26 @@ from __future__ import annotations
 
 import math
 import os
-from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..files import data_path
-from ..fleet.executors import on_cluster, on_processes
+from ..fleet.executors import Processes, on_cluster
 from ..fleet.run import Settings, run
 from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
-from ..model.parameter_file import load_model, load_stage
-from ..physics.effects import Effect
 from . import common
+from .common import Answer
 
 _SOME_BROKEN = 3  # exit code
 _REPORT_EVERY = 60.0  # seconds between lines on a stderr that is no terminal
 
 
-@click.command("fleet", epilog="""\b
-Examples:
+@common.command("fleet", """
   hmcvt fleet logs --out fitted
   hmcvt fleet logs --out fitted --processes 4 --noise 0.004 --json
-  hmcvt fleet logs --out fitted --scheduler tcp://10.0.0.5:8786""")
+  hmcvt fleet logs --out fitted --scheduler tcp://10.0.0.5:8786""",
+                common.noise_option, common.model_options, common.seed_option)
 @click.argument("logs", metavar="LOGS_DIR")
 @click.option("--out", required=True, metavar="PARAMS_DIR",
               help="Folder for the parameter file and the result of each log.")
@@ -38,18 +34,13 @@ Examples:
               help="Work on the Dask cluster with this scheduler instead.")
 @click.option("--no-diagnose", is_flag=True,
               help="Identify the parameters only; published needs it.")
-@common.noise_option
 @click.option("--params", default=None, metavar="P.yaml",
               help="Take gear train and effects from this parameter file.")
-@common.model_options
-@common.seed_option
-@common.json_option
-@click.pass_context
 def command(
-    ctx: click.Context, logs: str, out: str, processes: int | None, scheduler: str | None,
-    no_diagnose: bool, noise: float | None, params: str | None, transmission: str | None,
-    stage: str | None, gears: list[float], formulation: str, seed: int, as_json: bool,
-) -> None:
+    logs: str, out: str, processes: int | None, scheduler: str | None, no_diagnose: bool,
+    noise: float | None, params: str | None, transmission: str | None, stage: str | None,
+    gears: list[float], formulation: str, seed: int,
+) -> Answer:
     """Identify and diagnose every bench log (.csv) in a folder and the folders below it.
 
     Finished logs are skipped when the command is run again; a broken log does not stop the rest.
@@ -62,23 +53,14 @@ def command(
         raise click.UsageError("--params holds a gear train: leave --transmission and --stage out")
     if no_diagnose and noise is not None:
         raise click.UsageError("--noise is for the diagnosis, --no-diagnose leaves it out")
-    if params is None:
-        train = load_stage(transmission or data_path("params/transmission.yaml"), stage)
-        effects: tuple[Effect, ...] = ()
-    else:
-        base = load_model(params)
-        train, effects = base.stage, base.effects
+    (train, *_), effects = common.gear_train(params, transmission, stage)
     trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
     settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
-    place = (partial(on_processes, processes or _cores())
-             if scheduler is None else partial(on_cluster, scheduler))
-    with closing(_Counter("fleet", _REPORT_EVERY)) as counter:
+    place = Processes(processes or _cores()) if scheduler is None else on_cluster(scheduler)
+    counter = _Counter("fleet", _REPORT_EVERY)
+    with counter:
         found = run(Path(logs), Path(out), settings, place, counter.count)
-    if as_json:
-        common.print_json(found)
-    else:
-        click.echo(_report(found))
-    ctx.exit(_SOME_BROKEN if found["broken"] else 0)
+    return Answer(found, [_report(found)], _SOME_BROKEN if found["broken"] else 0)
 
 
 class _Counter(common.Progress):

@@ -27,21 +27,16 @@ OPEN = 4
 """Exit code when a gap has opened."""
 
 
-@click.command("diagnose", epilog="""\b
-Examples:
+@common.command("diagnose", """
   hmcvt diagnose data/table2.csv
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
-  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""")
+  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""",
+                common.params_option, common.noise_option, common.report_option, common.seed_option)
 @click.argument("bench", metavar="BENCH.csv")
-@common.params_option
 @click.option("--holdout", metavar="H.csv",
               help="Samples to measure the shrinkage on; cross-validation when left out.")
-@common.noise_option
-@common.report_option
 @click.option("--save-model", "saved", type=common.OutputFile(), metavar="P.yaml",
               help="Write the model with the leading set of causes in it.")
-@common.seed_option
-@common.answers
 def diagnose(
     bench: str, params: str | None, holdout: str | None, noise: float | None,
     report: str | None, saved: str | None, seed: int,
@@ -70,16 +65,12 @@ def _added(found: Diagnosis) -> str:
     return f" with {' and '.join(leading.effects)}{sure}"
 
 
-@click.command("next", epilog="""\b
-Examples:
+@common.command("next", """
   hmcvt next bench.csv --noise 0.004
-  hmcvt next bench.csv --limits plan.csv --json""")
+  hmcvt next bench.csv --limits plan.csv --json""", common.params_option, common.noise_option)
 @click.argument("bench", metavar="BENCH.csv")
-@common.params_option
-@common.noise_option
 @click.option("--limits", metavar="PLAN.csv",
               help="The tests that can be run; the working range when left out.")
-@common.answers
 def next_test(
     bench: str, params: str | None, noise: float | None, limits: str | None
 ) -> Answer:
@@ -90,17 +81,14 @@ def next_test(
     return Answer(found.to_dict(), [words.advice(found)])
 
 
-@click.command("separable", epilog="""\b
-Examples:
+@common.command("separable", """
   hmcvt separable data/table2.csv
-  hmcvt separable plan.csv --noise 0.004 --output-speed""")
+  hmcvt separable plan.csv --noise 0.004 --output-speed""",
+                common.noise_option, common.params_option)
 @click.argument("plan", metavar="PLAN.csv")
-@common.noise_option
 @click.option("--output-speed", is_flag=True, help="As if the output speed were read too.")
 @click.option("--pressure", is_flag=True, help="As if the pressure over the motor were read too.")
 @click.option("--matrix", is_flag=True, help="Print every pair as a number too.")
-@common.params_option
-@common.answers
 def separable(
     plan: str, noise: float | None, matrix: bool, params: str | None, **asked: bool
 ) -> Answer:
@@ -116,16 +104,13 @@ def separable(
     return Answer(found.to_dict(), [found.report(matrix)])
 
 
-@click.command("watch", epilog="""\b
-Examples:
+@common.command("watch", """
   hmcvt watch samples.csv
-  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""")
+  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""",
+                common.params_option, common.noise_option)
 @click.argument("samples", metavar="SAMPLES")
-@common.params_option
-@common.noise_option
 @click.option("--false-alarms", type=click.FloatRange(0.0, 0.5, min_open=True), show_default=True,
               default=FALSE_ALARMS, help="Chance of one in a whole stream, however long.")
-@common.answers
 def watch(
     samples: str, params: str | None, noise: float | None, false_alarms: float
 ) -> Answer:
@@ -153,11 +138,11 @@ def _band(text: str) -> tuple[str, float]:
     return axis, common.fraction(part)
 
 
-@click.command("unit", epilog="""\b
-Examples:
+@common.command("unit", """
   hmcvt unit pump.csv
   hmcvt unit table.csv --kind motor --unit S4D --above pressure=0.7 --json
-  hmcvt unit pump.csv --report pump.html --into params/tractor.yaml""")
+  hmcvt unit pump.csv --report pump.html --into params/tractor.yaml""",
+                common.report_option, common.effects_option, common.seed_option)
 @click.argument("table", metavar="UNIT.csv")
 @click.option("--kind", type=click.Choice(KINDS), help="Of the unit, where no column says so.")
 @click.option("--unit", "name", metavar="NAME",
@@ -169,12 +154,8 @@ Examples:
 @click.option("--noise", type=click.FloatRange(1e-6, 0.2), metavar="STD",
               help="Standard deviation of flow and torque, as a part of the ideal ones.  [default: "
                    "0.0034, by class A of ISO 4409]")
-@common.report_option
-@common.effects_option
 @click.option("--into", type=common.OutputFile(), metavar="TRACTOR.yaml",
               help="Put parameters and effects of this unit into a transmission's file.")
-@common.seed_option
-@common.answers
 def unit(
     table: str, kind: str | None, name: str | None, holdout: str | None,
     above: tuple[str, float] | None, noise: float | None, report: str | None, into: str | None,

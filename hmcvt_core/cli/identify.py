@@ -7,14 +7,13 @@ import click
 import numpy as np
 
 from ..errors import IdentificationError, InputError
-from ..files import data_path
 from ..files.bench import BenchSamples, read_bench
 from ..identification import Identification, identify
 from ..identification.annealing import AnnealingRun
 from ..identification.refit import refit
 from ..model.model import EfficiencyModel
-from ..model.parameter_file import load_stage, save_model
-from ..transmission.stage import Stage
+from ..model.parameter_file import save_model
+from ..report import draw_fit, save
 from . import common
 from .common import Answer
 
@@ -39,29 +38,25 @@ def _sample_numbers(text: str) -> list[int]:
     return numbers
 
 
-@click.command("identify", epilog="""\b
-Examples:
+@common.command("identify", """
   hmcvt identify data/table2.csv
   hmcvt identify data/table2.csv --fit 1,2,4-6 --out params/mine.yaml --picture fit.png
   hmcvt identify data/simulated.csv --hold-back 0.3
-  hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""")
+  hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""",
+                common.model_options, common.effects_option, common.picture_option,
+                common.seed_option)
 @click.argument("bench", metavar="BENCH.csv")
 @click.option("--fit", type=_sample_numbers, metavar="1,2,4-6",
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
 @click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True),
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
-@common.model_options
 @click.option("--params", metavar="P.yaml",
               help="Parameter file whose gear train is taken, with all its stages: BENCH.csv has a "
                    "column stage then.")
-@common.effects_option
 @click.option("--refine", is_flag=True,
               help="Take the model of --params as prior, with its standard errors and effects: "
                    "what the samples do not say stays, such as that of a unit tested before.")
 @click.option("--out", type=common.OutputFile(), metavar="P.yaml", help="Write the parameter file.")
-@common.picture_option
-@common.seed_option
-@common.answers
 def command(
     bench: str, fit: list[int] | None, hold_back: float | None, formulation: str,
     gears: list[float], transmission: str | None, stage: str | None, params: str | None,
@@ -92,10 +87,7 @@ def command(
     rest = sorted({*range(1, len(samples) + 1)}.difference(fit))
     fitted = samples.select(np.array(fit) - 1)
     held = samples.select(np.array(rest) - 1) if rest else None
-    train: list[Stage] = (
-        [load_stage(transmission or data_path("params/transmission.yaml"), stage)]
-        if params is None else
-        [each.stage for each in common.model_from(params).stages.values()])
+    train, _ = common.gear_train(params, transmission, stage)
     with common.Progress("annealing") as progress:
         def show(run: AnnealingRun) -> None:
             progress(f"step {len(run.history)}, objective {run.value:.6g}")
@@ -110,9 +102,7 @@ def command(
     if out is not None:
         best.save(out)
     if picture is not None:
-        from ..report import draw_fit, save
-
-        save(lambda figure: draw_fit(figure, best, held), picture)
+        save(draw_fit, picture, best, held)
     lines = [best.report(fit)] if len(found) == 1 else [_comparison(found), best.report(fit)]
     if held is not None:
         lines += ["held back:", common.sample_table(records[found.index(best)])]

@@ -16,31 +16,25 @@ from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.bench import read_bench
 from ..files.table import csv_text
+from ..model.domain import AXES
 from ..model.engine import load_engine
 from ..model.model import EfficiencyModel
-from ..transmission.ranges import (
-    ENGINE_SPEED,
-    ENGINE_SPEED_LIMITS,
-    LOAD_TORQUE,
-    OUTPUT_SPEED,
-    POINT_RANGES,
-    RPM,
-)
+from ..report import draw_drive_line, draw_surface, save
+from ..transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
 from . import common
 from .common import Answer
 
-POINT = tuple(limits.name for limits in POINT_RANGES)
 _MOST_POINTS = 2_000_000
 _PICTURE_POWER, _DRIVE_POWER = 40_000.0, 100_000.0
 
 
-@click.command("map", epilog="""\b
-Examples:
+@common.command("map", """
   hmcvt map --out map.csv
   hmcvt map --steps 21 11 5 --load-torque-limits 100 400 --json
   hmcvt map --picture map.png --power 23kW --bench data/table2.csv
   hmcvt map --params params/tractor.yaml --output-speed 350 --engine params/engine.yaml \\
-            --out drive.csv --picture drive.png""")
+            --out drive.csv --picture drive.png""",
+                common.picture_option, common.stage_option, common.params_option)
 @click.option("--steps", type=click.IntRange(1, 1001), nargs=3, default=(41, 15, 8),
               show_default=True, help="Points over displacement ratio, engine speed, load torque.")
 @click.option("--engine-speed-limits", type=common.speed, nargs=2, default=ENGINE_SPEED_LIMITS,
@@ -49,7 +43,6 @@ Examples:
               show_default=True, help="Lowest and highest in N m.")
 @click.option("--out", type=common.OutputFile(), metavar="MAP.csv",
               help="Write CSV there, not to stdout.")
-@common.picture_option
 @click.option("--power", type=common.power,
               help="Output power of the picture, in W or like 40kW.  [default: 40kW; of the "
                    "drive line the highest, 100kW]")
@@ -59,9 +52,6 @@ Examples:
 @click.option("--engine", metavar="ENGINE.yaml",
               help="Of the drive line: full-load curve and fuel map.")
 @click.option("--bench", metavar="BENCH.csv", help="Bench tests to mark in the picture.")
-@common.stage_option
-@common.params_option
-@common.answers
 def command(
     steps: tuple[int, int, int], engine_speed_limits: tuple[float, float],
     load_torque_limits: tuple[float, float], out: str | None, picture: str | None,
@@ -94,24 +84,21 @@ def command(
     model = common.stage_from(params, stage)
     common.note_oil_temperature(model)
     if picture is not None:
-        from ..report import draw_surface, save
-
         samples = None if bench is None else read_bench(bench)
         shown = _PICTURE_POWER if power is None else power
         for speed in engine_speed_limits:
             if not LOAD_TORQUE.contains(shown / speed):
                 raise InputError(f"--power {1e-3 * shown:g}kW at {speed / RPM:.0f} r/min is a load "
                                  f"torque of {shown / speed:.4g} N m; allowed {LOAD_TORQUE}")
-        save(lambda figure: draw_surface(figure, model, shown, engine_speed_limits, samples),
-             picture)
+        save(draw_surface, picture, model, shown, engine_speed_limits, samples)
     found = model.efficiency_map(
         np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed_limits, steps[1]),
         np.linspace(*load_torque_limits, steps[2]))
     axes = found.displacement_ratio, found.engine_speed, found.load_torque
-    value = dict(zip(POINT, axes, strict=True)) | {
+    value = dict(zip(AXES, axes, strict=True)) | {
         "efficiency": found.efficiency, "inside_domain": found.inside_domain}
     columns = {name: [f"{each:.6g}" for each in grid.ravel()] for name, grid in zip(
-        POINT, np.meshgrid(*axes, indexing="ij"), strict=True)}
+        AXES, np.meshgrid(*axes, indexing="ij"), strict=True)}
     # An empty cell: the load cannot be carried there.
     columns["efficiency"] = [f"{each:.6f}" if np.isfinite(each) else ""
                              for each in found.efficiency.ravel()]
@@ -131,9 +118,7 @@ def _drive_line(
     best = [[model.optimal_drive(speed, power, engine=with_engine, engine_speed_limits=limits)
              for speed in speeds.tolist()] for power in powers.tolist()]
     if picture is not None:
-        from ..report import draw_drive_line, save
-
-        save(lambda figure: draw_drive_line(figure, speeds, powers, best), picture)
+        save(draw_drive_line, picture, speeds, powers, best)
     rows = [{"output_speed": speed, "output_power": power, **asdict(point)}
             for power, row in zip(powers.tolist(), best, strict=True)
             for speed, point in zip(speeds.tolist(), row, strict=True)]

@@ -15,27 +15,24 @@ from ..model.agreement import LOADS, mean_error
 from ..model.engine import load_engine
 from ..model.model import DRAGGED, STALLED, EfficiencyModel
 from ..model.optimum import HOLDS
+from ..report import draw_losses, save
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
-from .common import Answer, Point, domain_lines, output_speed, point_from
+from .common import Answer, Point, domain_told, point_from
 
 _ASKED = "the output speed and power cannot be held within the engine speed limits"
 _OF_THE_DRIVE_LINE = ("engine", "torque_reserve", "hysteresis")
 
 
-@click.command("predict", epilog="""\b
-Examples:
+@common.command("predict", """
   hmcvt predict --displacement-ratio 0.5 --engine-speed 1400rpm --load-torque 200
   hmcvt predict --displacement-ratio 50% --engine-speed 1400rpm --output-torque 180
   hmcvt predict --params params/tractor.yaml --stage HM3 --engine-speed 1800rpm \\
       --output-speed 1200rpm --output-power 40kW
   hmcvt predict data/table2.csv
-  hmcvt predict data/table2.csv --params params/paper.yaml --json""")
+  hmcvt predict data/table2.csv --params params/paper.yaml --json""",
+                common.point_options, common.stage_option, common.params_option)
 @click.argument("bench", metavar="[BENCH.csv]", required=False)
-@common.point_options
-@common.stage_option
-@common.params_option
-@common.answers
 def predict(bench: str | None, params: str | None, stage: str | None, **given: Any) -> Answer:
     """Predict the efficiency at one point, or at every sample of a file (with column `stage`)."""
     if bench is None:
@@ -62,9 +59,9 @@ def _predicted(model: EfficiencyModel, point: Point, given: dict[str, Any]) -> A
         lines += [f"output speed   {speed:.2f} rad/s",
                   f"power loss     {model.power_loss(*point):.0f} W"]
     lines += [f"{name.replace('_', ' '):<18} {value:.5g}" for name, value in solved.items()]
-    return Answer({**found._asdict(), "inside_domain": common.inside_domain(model, point),
-                   "output_speed": speed, "refusal": refusal, **solved},
-                  [*lines, *domain_lines(model, point)])
+    inside, told = domain_told(model, point)
+    return Answer({**found._asdict(), "inside_domain": inside, "output_speed": speed,
+                   "refusal": refusal, **solved}, [*lines, *told])
 
 
 def _compared(model: EfficiencyModel, bench: str) -> Answer:
@@ -83,16 +80,12 @@ def _compared(model: EfficiencyModel, bench: str) -> Answer:
     return Answer(records, lines)
 
 
-@click.command("breakdown", epilog="""\b
-Examples:
+@common.command("breakdown", """
   hmcvt breakdown --displacement-ratio -0.5 --engine-speed 1400rpm --load-torque 200
   hmcvt breakdown --displacement-ratio -0.5 --engine-speed 1400rpm --load-torque 200 \\
-      --picture losses.png""")
-@common.point_options
-@common.stage_option
-@common.picture_option
-@common.params_option
-@common.answers
+      --picture losses.png""",
+                common.point_options, common.stage_option, common.picture_option,
+                common.params_option)
 def breakdown(
     picture: str | None, params: str | None, stage: str | None, **given: Any
 ) -> Answer:
@@ -105,10 +98,8 @@ def breakdown(
     found = model.breakdown(*point)
     common.note_oil_temperature(model, point.oil_temperature)
     if picture is not None:
-        from ..report import draw_losses, save
-
-        save(lambda figure: draw_losses(figure, model, point.engine_speed, point.load_torque,
-                                        point.displacement_ratio), picture)
+        save(draw_losses, picture, model, point.engine_speed, point.load_torque,
+             point.displacement_ratio)
     into, out = float(found.input_power), float(found.output_power)
     losses = sorted(((name, float(watts)) for name, watts in found.losses.items()),
                     key=lambda entry: -entry[1])
@@ -117,25 +108,24 @@ def breakdown(
         # + 0.0: no loss reads 0.0, not -0.0.
         (name, f"{round(watts)}", f"{round(100 * watts / max(into, -out), 1) + 0.0:.1f}")
         for name, watts in rows])
+    inside, told = domain_told(model, point)
     return Answer(
         {"input_power": into, "output_power": out, "efficiency": model.efficiency(*point),
-         "losses": found.losses, "inside_domain": common.inside_domain(model, point)},
-        [shown, *domain_lines(model, point)])
+         "losses": found.losses, "inside_domain": inside}, [shown, *told])
 
 
-@click.command("optimum", epilog="""\b
-Examples:
+@common.command("optimum", """
   hmcvt optimum --engine-speed 1400rpm --load-torque 200
   hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
                 --displacement-ratio -0.8
   hmcvt optimum --engine-speed 2000rpm --load-torque 200 --hold output_speed \\
                 --output-speed 1250rpm --engine-speed-limits 900rpm 2100rpm --json
   hmcvt optimum --params params/tractor.yaml --output-speed 120 --output-power 40kW \\
-                --engine params/engine.yaml --torque-reserve 15%""")
+                --engine params/engine.yaml --torque-reserve 15%""",
+                common.measured_options, common.stage_option, common.params_option)
 @click.option("--engine-speed", type=common.speed,
               help="Now: rad/s or 1400rpm. Without it the best of the drive line is found, over "
                    "all stages, at --output-speed and --output-power (or --output-torque).")
-@common.measured_options
 @click.option("--hold", type=click.Choice(HOLDS), default="engine_speed", show_default=True,
               help="What must stay; output_speed looks for the best engine speed too.")
 @click.option("--displacement-ratio", type=common.fraction,
@@ -148,9 +138,6 @@ Examples:
               help="Part of the full-load torque to keep.")
 @click.option("--hysteresis", type=common.fraction,
               help="Keep --stage unless another saves more than this part.")
-@common.stage_option
-@common.params_option
-@common.answers
 def optimum(params: str | None, stage: str | None, **given: Any) -> Answer:
     """Find the displacement ratio that wastes least, or the drive line's best working point."""
     limits = given["engine_speed_limits"] or ENGINE_SPEED_LIMITS
@@ -166,7 +153,7 @@ def optimum(params: str | None, stage: str | None, **given: Any) -> Answer:
 def _of_drive_line(
     model: EfficiencyModel, stage: str | None, limits: tuple[float, float], given: dict[str, Any]
 ) -> Answer:
-    held, power, torque = output_speed(given), given["output_power"], given["output_torque"]
+    held, power, torque = (given[f"output_{name}"] for name in ("speed", "power", "torque"))
     if held is None or (power is None) == (torque is None) or any(
             given[name] is not None
             for name in ("load_torque", "engine_torque", "displacement_ratio")):
@@ -194,7 +181,7 @@ def _of_one_stage(
     model: EfficiencyModel, limits: tuple[float, float], given: dict[str, Any]
 ) -> Answer:
     # Refused: options that would be ignored or contradict each other.
-    hold, stroke, held = given["hold"], given["displacement_ratio"], output_speed(given)
+    hold, stroke, held = given["hold"], given["displacement_ratio"], given["output_speed"]
     if hold == "engine_speed" and (held is not None or given["engine_speed_limits"] is not None):
         raise click.UsageError(
             "--output-speed and --engine-speed-limits need --hold output_speed")
@@ -217,13 +204,12 @@ def _of_one_stage(
                          "no working point: the load cannot be carried at this engine speed")
     common.note_oil_temperature(model)
     point, now = Point(best.displacement_ratio, best.engine_speed, best.load_torque), math.nan
-    lines = domain_lines(model, point)
+    inside, lines = domain_told(model, point)
     if stroke is not None:
         now = model.efficiency(stroke, engine_speed, load_torque)
-        if model.domain is not None:
-            lines += domain_lines(model, Point(stroke, engine_speed, load_torque), "now ")
-    return Answer({**asdict(best), "efficiency_now": now,
-                   "inside_domain": common.inside_domain(model, point)},
+        if inside is not None:
+            lines += domain_told(model, Point(stroke, engine_speed, load_torque), "now ")[1]
+    return Answer({**asdict(best), "efficiency_now": now, "inside_domain": inside},
                   [*_best_lines(best, now), f"output speed        {best.output_speed:.2f} rad/s",
                    *lines])
 

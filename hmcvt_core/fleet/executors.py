@@ -7,55 +7,50 @@ hmcvt on scheduler and workers, and tries the log of a lost worker again by itse
 
 from __future__ import annotations
 
+import _thread
 import asyncio
 import logging
 import multiprocessing
 import os
+import pkgutil
 import signal
-import threading
 import traceback
 from collections.abc import Callable, Generator, Iterator
 from concurrent import futures
-from contextlib import AbstractContextManager, contextmanager
-from itertools import chain, islice
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
+from itertools import islice
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import HmcvtError, InputError
 from ..version import __version__
 from . import ONE_BLAS_THREAD
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from multiprocessing.connection import Connection
 
 Key = TypeVar("Key")
 Sent = TypeVar("Sent")
 Result = TypeVar("Result")
 _CONNECT = 10.0  # seconds
-# Logs handed over ahead: enough that no worker waits, and that an adaptive cluster sees the work.
-_AHEAD_PER_THREAD, _AHEAD_LEAST = 2, 32
-
-
-class Crew(NamedTuple):
-    """Where logs are studied, and how many it may have in hand at the moment."""
-
-    executor: futures.Executor
-    room: Callable[[], int]
-
-
-Place = Callable[[], AbstractContextManager[Crew]]
+# Logs handed over: so many that no worker of a cluster waits, and all have room in memory; and of
+# these at a time, so that outcomes are told while a large fleet is still being read.
+_AHEAD, _AT_A_TIME = 1000, 32
 
 
 def study_all(
-    study: Callable[[Sent], Result], tasks: Iterator[tuple[Key, Sent]], place: Place
+    study: Callable[[Sent], Result], tasks: Iterator[tuple[Key, Sent]],
+    place: AbstractContextManager[futures.Executor],
 ) -> Generator[tuple[Key, Result | str], None, None]:
     """Study logs side by side; give each with its outcome, in the order in which they finish.
 
-    Tasks are taken one by one as there is room, so that a fleet need not fit into memory.
+    Tasks are taken as there is room, so that a fleet need not fit into memory.
 
     Args:
         study: gives the result of a log.
         tasks: what a log is known by, and what is sent out for it.
-        place: opens the executor, and another one when that is broken by the death of a worker.
+        place: opens the executor.
 
     Yields:
         The same key and the result, or text that says in one line why there is none.
@@ -64,30 +59,29 @@ def study_all(
         InputError: the place cannot be used.
         HmcvtError: it is lost.
     """
-    suspects: list[tuple[Key, Sent]] = []
-    # Suspects each alone, so that it is known which kills; and last, when that hurts fewest.
-    for batch in chain((chain([first], tasks) for first in tasks),
-                       (iter([suspect]) for suspect in suspects)):
-        in_hand: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
-        finished: list[tuple[tuple[Key, Sent], Result | str | None]] = []
-        works = True
-        with place() as crew:
+    killed: list[tuple[Key, Sent]] = []
+    with place as executor:
+        def outcomes(
+            tasks: Iterator[tuple[Key, Sent]], ahead: int
+        ) -> Iterator[tuple[tuple[Key, Sent], Result | str | None]]:
+            in_hand: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
             while True:
-                # Before the outcomes are told, so that nobody waits while their files are written.
-                for task in islice(batch, max(0, crew.room() - len(in_hand)) if works else 0):
-                    in_hand[_hand_over(crew.executor, study, task[1])] = task
-                for task, outcome in finished:
-                    if outcome is not None:
-                        yield task[0], outcome
-                    elif task in suspects:
-                        yield task[0], "killed its worker 2 times (memory, most likely)"
-                    else:
-                        suspects.append(task)
+                for task in islice(tasks, min(_AT_A_TIME, ahead - len(in_hand))):
+                    in_hand[executor.submit(attempt, study, task[1])] = task
                 if not in_hand:
-                    break
-                done = futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done
-                finished = [(in_hand.pop(future), _outcome(future)) for future in done]
-                works = works and all(outcome is not None for _, outcome in finished)
+                    return
+                for future in futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done:
+                    yield in_hand.pop(future), _outcome(future)
+
+        for task, outcome in outcomes(tasks, _AHEAD):
+            if outcome is None:
+                killed.append(task)
+            else:
+                yield task[0], outcome
+        # Each alone, and last, when it hurts fewest.
+        for task, outcome in outcomes(iter(killed), 1):
+            yield task[0], ("killed its worker 2 times (memory, most likely)" if outcome is None
+                            else outcome)
 
 
 def attempt(study: Callable[[Sent], Result], sent: Sent) -> Result | str:
@@ -108,39 +102,8 @@ def _internal_failure(error: Exception) -> str:
     return f"internal failure (please report it): {type(error).__name__}: {text}{place}"
 
 
-def _hand_over(
-    executor: futures.Executor, study: Callable[[Sent], Result], sent: Sent
-) -> futures.Future[Result | str]:
-    try:
-        with _interrupt_later():
-            return executor.submit(attempt, study, sent)
-    except futures.BrokenExecutor as error:  # a worker was killed while it had nothing to do
-        failed: futures.Future[Result | str] = futures.Future()
-        failed.set_exception(error)
-        return failed
-
-
-@contextmanager
-def _interrupt_later() -> Iterator[None]:
-    """Put Ctrl-C off while a process may be started; it is for the run, which ends its workers."""
-    came: list[object] = []
-    # Not left to the mask below: a thread of BLAS takes the signal, and Python then interrupts the
-    # main thread, in the middle of what the new process is to read.
-    handler = signal.signal(signal.SIGINT, lambda *call: came.append(call))
-    # The process inherits this; Windows has no such thing.
-    set_mask: Callable[..., Any] = getattr(signal, "pthread_sigmask", lambda *_: set())
-    mask = set_mask(getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT})
-    try:
-        yield
-    finally:
-        set_mask(getattr(signal, "SIG_SETMASK", 0), mask)
-        signal.signal(signal.SIGINT, handler)
-        if came:
-            signal.raise_signal(signal.SIGINT)
-
-
 def _outcome(future: futures.Future[Result | str]) -> Result | str | None:
-    """Return what a worker gave; None for one that died over this log or another."""
+    """Return what a worker gave; None for one that was killed."""
     try:
         return future.result()
     except futures.BrokenExecutor:
@@ -154,64 +117,72 @@ def _outcome(future: futures.Future[Result | str]) -> Result | str | None:
             f"killed its worker {failures + 1} times (as often as the cluster allows)")
 
 
-@contextmanager
-def on_processes(count: int) -> Iterator[Crew]:
-    """Open as many worker processes, with one BLAS thread each; no worker outlives this process."""
-    others = multiprocessing.active_children()
-    # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
-    before = os.environ.copy()
-    os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
-    pool = futures.ProcessPoolExecutor(
-        count, multiprocessing.get_context("spawn"), _end_with_the_run)
-    try:
-        yield Crew(pool, lambda: count)
-    except BaseException:
-        # At once: a worker writes no files.
-        for process in multiprocessing.active_children():
-            if process not in others:
-                process.kill()
-        raise
-    finally:
-        pool.shutdown()
+class Processes(futures.ThreadPoolExecutor):
+    """As many processes as asked for, with one BLAS thread each; none outlives this one.
+
+    Each is in the hands of a thread here: a killed one takes with it (`BrokenExecutor`) its own
+    work alone, and leaves its place to another. To close ends them at once: they write no files.
+    """
+
+    def __init__(self, count: int) -> None:
+        # What a thread blocks its process inherits: Ctrl-C is for the run. Not so on Windows.
+        block = getattr(signal, "pthread_sigmask", None)
+        super().__init__(
+            count, initializer=block and partial(block, signal.SIG_BLOCK, {signal.SIGINT}))
+        self._spawn = multiprocessing.get_context("spawn")
+        self._heard, self._held = self._spawn.Pipe(duplex=False)
+        self._idle: SimpleQueue[futures.Executor] = SimpleQueue()
+        for _ in range(count):
+            self._idle.put(self._open())
+
+    def submit(self, work: Callable[..., Any], /, *args: Any, **named: Any) -> futures.Future[Any]:
+        """Have a process do the work."""
+        return super().submit(self._hand_over, partial(work, *args, **named))
+
+    def __enter__(self) -> Processes:
+        self._environment = os.environ.copy()
+        # PYTHONSAFEPATH: a file random.py where the command is run must not become a module.
+        os.environ.update(ONE_BLAS_THREAD, PYTHONSAFEPATH="1")
+        return self
+
+    def __exit__(self, *_: object) -> None:
         os.environ.clear()
-        os.environ.update(before)
+        os.environ.update(self._environment)
+        self.shutdown(wait=False, cancel_futures=True)
+        self._held.close()
+        self.shutdown()
+        while not self._idle.empty():
+            self._idle.get().shutdown()
+
+    def _open(self) -> futures.Executor:
+        return futures.ProcessPoolExecutor(
+            1, self._spawn, _thread.start_new_thread, (_end_with, (self._heard,)))
+
+    def _hand_over(self, work: Callable[[], Any]) -> Any:
+        process = self._idle.get()
+        try:
+            return process.submit(work).result()
+        except futures.BrokenExecutor:
+            process = self._open()
+            raise
+        finally:
+            self._idle.put(process)
 
 
-def _end_with_the_run() -> None:
-    """Have a worker end when the run is gone, even killed."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+def _end_with(run: Connection) -> None:
+    """End this worker when the run closes its end, or is gone, even killed."""
+    with suppress(EOFError, OSError):
+        run.recv_bytes()
+    os._exit(1)
 
 
 @contextmanager
-def on_cluster(address: str) -> Iterator[Crew]:
+def on_cluster(address: str) -> Iterator[futures.Executor]:
     """Open the Dask cluster whose scheduler has this address.
 
     Raises:
         InputError: Dask is not installed, nobody answers, or there is no hmcvt of this version.
     """
-    with _connected(address) as client:
-        try:
-            # It unpacks what passes through it.
-            found = {"the scheduler": client.run_on_scheduler(_version)}
-        except Exception as error:  # whatever the import of another hmcvt may raise
-            found = {"the scheduler": error}
-        # Refused: a cluster whose every outcome would be a failure, or from another version.
-        for place, version in {**found, **client.run(_version, on_error="return")}.items():
-            if version != __version__:
-                raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
-                                 f"there is {version}")
-        yield Crew(client.get_executor(pure=False), lambda: max(
-            _AHEAD_LEAST, _AHEAD_PER_THREAD * sum(client.ncores().values())))
-
-
-def _connected(address: str) -> Client:
     try:
         from distributed import Client
         from distributed.comm import connect
@@ -219,21 +190,27 @@ def _connected(address: str) -> Client:
         raise InputError("--scheduler needs the library distributed (Dask); in the folder of "
                          "hmcvt: pip install \".[fleet]\"") from error
 
+    async def knock() -> None:
+        await (await connect(address, timeout=_CONNECT)).close()
+
     # What it has to say about a lost scheduler is said in one line by `_outcome`.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-
-    async def knock() -> None:
-        comm = await connect(address, timeout=_CONNECT)
-        await comm.close()
-
     try:
         # First, because a client that finds nobody leaves threads behind that complain at exit.
         asyncio.run(knock())
-        return Client(address, timeout=_CONNECT, set_as_default=False)
+        client = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:  # a timeout is an OSError too
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there: "
                          f"{error}") from error
-
-
-def _version() -> str:
-    return __version__
+    with client:
+        version = pkgutil.resolve_name, "hmcvt_core.version:__version__"
+        try:
+            found = {"the scheduler": client.run_on_scheduler(*version)}
+        except Exception as error:  # whatever the import of another hmcvt may raise
+            found = {"the scheduler": error}
+        # Refused: a cluster whose every outcome would be a failure, or from another version.
+        for place, there in {**found, **client.run(*version, on_error="return")}.items():
+            if there != __version__:
+                raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
+                                 f"there is {there}")
+        yield client.get_executor(pure=False)

@@ -11,7 +11,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
@@ -31,7 +32,7 @@ from ..transmission.parameters import PAPER_PARAMETERS
 from ..transmission.ranges import EFFICIENCY_STD
 from ..transmission.stage import Stage
 from ..version import __version__
-from .executors import Place, study_all
+from .executors import study_all
 from .summary import Entry, record, summarise
 
 SCHEMA = "hmcvt-fleet-result/1"
@@ -173,7 +174,7 @@ def _hold(file: int) -> None:
 
 
 def run(
-    folder: Path, out: Path, settings: Settings, place: Place,
+    folder: Path, out: Path, settings: Settings, place: AbstractContextManager[Executor],
     progress: Callable[[Entry, int], None],
 ) -> dict[str, Any]:
     """Study the logs of a folder and write the files of each as soon as it is finished.
@@ -214,10 +215,11 @@ def run(
                 except HmcvtError as error:
                     finish(_broken(log, str(error)))
 
-        with closing(study_all(partial(study, settings), tasks(), place)) as outcomes:
-            for log, outcome in outcomes:
-                finish(_broken(log, outcome) if isinstance(outcome, str)
-                       else save(log, outcome, settings))
+        if todo:  # else no cluster is asked
+            with closing(study_all(partial(study, settings), tasks(), place)) as outcomes:
+                for log, outcome in outcomes:
+                    finish(_broken(log, outcome) if isinstance(outcome, str)
+                           else save(log, outcome, settings))
     return summarise(list(before.values()), now)
 
 

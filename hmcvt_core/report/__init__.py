@@ -23,11 +23,11 @@ from ..transmission.parameters import PARAMETER_UNITS
 from . import figures
 from .figures import draw_residuals
 from .pictures import draw_drive_line, draw_fit, draw_losses, draw_surface, drawn, save
-from .style import FORMATS, TEMPLATES, check_drawable, render
+from .style import FORMATS, TEMPLATES, check_drawable, picture_format, render
 
 __all__ = [
     "FORMATS", "check_drawable", "draw_drive_line", "draw_fit", "draw_losses", "draw_residuals",
-    "draw_surface", "html", "save", "write_html",
+    "draw_surface", "html", "picture_format", "save", "write_html",
 ]
 
 # What `plot_map` and `plot` of these show.

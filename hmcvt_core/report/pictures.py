@@ -21,17 +21,7 @@ from ..model.optimum import DriveOptimum
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
 from ..transmission.stage import speed_ratio
-from .style import (
-    BLUE,
-    LOSSES,
-    ORANGE,
-    loss_style,
-    picture_format,
-    render,
-    styled,
-    to_png,
-    to_svg,
-)
+from .style import BLUE, LOSSES, ORANGE, loss_style, picture_format, render, styled, to_png, to_svg
 
 Array = NDArray[np.float64]
 STROKES = np.linspace(-1.0, 1.0, 201)
@@ -45,11 +35,11 @@ _SAME_POWER = 0.15
 _LEAST = 1e-3  # of the largest loss; what never takes more is not drawn
 
 
-def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
+def save(draw: Callable[..., None], path: str | os.PathLike[str], *shown: Any) -> None:
     """Draw on an empty matplotlib figure and write it, whole or not at all.
 
     Args:
-        draw: takes the figure.
+        draw: takes the figure, and what is shown.
         path: ends in one of `FORMATS`; an HTML page holds the picture in itself.
 
     Raises:
@@ -59,7 +49,7 @@ def save(draw: Callable[[Any], None], path: str | os.PathLike[str]) -> None:
     ending = picture_format(os.fspath(path))
     content: str | bytes
     with styled(_SIZE) as figure:
-        draw(figure)
+        draw(figure, *shown)
         if ending == ".png":
             content = to_png(figure)
         else:

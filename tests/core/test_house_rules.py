@@ -98,9 +98,9 @@ def test_a_fleet_holds_its_folder_with_the_lock_of_windows(tmp_path):
     code = """
 from pathlib import Path
 from hmcvt_core import InputError
-from hmcvt_core.fleet.executors import _interrupt_later
+from hmcvt_core.fleet.executors import Processes
 from hmcvt_core.fleet.run import locked
-with locked(Path("out")), _interrupt_later():
+with locked(Path("out")), Processes(1):
     try:
         with locked(Path("out")):
             print("twice")

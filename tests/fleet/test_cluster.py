@@ -44,16 +44,16 @@ def test_cluster_gives_the_digits_of_one_process(hmcvt, cluster, logs, identifie
 
 def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
     monkeypatch.setattr(executors, "__version__", "0.0")
-    with pytest.raises(InputError, match=r"tcp://\S+ needs hmcvt 0.0, there is "), \
+    with pytest.raises(InputError, match=r"tcp://\S+: \S+ \S+ needs hmcvt 0.0, there is "), \
             on_cluster(cluster.scheduler_address):
         pass
 
 
 def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs, monkeypatch):
-    monkeypatch.setattr(executors, "_AHEAD_LEAST", 8)
+    monkeypatch.setattr(executors, "_AHEAD", 8)
     samples = read_bench(logs / "00000.csv")
     outcomes = study_all(WORK, ((str(number), samples) for number in count()),
-                         partial(on_cluster, cluster.scheduler_address))
+                         on_cluster(cluster.scheduler_address))
     with distributed.Client(cluster) as client:
         victim = next(iter(client.run(os.getpid).values()))
     in_hand = {str(number) for number in range(8)} - {next(outcomes)[0]}

@@ -6,14 +6,14 @@ import os
 import shutil
 import signal
 import threading
-import time
 from functools import partial
 
 import pytest
 
 from hmcvt_core import read_bench
 from hmcvt_core.files import data_path
-from hmcvt_core.fleet.executors import _hand_over, on_processes, study_all
+from hmcvt_core.fleet import executors
+from hmcvt_core.fleet.executors import Processes, study_all
 from hmcvt_core.fleet.run import Settings, Study, study
 from hmcvt_core.model.parameter_file import load_stage
 
@@ -36,56 +36,42 @@ def kill(process):
 
 
 def test_log_that_kills_its_worker_twice_is_broken(tasks):
-    # The first log comes first and, alone at the end, again: its workers are the first, and the
-    # one that is started after the other logs are done.
-    found, killers = {}, []
-
-    def kill_next():
-        while True:
-            try:
-                return kill(wait_for(multiprocessing.active_children)[0])
-            except ProcessLookupError:  # it has ended, and another thread is being told so
-                continue
-
-    def end_with_next(worker):
-        worker.join()
-        kill_next()
-
-    def start(target, *arguments):
-        killers.append(threading.Thread(target=target, args=arguments))
-        killers[-1].start()
-
-    start(kill_next)
-    for name, outcome in study_all(WORK, iter(tasks), partial(on_processes, 1)):
+    # The first log comes first and, alone at the end, again.
+    found, first = {}, threading.Thread(
+        target=lambda: kill(wait_for(multiprocessing.active_children)[0]))
+    first.start()
+    for name, outcome in study_all(WORK, iter(tasks), Processes(1)):
         found[name] = outcome
         if len(found) == 2:
-            start(end_with_next, *multiprocessing.active_children())
-    for killer in killers:
-        killer.join()
+            kill(*multiprocessing.active_children())
+    first.join()
     assert [type(found[name]) for name, _ in tasks] == [str, Study, Study]
     assert found["00000"] == "killed its worker 2 times (memory, most likely)"
 
 
-def test_worker_killed_between_logs_is_replaced(tasks):
+def test_worker_killed_between_logs_is_replaced(tasks, monkeypatch):
+    monkeypatch.setattr(executors, "_AHEAD", 1)
+
     def two():
         yield tasks[0]
         # Asked for the next log when the worker has none in hand.
         kill(multiprocessing.active_children()[0])
         yield tasks[1]
 
-    found = dict(study_all(WORK, two(), partial(on_processes, 1)))
+    found = dict(study_all(WORK, two(), Processes(1)))
     assert [type(outcome) for outcome in found.values()] == [Study, Study]
 
 
 def test_all_logs_in_hand_when_a_worker_is_killed_are_made_up(tasks):
-    outcomes = study_all(WORK, iter(tasks), partial(on_processes, 2))
+    outcomes = study_all(WORK, iter(tasks), Processes(2))
     found = dict([next(outcomes)])
     kill(multiprocessing.active_children()[0])
     found.update(outcomes)
     assert [type(found[name]) for name, _ in tasks] == [Study] * 3
 
 
-def test_logs_are_read_as_there_is_room(tasks):
+def test_logs_are_read_as_there_is_room(tasks, monkeypatch):
+    monkeypatch.setattr(executors, "_AHEAD", 2)
     read, told = [], []
 
     def watched():
@@ -94,7 +80,7 @@ def test_logs_are_read_as_there_is_room(tasks):
             assert len(read) - len(told) <= 3  # two in hand, one that waits for being told
             yield task
 
-    for name, _ in study_all(WORK, watched(), partial(on_processes, 2)):
+    for name, _ in study_all(WORK, watched(), Processes(2)):
         told.append(name)
     assert len(told) == 6
 
@@ -135,38 +121,17 @@ def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
     assert how == signal.SIGKILL or "Traceback" not in done.err
 
 
-def test_interrupt_waits_until_a_worker_has_its_input(tasks):
-    done = threading.Event()
-    # As those of BLAS, it does not block the signal.
-    threading.Thread(target=done.wait).start()
-
-    class Executor:
-        def __init__(self):
-            self.finished = False
-
-        def submit(self, *_):
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.1)
-            self.finished = True
-
-    executor = Executor()
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            _hand_over(executor, WORK, tasks[0][1])
-        assert executor.finished
-    finally:
-        done.set()
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
 def test_workers_are_given_one_thread_and_no_module_of_the_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     monkeypatch.chdir(tmp_path)
     for name in ("random.py", "multiprocessing.py"):
         (tmp_path / name).write_text("raise SystemExit")
-    with on_processes(1) as crew:
-        assert crew.executor.submit(os.getenv, "OMP_NUM_THREADS").result(timeout=60) == "1"
+    with Processes(1) as executor:
+        assert executor.submit(os.getenv, "OMP_NUM_THREADS").result(timeout=60) == "1"
+    assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
+    with pytest.raises(ValueError), Processes(0):
+        pass
     assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
 
 
@@ -176,5 +141,5 @@ def test_error_while_logs_are_taken_ends_the_workers(tasks):
         raise OSError("disk gone")
 
     with pytest.raises(OSError, match="disk gone"):
-        list(study_all(WORK, broken(), partial(on_processes, 2)))
+        list(study_all(WORK, broken(), Processes(2)))
     assert multiprocessing.active_children() == []
