@@ -151,7 +151,7 @@ def refit(
             f"{samples.source}: no parameters within the bounds give an efficiency at most of the "
             "samples: check stage, units and load torque")
     evidence = used.evidence(fit)
-    model = evidence.with_errors(used.follow(evidence), campaign.prior)
+    model = used.follow(evidence)
     fold = folds(used.samples, seed)
     others = [replace(used, samples=used.samples.select(fold != part)).follow(evidence)
               for part in range(fold.max() + 1)]
