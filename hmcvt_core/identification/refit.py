@@ -289,14 +289,10 @@ def _objections(
         excess = np.where(np.abs(change) > _NOTICED, doubt - np.abs(change), -np.inf)
         worst = int(excess.argmax())
         if excess[worst] > 0.0:
-            yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points "
-                   f"{_where(grid, worst)}, where the samples held back allow a doubt of "
-                   f"{100 * doubt[worst]:.1f} points")
+            stroke, speed, load = (axis[worst] for axis in grid[:3])
+            yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points at "
+                   f"displacement ratio {stroke:.2f}, {speed:.1f} rad/s, {load:.0f} N m, where the "
+                   f"samples held back allow a doubt of {100 * doubt[worst]:.1f} points")
     if drift > max_drift:
         yield (f"the refit would differ from the base model by {100 * drift:.1f} points on "
                f"average, more than the {100 * max_drift:.3g} points allowed")
-
-
-def _where(grid: OperatingPoints, index: int) -> str:
-    return (f"at displacement ratio {grid.displacement_ratio[index]:.2f}, "
-            f"{grid.engine_speed[index]:.1f} rad/s, {grid.load_torque[index]:.0f} N m")

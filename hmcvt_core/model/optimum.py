@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -112,7 +111,7 @@ def optimum(
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     given = [ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)]
-    best: Callable[..., Optimum] = partial(_at_engine_speed, solver)
+    best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
         low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
         if not low < high:
@@ -126,25 +125,24 @@ def optimum(
             given.append(OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1])
         else:
             raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
-    found = np.frompyfunc(best, len(given), 1)(*given)
-    if isinstance(found, Optimum):
-        return found
-    columns: dict[str, Any] = {}
-    for each in fields(Optimum):
-        kind = float if each.name not in ("hold", "limit") else object
-        columns[each.name] = np.vectorize(attrgetter(each.name), otypes=[kind])(found)
-    return Optimum(**columns | {"hold": hold})
+    *values, limit = np.frompyfunc(best, len(given), 6)(*given)
+    if np.ndim(limit):
+        values = [column.astype(float) for column in values]
+    stroke, efficiency, speed, torque, output = values
+    return Optimum(stroke, efficiency, speed, torque, output, hold, limit)
 
 
 def _at_output_speed(
     solver: BalanceSolver, limits: Limits, speed: float, torque: float, held: float
-) -> Optimum:
+) -> tuple[Any, ...]:
+    """Values of `Optimum`, but for what was held."""
     best = _best({"": Line(solver, held, speed * torque)}, *limits)
-    return Optimum(best.displacement_ratio, best.efficiency, best.engine_speed, best.load_torque,
-                   held, "output_speed", best.limit)
+    return (best.displacement_ratio, best.efficiency, best.engine_speed, best.load_torque, held,
+            best.limit)
 
 
-def _at_engine_speed(solver: BalanceSolver, speed: float, torque: float) -> Optimum:
+def _at_engine_speed(solver: BalanceSolver, speed: float, torque: float) -> tuple[Any, ...]:
+    """As `_at_output_speed`."""
     if solver.at_point is not None:
         stroke = _best_stroke(solver, solver.at_point, speed, torque)
         efficiency, output_speed, _ = solver.at_point(stroke, speed, torque)
@@ -152,8 +150,8 @@ def _at_engine_speed(solver: BalanceSolver, speed: float, torque: float) -> Opti
         stroke = _best_on_grid(solver, speed, torque)
         efficiency, output_speed, _ = (column.item() for column in solver.solve(
             OperatingPoints(*np.array([[stroke], [speed], [torque]]))))
-    return Optimum(stroke, efficiency, speed, torque, output_speed, "engine_speed",
-                   _limit("displacement_ratio", stroke, -1.0, 1.0))
+    return (stroke, efficiency, speed, torque, output_speed,
+            _limit("displacement_ratio", stroke, -1.0, 1.0))
 
 
 def _best_on_grid(solver: BalanceSolver, speed: float, torque: float) -> float:
