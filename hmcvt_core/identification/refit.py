@@ -37,7 +37,7 @@ from ..model.agreement import (
 )
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES, to_scaled
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
 from ..transmission.ranges import OperatingPoints
 from .evidence import MEDIAN_TO_DEVIATION, Campaign
 from .identify import origin
@@ -175,8 +175,7 @@ def refit(
         *([] if drift <= 0.5 * limit else [
             f"the refit differs from the base model by {100 * drift:.1f} points on average, the "
             f"limit is {100 * limit:.3g}"]),
-        *findings(used.samples, to_scaled(model.parameters.to_array()),
-                  model.standard_errors, np.asarray(model.correlation)),
+        *findings(used.samples, model),
         *([] if held_back is not None else [
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
     errors = [mean_error(each.efficiency(*samples.points), measured) for each in (served, model)]
