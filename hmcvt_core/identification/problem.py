@@ -74,14 +74,6 @@ class Problem:
         """(Predicted - measured) / deviation, shape (..., n); NaN where there is no answer."""
         return (self.predict(variables) - self.samples.efficiency) / self.deviation
 
-    def slopes(self, variables: Array) -> Array:
-        """Derivatives of the residuals at (3,), from steps within the bounds, shape (n, 3)."""
-        step = np.diag(1e-6 * _WIDTH)
-        low = np.maximum(variables - step, SEARCH_BOUNDS[:, 0])
-        high = np.minimum(variables + step, SEARCH_BOUNDS[:, 1])
-        below, above = np.split(self.residuals(np.vstack([low, high])), 2)
-        return np.nan_to_num((above - below) / np.diag(high - low)[:, None]).T
-
     def objective(self, variables: Array) -> Array:
         """What the formulation minimises (`OBJECTIVES`), shape (...).
 
@@ -109,8 +101,8 @@ class Problem:
 
         # Of SciPy's methods this one puts a parameter on its bound, not next to it.
         found = least_squares(lambda scaled: np.nan_to_num(self.residuals(scaled), nan=_FAR), start,
-                              self.slopes, bounds=SEARCH_BOUNDS.T, method="dogbox",
-                              ftol=_PRECISION, xtol=_PRECISION, gtol=_PRECISION)
+                              bounds=SEARCH_BOUNDS.T, method="dogbox", ftol=_PRECISION,
+                              xtol=_PRECISION, gtol=_PRECISION)
         return np.asarray(found.x)
 
     def _simplex(self, point: Array) -> Array:
@@ -198,7 +190,13 @@ def precision(
     prior knowledge, so that a direction the samples do not see gets the error of that width rather
     than infinity. `scattered` holds the samples whose residuals tell the scatter, if others.
     """
-    residuals, jacobian = (scattered or problem).residuals(scaled), problem.slopes(scaled)
+    step = np.diag(1e-6 * _WIDTH)
+    low = np.maximum(scaled - step, SEARCH_BOUNDS[:, 0])
+    high = np.minimum(scaled + step, SEARCH_BOUNDS[:, 1])
+    residuals, *found = problem.residuals(np.vstack([scaled, low, high]))
+    jacobian = np.nan_to_num(np.subtract(found[3:], found[:3]) / np.diag(high - low)[:, None]).T
+    if scattered is not None:
+        residuals = scattered.residuals(scaled)
     free = len(residuals) - len(scaled)
     scatter = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
     if problem.samples.efficiency_std is not None:
