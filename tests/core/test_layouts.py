@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Every layout, either way, at any load: by hand, by a second solution, by its balance."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -87,6 +88,7 @@ def test_balance_closes_at_any_load(name):
                   zip(stroke[:3000].tolist(), speed.tolist(), torque.tolist(), strict=False)]
         np.testing.assert_array_equal(np.transpose(single), [
             column[:3000] for column in (efficiency, output, engine)])
+        assert pickle.loads(pickle.dumps(model)).fingerprint == model.fingerprint
 
 
 @every_stage
