@@ -147,7 +147,7 @@ def minimise(
             return run("cooled")
         i = schedule.shrink(len(history), schedule.slow_steps(temperature[warm]))
         size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))  # Eq. (19)
-        before = best_values[warm]
+        before, warmth = best_values[warm], temperature[warm]
         for _ in range(schedule.moves):
             moves = rng.random((len(warm), len(low))) - 0.5
             trial = reflect(points[warm] + size[:, None] * (high - low) * moves, low, high)
@@ -155,14 +155,14 @@ def minimise(
             evaluations += len(trial)
             with np.errstate(invalid="ignore", over="ignore", under="ignore"):
                 rise = found - values[warm]
-                chance = np.exp(-np.maximum(rise, 0.0) / temperature[warm])  # Metropolis rule
+                chance = np.exp(-np.maximum(rise, 0.0) / warmth)  # Metropolis rule
             # inf - inf: a chain that starts without any answer may wander freely.
             accepted = np.isnan(rise) | (rng.random(len(warm)) < chance)
             taken = warm[accepted]
             points[taken], values[taken] = trial[accepted], found[accepted]
             better = taken[values[taken] < best_values[taken]]
             best[better], best_values[better] = points[better], values[better]
-        temperature[warm] *= np.where(best_values[warm] < before, *schedule.cooling)
+        temperature[warm] = warmth * np.where(best_values[warm] < before, *schedule.cooling)
         history.append(float(best_values.min()))
         if progress is not None:
             progress(run("running"))

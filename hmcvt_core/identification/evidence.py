@@ -228,15 +228,26 @@ class Campaign(Problem):
         return Evidence(scatter, directions, information, steps, part)
 
     def follow(self, evidence: Evidence) -> EfficiencyModel:
-        """Fit along the directions that are followed; the rest stays."""
-        chosen = evidence.part > 0.0
-        part, information = evidence.part[chosen], evidence.information[chosen]
-        if not chosen.any():
-            return self.model
-        change = self.nearest(part * evidence.steps[chosen], self.votes / evidence.scatter**2,
-                              evidence.directions[:, chosen], information * (1.0 - part) / part)
-        values = self.prior.parameters(change).tolist()
-        return replace(self.model, parameters=HydraulicParameters(*values))
+        """Fit along the directions that are followed; the rest stays.
+
+        The errors are those of samples and prior, by the part that each has in the model.
+        """
+        part, information, directions = evidence.part, evidence.information, evidence.directions
+        chosen, model, prior = part > 0.0, self.model, self.prior
+        if chosen.any():
+            change = self.nearest(
+                (part * evidence.steps)[chosen], self.votes / evidence.scatter**2,
+                directions[:, chosen], (information * (1.0 - part))[chosen] / part[chosen])
+            values = prior.parameters(change).tolist()
+            model = replace(model, parameters=HydraulicParameters(*values))
+        back, turn = directions.T @ np.linalg.inv(prior.root), prior.unit[:, None] * prior.root
+        found = (np.outer(1.0 - part, 1.0 - part) * (back @ prior.covariance @ back.T)
+                 + np.diag(part**2 / (1.0 + information)))
+        covariance = turn @ directions @ found @ (turn @ directions).T
+        spread = np.sqrt(np.diag(covariance))
+        return replace(
+            model, standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
+            correlation=covariance / np.outer(spread, spread))
 
     def _least_significance(
         self, slopes: Array, residuals: Array, information: Array, steps: Array
@@ -268,18 +279,6 @@ class Evidence(NamedTuple):
     information: Array
     steps: Array
     part: Array
-
-    def with_errors(self, model: EfficiencyModel, prior: Prior) -> EfficiencyModel:
-        """Return a model with the errors of samples and prior, by the part that each has in it."""
-        back = self.directions.T @ np.linalg.inv(prior.root)
-        found = (np.outer(1.0 - self.part, 1.0 - self.part) * (back @ prior.covariance @ back.T)
-                 + np.diag(self.part**2 / (1.0 + self.information)))
-        turn = prior.unit[:, None] * prior.root @ self.directions
-        covariance = turn @ found @ turn.T
-        spread = np.sqrt(np.diag(covariance))
-        return replace(model, standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(),
-                                                       strict=True)),
-                       correlation=covariance / np.outer(spread, spread))
 
     def kept(self, prior: Prior) -> tuple[str, ...]:
         """Name the parameters that stay, for the most part, as they are."""

@@ -263,11 +263,14 @@ def identify(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
             f"sample: {'; '.join([*told, 'check stage, units and load torque'])}")
     standard_errors, correlation = precision(problem, scaled)
+    model = replace(
+        model, parameters=HydraulicParameters(*from_scaled(scaled).tolist()),
+        standard_errors=standard_errors, correlation=correlation, domain=Domain.of(samples))
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, samples.efficiency)
     alone = {} if len(parts) == 1 else {
         name: precision(Problem(model, part), scaled, problem)[0] for name, part in parts.items()}
-    warnings = [*told, *findings(samples, scaled, standard_errors, correlation)]
+    warnings = [*told, *findings(samples, model)]
     provenance: dict[str, Any] = {
         **origin("identify", samples, seed),
         "objective": OBJECTIVES[formulation],
@@ -284,12 +287,8 @@ def identify(
         if none := int(np.isnan(predicted_there).sum()):
             provenance["validation_without_answer"] = none
         warnings += unchecked(held, none, samples)
-    identified = replace(
-        model, parameters=HydraulicParameters(*from_scaled(scaled).tolist()),
-        standard_errors=standard_errors, correlation=correlation, domain=Domain.of(samples),
-        provenance=provenance)
     return Identification(
-        identified, samples, predicted - samples.efficiency, fit_error,
+        replace(model, provenance=provenance), samples, predicted - samples.efficiency, fit_error,
         provenance.get("prediction_error"), value, float(problem.objective(annealed.ends[0])),
         OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
         annealed.stop_reason, seed, tuple(warnings), tuple(roots), alone)

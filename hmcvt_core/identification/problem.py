@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from ..transmission.parameters import (
     SEARCH_BOUNDS,
     HydraulicParameters,
     from_scaled,
+    to_scaled,
 )
 from ..transmission.ranges import BENCH_COLUMNS
 from ..transmission.stage import Stage
@@ -209,10 +210,8 @@ def precision(
             covariance / np.outer(spread, spread))
 
 
-def findings(
-    samples: BenchSamples, scaled: Array, standard_errors: Mapping[str, float], correlation: Array
-) -> Iterator[str]:
-    """Say in plain sentences what the samples leave open."""
+def findings(samples: BenchSamples, model: EfficiencyModel) -> Iterator[str]:
+    """Say in plain sentences what samples leave open of a model that was fitted to them."""
     columns = [column.tolist() for item in BENCH_COLUMNS
                if (column := getattr(samples, item.name)) is not None]
     points = len(set(zip(*columns[:3], strict=True)))
@@ -229,9 +228,11 @@ def findings(
     for sign, word in ((1.0, "positive"), (-1.0, "negative")):
         if not (samples.displacement_ratio * sign > 0.0).any():
             yield f"no sample has a {word} displacement ratio: the model is unchecked there"
-    for i, name in enumerate(PARAMETER_NAMES):
-        error, unit, value = standard_errors[name], PARAMETER_UNITS[name], from_scaled(scaled)[i]
-        distance = np.abs(SEARCH_BOUNDS[i] - scaled[i])
+    values = model.parameters.to_array()
+    distances = np.abs(SEARCH_BOUNDS - to_scaled(values)[:, None])
+    for i, (name, value, distance) in enumerate(
+            zip(PARAMETER_NAMES, values, distances, strict=True)):
+        error, unit = model.standard_errors[name], PARAMETER_UNITS[name]
         side = int(distance.argmin())
         if distance[side] < 1e-4 * _WIDTH[i]:
             yield (f"{name} is not determined by these samples: its best value lies at the "
@@ -241,7 +242,7 @@ def findings(
             yield (f"{name} is not determined by these samples: {value:.3g} with a standard error "
                    f"of {error:.2g} {unit}")
     for i, j in itertools.combinations(range(len(PARAMETER_NAMES)), 2):
-        tie = correlation[i, j]
+        tie = np.asarray(model.correlation)[i, j]
         if abs(tie) > _TIED:
             yield (f"{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]} are tied "
                    f"(correlation {tie:.2f}): only a combination is determined")

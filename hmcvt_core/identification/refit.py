@@ -37,7 +37,7 @@ from ..model.agreement import (
 )
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES, to_scaled
+from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
 from ..transmission.ranges import OperatingPoints
 from .evidence import MEDIAN_TO_DEVIATION, Campaign
 from .identify import origin
@@ -151,7 +151,7 @@ def refit(
             f"{samples.source}: no parameters within the bounds give an efficiency at most of the "
             "samples: check stage, units and load torque")
     evidence = used.evidence(fit)
-    model = evidence.with_errors(used.follow(evidence), campaign.prior)
+    model = used.follow(evidence)
     fold = folds(used.samples, seed)
     others = [replace(used, samples=used.samples.select(fold != part)).follow(evidence)
               for part in range(fold.max() + 1)]
@@ -175,8 +175,7 @@ def refit(
         *([] if drift <= 0.5 * limit else [
             f"the refit differs from the base model by {100 * drift:.1f} points on average, the "
             f"limit is {100 * limit:.3g}"]),
-        *findings(used.samples, to_scaled(model.parameters.to_array()),
-                  model.standard_errors, np.asarray(model.correlation)),
+        *findings(used.samples, model),
         *([] if held_back is not None else [
             f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
     errors = [mean_error(each.efficiency(*samples.points), measured) for each in (served, model)]
@@ -289,14 +288,10 @@ def _objections(
         excess = np.where(np.abs(change) > _NOTICED, doubt - np.abs(change), -np.inf)
         worst = int(excess.argmax())
         if excess[worst] > 0.0:
-            yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points "
-                   f"{_where(grid, worst)}, where the samples held back allow a doubt of "
-                   f"{100 * doubt[worst]:.1f} points")
+            stroke, speed, load = (axis[worst] for axis in grid[:3])
+            yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points at "
+                   f"displacement ratio {stroke:.2f}, {speed:.1f} rad/s, {load:.0f} N m, where the "
+                   f"samples held back allow a doubt of {100 * doubt[worst]:.1f} points")
     if drift > max_drift:
         yield (f"the refit would differ from the base model by {100 * drift:.1f} points on "
                f"average, more than the {100 * max_drift:.3g} points allowed")
-
-
-def _where(grid: OperatingPoints, index: int) -> str:
-    return (f"at displacement ratio {grid.displacement_ratio[index]:.2f}, "
-            f"{grid.engine_speed[index]:.1f} rad/s, {grid.load_torque[index]:.0f} N m")

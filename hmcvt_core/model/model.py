@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
-from ..physics.steady_state import PointSolver
+from ..physics.steady_state import Point
 from ..transmission.parameters import (
     PARAMETER_NAMES,
     PARAMETER_RANGES,
@@ -28,7 +28,14 @@ from ..transmission.parameters import (
     HydraulicParameters,
     Parameters,
 )
-from ..transmission.ranges import CHUNK, ENGINE_SPEED_LIMITS, OperatingPoints, Solution, is_plain
+from ..transmission.ranges import (
+    ANY_LOAD,
+    CHUNK,
+    ENGINE_SPEED,
+    ENGINE_SPEED_LIMITS,
+    OperatingPoints,
+    Solution,
+)
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
@@ -37,6 +44,7 @@ from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 Array = NDArray[np.float64]
 SCHEMA = "hmcvt-model/1"
 FORMULATIONS = ("power_balance", "published")
+_SLOW, _FAST, _OVERRUN, _PULL = (ENGINE_SPEED.low, ENGINE_SPEED.high, ANY_LOAD.low, ANY_LOAD.high)
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
 DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
@@ -99,6 +107,9 @@ class EfficiencyModel:
             raise InputError("effects act in the power balance only, "
                              f"not in formulation {self.formulation!r}")
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {item.name: getattr(self, item.name) for item in fields(self)}  # no caches
+
     @cached_property
     def stages(self) -> Mapping[str, EfficiencyModel]:
         """A model of each stage by its name, in the order of the file."""
@@ -115,10 +126,8 @@ class EfficiencyModel:
         return self.stages[name]
 
     @cached_property
-    def _point_solver(self) -> PointSolver | None:
-        """What answers single points in a microsecond, where formulation and layout allow it."""
-        exact = self.formulation == "power_balance" and not self.effects
-        return PointSolver(self.stage, self.parameters) if exact else None
+    def _at_point(self) -> Callable[[float, float, float], Point] | None:
+        return self._solver.at_point if isinstance(self._solver, BalanceSolver) else None
 
     @cached_property
     def _solver(self) -> BalanceSolver | PublishedSolver:
@@ -161,11 +170,12 @@ class EfficiencyModel:
         self, displacement_ratio: Any, engine_speed: Any, load_torque: Any, oil_temperature: Any,
         stage: Any,
     ) -> Sequence[Any]:
+        # What a control loop asks for at every message, without the cost of arrays.
         if (oil_temperature is None and stage is None
-                and is_plain(displacement_ratio, engine_speed, load_torque)
-                and self._point_solver is not None):
-            # What a control loop asks for at every message, without the cost of arrays.
-            return self._point_solver.solve(displacement_ratio, engine_speed, load_torque)
+                and type(displacement_ratio) is type(engine_speed) is type(load_torque) is float
+                and -1.0 <= displacement_ratio <= 1.0 and _SLOW <= engine_speed <= _FAST
+                and _OVERRUN <= load_torque <= _PULL and (at_point := self._at_point) is not None):
+            return at_point(displacement_ratio, engine_speed, load_torque)
         points = OperatingPoints.checked(
             (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)
         return [*map(_plain, self.solution_at(points))]
@@ -281,8 +291,8 @@ class EfficiencyModel:
                 formulation is `published`, whose best point is one of its own making.
         """
         model = self.without_meters()
-        return optimum(model.balance(NO_OPTIMUM), model._point_solver, engine_speed, load_torque,
-                       hold, displacement_ratio, output_speed, engine_speed_limits)
+        return optimum(model.balance(NO_OPTIMUM), engine_speed, load_torque, hold,
+                       displacement_ratio, output_speed, engine_speed_limits)
 
     def optimal_drive(
         self, output_speed: float, output_power: float, *, engine: Engine | None = None,
@@ -326,7 +336,8 @@ class EfficiencyModel:
             InputError: the formulation is not `power_balance`.
         """
         refusal = "a pressure needs formulation power_balance"
-        return points.solved(lambda name, at: self.in_stage(name).balance(refusal).readings(at))
+        return points.solved(
+            lambda name, at: self.in_stage(name).balance(refusal).readings(at)[:3])
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with other parameters than the model's own, for many candidates at once [-].

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..physics.balance import BalanceSolver
-from ..physics.steady_state import PointSolver
 from ..transmission.ranges import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
@@ -105,15 +103,15 @@ class DriveOptimum:
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def optimum(
-    solver: BalanceSolver, lookup: PointSolver | None, engine_speed: ArrayLike,
-    load_torque: ArrayLike, hold: str, displacement_ratio: ArrayLike | None,
-    output_speed: ArrayLike | None, engine_speed_limits: Limits,
+    solver: BalanceSolver, engine_speed: ArrayLike, load_torque: ArrayLike, hold: str,
+    displacement_ratio: ArrayLike | None, output_speed: ArrayLike | None,
+    engine_speed_limits: Limits,
 ) -> Optimum:
-    """See `EfficiencyModel.optimal_displacement_ratio`; `lookup` is a short cut at one point."""
+    """See `EfficiencyModel.optimal_displacement_ratio`."""
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     given = [ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)]
-    best: Callable[..., Optimum] = partial(_at_engine_speed, solver, lookup)
+    best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
         low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
         if not low < high:
@@ -127,43 +125,40 @@ def optimum(
             given.append(OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1])
         else:
             raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
-    found = np.frompyfunc(best, len(given), 1)(*given)
-    if isinstance(found, Optimum):
-        return found
-    columns: dict[str, Any] = {}
-    for each in fields(Optimum):
-        kind = float if each.name not in ("hold", "limit") else object
-        columns[each.name] = np.vectorize(attrgetter(each.name), otypes=[kind])(found)
-    return Optimum(**columns | {"hold": hold})
+    *values, limit = np.frompyfunc(best, len(given), 6)(*given)
+    if np.ndim(limit):
+        values = [column.astype(float) for column in values]
+    stroke, efficiency, speed, torque, output = values
+    return Optimum(stroke, efficiency, speed, torque, output, hold, limit)
 
 
 def _at_output_speed(
     solver: BalanceSolver, limits: Limits, speed: float, torque: float, held: float
-) -> Optimum:
+) -> tuple[Any, ...]:
+    """Values of `Optimum`, but for what was held."""
     best = _best({"": Line(solver, held, speed * torque)}, *limits)
-    return Optimum(best.displacement_ratio, best.efficiency, best.engine_speed, best.load_torque,
-                   held, "output_speed", best.limit)
+    return (best.displacement_ratio, best.efficiency, best.engine_speed, best.load_torque, held,
+            best.limit)
 
 
-def _at_engine_speed(
-    solver: BalanceSolver, lookup: PointSolver | None, speed: float, torque: float
-) -> Optimum:
-    if lookup is not None:
-        stroke = _best_stroke(lookup, speed, torque)
-        efficiency, output_speed, _ = lookup.solve(stroke, speed, torque)
+def _at_engine_speed(solver: BalanceSolver, speed: float, torque: float) -> tuple[Any, ...]:
+    """As `_at_output_speed`."""
+    if solver.at_point is not None:
+        stroke = _best_stroke(solver, solver.at_point, speed, torque)
+        efficiency, output_speed, _ = solver.at_point(stroke, speed, torque)
     else:
         stroke = _best_on_grid(solver, speed, torque)
         efficiency, output_speed, _ = (column.item() for column in solver.solve(
             OperatingPoints(*np.array([[stroke], [speed], [torque]]))))
-    return Optimum(stroke, efficiency, speed, torque, output_speed, "engine_speed",
-                   _limit("displacement_ratio", stroke, -1.0, 1.0))
+    return (stroke, efficiency, speed, torque, output_speed,
+            _limit("displacement_ratio", stroke, -1.0, 1.0))
 
 
 def _best_on_grid(solver: BalanceSolver, speed: float, torque: float) -> float:
     """Best displacement ratio at one engine speed and load torque; NaN where none will do."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
     beside = speed * solver.mechanical_ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
-    rest, _ = solver.held(np.array(speed), beside, np.array(torque))
+    rest, _ = solver.held(*np.broadcast_arrays(speed, beside, torque))
     # Next to the stall a motor need not rest between the two.
     first, last = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0)).tolist()
 
@@ -204,15 +199,18 @@ class Search:
         return self
 
 
-def _best_stroke(lookup: PointSolver, speed: float, torque: float) -> float:
+def _best_stroke(
+    solver: BalanceSolver, lookup: Callable[[float, float, float], Any], speed: float, torque: float
+) -> float:
     """As `_best_on_grid`, in plain floats."""
 
     def value(way: float) -> float:
-        found = lookup.solve(corner + reach * way * way, speed, torque)[0]
+        found = lookup(corner + reach * way * way, speed, torque)[0]
         return found if found > 0.0 else 0.0  # NaN counts as lowest
 
     tops = []
-    low, high = (min(max(rest, -1.0), 1.0) for rest in lookup.resting_ratios(speed, torque))
+    usual = solver.quadrant((-1 if solver.stage.reverse else 1, 1))
+    low, high = (min(max(rest, -1.0), 1.0) for rest in usual.resting_ratios(torque / speed))
     # Between the two the whole flow leaks: the one next to no stroke is best there.
     for corner, reach in ((low, -1.0 - low), (high, 1.0 - high)):
         top, way = max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1))
@@ -252,9 +250,9 @@ class Line:
 
     def state(self, speed: Array) -> tuple[Array, Array]:
         """Displacement ratio and engine torque; NaN where the stage cannot hold the demand."""
-        stroke, torque = self.solver.held_in(
-            (1 if self.output_speed > 0.0 else -1, 1), speed,
-            np.full_like(speed, self.output_speed), self.output_power / speed)
+        stroke, torque = self.solver.held(
+            speed, np.full_like(speed, self.output_speed), self.output_power / speed,
+            ways=(1 if self.output_speed > 0.0 else -1, 1))
         within = np.fmin(np.fmax(stroke, -1.0), 1.0)
         return within, np.where(np.abs(stroke - within) < _EDGE, torque, np.nan)
 
@@ -347,9 +345,12 @@ def _best(
     """Best working point on the lines of several stages; see `drive_optimum`."""
     found = {name: line.search(low, high) for name, line in lines.items()
              if line.reaches(low, high)}
-    promising = min((each.cost for each in found.values()), default=math.inf) * (1.0 + _CLOSE)
-    found = {name: each.closer(_ZOOMS) for name, each in found.items()
-             if math.isfinite(each.cost) and (each.cost <= promising or name == engaged)}
+    close = _CLOSE
+    for _ in range(_ZOOMS):
+        promising = min((each.cost for each in found.values()), default=math.inf) * (1.0 + close)
+        found = {name: each.closer(1) for name, each in found.items()
+                 if math.isfinite(each.cost) and (each.cost <= promising or name == engaged)}
+        close *= 2.0 / (_SCAN - 1)
     if not found:
         return DriveOptimum(None)
     best = min(found, key=lambda name: found[name].cost)

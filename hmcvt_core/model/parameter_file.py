@@ -103,16 +103,14 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
         return stage
 
 
-def _undated(model: EfficiencyModel) -> dict[str, Any]:
-    return {**model.to_mapping(), "provenance": {**model.provenance, "date": ""}}
-
-
 def _holds(path: Path, model: EfficiencyModel) -> bool:
     """Whether a file holds the same, but for its date."""
     try:
-        return _undated(load_model(path)) == _undated(model)
+        there, here = ({**each.to_mapping(), "provenance": {**each.provenance, "date": ""}}
+                       for each in (load_model(path), model))
     except InputError:
         return False
+    return there == here
 
 
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:

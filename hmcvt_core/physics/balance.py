@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
 from .effects.base import Effect
 from .shafts import PowerFlow, Shafts
-from .steady_state import Quadrant, Ways, sign
+from .steady_state import Point, Quadrant, Ways, at_point, sign
 
 Array = NDArray[np.float64]
 _HELD = 1e-6  # of the output speed
@@ -51,23 +52,25 @@ class BalanceSolver:
         self._quadrants: dict[Ways, Quadrant] = {}
         self.mechanical_ratio = stage.mechanical_speed_ratio
 
+    @cached_property
+    def at_point(self) -> Callable[[float, float, float], Point] | None:
+        """What solves single points in a microsecond; None with effects."""
+        return None if self._effects else at_point(self.quadrant)
+
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque as read; NaN where no load is carried."""
         if not self._effects:
-            return self._quadrant(self.ways(points)).solve(points)
-        efficiency, speed, _, torque = self._readings(points)
+            return self.quadrant(self.ways(points)).solve(points)
+        efficiency, speed, _, torque = self.readings(points)
         return Solution(efficiency, speed, torque)
 
-    def readings(self, points: OperatingPoints) -> Array:
-        """Efficiency [-], output speed [rad/s] and pressure [Pa] that a bench reads, shape (3, n).
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def readings(self, points: OperatingPoints, ways: Ways | None = None) -> tuple[Array, ...]:
+        """Efficiency [-], output speed [rad/s], pressure [Pa] and engine torque [N m] as read.
 
         The pressure is the difference over the motor, eq. (14).
         """
-        return np.stack(self._readings(points)[:3])
-
-    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def _readings(self, points: OperatingPoints, ways: Ways | None = None) -> tuple[Array, ...]:
         shafts, flow = self.flow(points, ways)
         state, torque = flow.state, flow.engine_power / points.engine_speed
         efficiency, speed, torque = Solution.of(
@@ -135,31 +138,24 @@ class BalanceSolver:
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def held(
-        self, engine_speed: Array, output_speed: Array, load_torque: Array
+        self, speed: Array, output: Array, load: Array, *, ways: Ways | None = None
     ) -> tuple[Array, Array]:
-        """Displacement ratio [-] and engine torque [N m] that make an output speed.
-
-        See `Quadrant.held`.
-        """
-        columns = np.broadcast_arrays(engine_speed, output_speed, load_torque)
-        return self.held_in((sign(columns[1] > 0.0), sign(columns[2] >= 0.0)), *columns)
-
-    def held_in(self, ways: Ways, *columns: Array) -> tuple[Array, Array]:
-        """As `held`, with the senses of output and power known.
+        """As `Quadrant.held` for arrays of one shape; `ways`: senses of output and power, if known.
 
         With effects by a search, and a look at where it leads.
         """
-        stroke, torque = self._quadrant(ways).held(*columns)
+        ways = ways or (sign(output > 0.0), sign(load >= 0.0))
+        stroke, torque = self.quadrant(ways).held(speed, output, load)
         if not self._effects:
             return stroke, torque
-        speed, output, load = columns
         points = OperatingPoints(stroke, speed, load)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, ways)
         stroke = shafts.stroke_for(output)
-        _, reached, _, torque = self._readings(points._replace(displacement_ratio=stroke), ways)
+        _, reached, _, torque = self.readings(points._replace(displacement_ratio=stroke), ways)
         return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), torque, np.nan)
 
-    def _quadrant(self, ways: Ways) -> Quadrant:
+    def quadrant(self, ways: Ways) -> Quadrant:
+        """Constants without effects."""
         if any(isinstance(way, np.ndarray) for way in ways):
             return Quadrant(self.stage, self._parameters, *ways)
         if ways not in self._quadrants:
@@ -175,6 +171,6 @@ class BalanceSolver:
         if np.ndim(self._parameters.motor_damping) > 0:
             forward = speed_ratio(self.stage, stroke) > 0.0
         else:
-            first = self._quadrant((1, 1))
+            first = self.quadrant((1, 1))
             forward = (stroke - first.standing) * first.full > 0.0
         return sign(forward), sign(points.load_torque >= 0.0)

@@ -128,28 +128,29 @@ class Quadrant:
             pump_gears *= stage.mechanical.efficiency
         else:
             # The row drives the mechanical path back where the other one gives more than the load.
-            self.mechanical_load = m / (_passed(output_gears, power) * _passed(
-                stage.mechanical.efficiency, sign(m >= 0.0)))
+            given = _passed(output_gears, power)
+            self.mechanical_load = m / (
+                given * _passed(stage.mechanical.efficiency, sign(m >= 0.0)))
         self.pump_gears = 0.5 * a * (1.0 / pump_gears + pump_gears), (
             0.5 * a * (1.0 / pump_gears - pump_gears))
         self.regimes = []
         for drives, pressure, takes in (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (-1, -1, -1):
-            gear, brace = stage.motor.efficiency**drives / h, 0.0
+            gear, brace, brace_drag = stage.motor.efficiency**drives / h, 0.0, 0.0
             if self.braced:
                 # The row drives the output while the pump brakes it; driven by it, it drives on.
                 brace = -c * stage.pump.efficiency**-takes * _passed(
                     output_gears, takes * sign(c < 0.0))
+                brace_drag = brace * parameters.pump_damping
                 friction = units.motor_friction * pressure
             else:
-                gear = gear * _passed(output_gears, power)
+                gear = gear * given
                 friction = units.motor_friction * pressure * drives
-            drag, brace_drag = gear * parameters.motor_damping, brace * parameters.pump_damping
-            stiff = self.stiffness * gear * (1.0 - friction)
+            drag, stiff = gear * parameters.motor_damping, self.stiffness * gear * (1.0 - friction)
+            level = (stiff + drag) * m / h + brace_drag * a
             self.regimes.append(Regime(
                 gear * (1.0 - friction), drag, brace, brace_drag,
                 1.0 + units.pump_friction * pressure,
-                (stiff + drag) / h - brace_drag * c,
-                0.5 * ((stiff + drag) * m / h + brace_drag * a), 0.5 * stiff * a))
+                (stiff + drag) / h - brace_drag * c, 0.5 * level, 0.5 * stiff * a))
         if not self.braced:
             del self.regimes[MOTORED]
         self.stall_load = -math.inf if self.braced else np.where(
@@ -165,6 +166,20 @@ class Quadrant:
         root = (inside * (inside > 0.0)) ** 0.5
         return -2.0 * regime.level / (regime.flow + root) / self.full
 
+    def resting_ratios(self, load: float) -> list[float]:
+        """Displacement ratios between which friction holds the motor or it stalls, lowest first.
+
+        Both 0 where the motor is not on the row.
+        """
+        if self.braced:
+            return [0.0, 0.0]
+        ratios = []
+        for regime in self.regimes[:REVERSED]:
+            slowest = max(self.mechanical_ratio, math.sqrt(load / regime.square))
+            level = 0.5 * (regime.square * slowest + load / slowest)
+            ratios.append((level - regime.level) / regime.flow / self.full)
+        return sorted(ratios)
+
     def quadratic(self, regime: Regime, ratio: Any, load: Any) -> tuple[Any, Any, Any]:
         """B / 2A, L / A and A in one regime, for e and L."""
         square, level = regime.square, regime.level + regime.flow * ratio
@@ -176,16 +191,20 @@ class Quadrant:
                       - (self.stiffness * regime.motor + brace) * c * ratio)
         return level / square, load / square, square
 
+    def pump_speed(self, output: Any) -> Any:
+        """Return z for y, eq. (4)."""
+        engine, fed = self.pump_ratios
+        return engine + fed * output if self.braced else engine
+
     def pressure(self, ratio: Any, output: Any) -> Any:
         """Return pi for e and y, eq. (13); what friction holds too: the whole flow leaks there."""
-        a, c = self.pump_ratios
-        return self.stiffness * (ratio * (a + c * output) - (
+        return self.stiffness * (ratio * self.pump_speed(output) - (
             output - self.mechanical_ratio) / self.hydraulic_ratio)
 
     def pump_torque(self, ratio: Any, output: Any, pressure: Any) -> Any:
         """Return P, eq. (15)."""
-        (a, c), ideal = self.pump_ratios, ratio * pressure
-        return ideal + self.pump_friction * abs(ideal) + self.pump_damping * (a + c * output)
+        ideal = ratio * pressure
+        return ideal + self.pump_friction * abs(ideal) + self.pump_damping * self.pump_speed(output)
 
     def drives(self, pressure: Any, output: Any) -> Any:
         """Whether a motor at the output drives it, M > 0."""
@@ -205,8 +224,10 @@ class Quadrant:
         engine_speed, load_torque = points.engine_speed, points.load_torque
         ratio, load = self.full * points.displacement_ratio, load_torque / engine_speed
         output = self.output(ratio, load)
-        known = (output * self.sense > 0.0) | (load == 0.0)  # of the sign that the load asks for
-        output = np.where(known, np.where(output == 0.0, STANDING, output), np.nan)
+        known = output * self.sense > 0.0  # of the sign that the load asks for
+        if not load.all():
+            known, output = known | (load == 0.0), np.where(output == 0.0, STANDING, output)
+        output = np.where(known, output, np.nan)
         torque = self.engine_torque(ratio, output, load) * engine_speed
         return Solution.of(load_torque, torque, self.reflection * engine_speed * output)
 
@@ -255,8 +276,8 @@ class Quadrant:
         ratios do: the least is given, which leaks least.
         """
         output, load = self.reflection * output_speed / engine_speed, load_torque / engine_speed
-        (a, c), motor = self.pump_ratios, (output - self.mechanical_ratio) / self.hydraulic_ratio
-        pump = a + c * output  # (4)
+        motor, pump = (output - self.mechanical_ratio) / self.hydraulic_ratio, self.pump_speed(
+            output)  # (4)
 
         def found_in(regime: Regime) -> tuple[Array, ...]:
             gear, drag, brace, brace_drag, rubbed, square, *_ = regime
@@ -300,28 +321,40 @@ def _passed(efficiency: float, way: Any) -> Any:
     return np.where(way > 0, efficiency, efficiency**-1) if np.ndim(way) else efficiency**way
 
 
-def at_point(own: Quadrant) -> Callable[[float, float, float], Point]:
-    """Return what solves one quadrant at one point, in plain floats.
+def at_point(
+    quadrant: Callable[[tuple[int, int]], Quadrant],
+) -> Callable[[float, float, float], Point]:
+    """Return what solves one point in range in plain floats; NaN where no load is carried.
 
-    It says what `Quadrant.solve` says, to the last digit, without a call: a control loop waits
-    for it.
+    It says what `Quadrant.solve` says, to the last digit, in one call: a control loop waits for it.
     """
-    (a, c), h, rest, braced, sense = (own.pump_ratios, own.hydraulic_ratio, own.mechanical_ratio,
-                                      own.braced, own.sense)
-    full, stiffness, stall, carried = own.full, own.stiffness, own.stall_load, own.mechanical_load
-    rubbing, damping, (mean, half) = own.pump_friction, own.pump_damping, own.pump_gears
-    drag, reflection, power = own.regimes[0].motor_drag, own.reflection, own.power
-    sqrt, nan = math.sqrt, math.nan
-    regimes = [(number, each.square, each.level, each.flow, (
-        each.motor, stiffness * each.motor, stiffness * each.brace, each.pump - 1.0))
-        for number, each in enumerate(own.regimes)]
+    first = quadrant((1, 1))
+    a, h, braced, stiffness = (
+        first.pump_ratios[0], first.hydraulic_ratio, first.braced, first.stiffness)
+    rubbing, damping, (mean, half) = first.pump_friction, first.pump_damping, first.pump_gears
+    standing, forward, sqrt, nan = first.standing, first.full, math.sqrt, math.nan
+
+    def constants(turning: int, power: int) -> tuple[Any, ...]:
+        own = quadrant((turning, power))
+        regimes = [(number, each.square, each.level, each.flow, (
+            each.motor, each.motor_drag, stiffness * each.motor, stiffness * each.brace,
+            each.pump - 1.0)) for number, each in enumerate(own.regimes)]
+        # As floats: a product with an integer takes three times as long.
+        sense, power_sign, reflection = map(float, (own.sense, power, own.reflection))
+        return (own.full, own.pump_ratios[1], own.mechanical_ratio, sense, power_sign, reflection,
+                own.stall_load, own.mechanical_load, regimes)
+
+    ahead, back = ((constants(turning, 1), constants(turning, -1)) for turning in (1, -1))
 
     def solve(displacement_ratio: float, engine_speed: float, load_torque: float) -> Point:
+        pull, overrun = ahead if (displacement_ratio - standing) * forward > 0.0 else back
+        full, c, rest, sense, power, reflection, stall, carried, regimes = (
+            pull if load_torque >= 0.0 else overrun)
         ratio, load = full * displacement_ratio, load_torque / engine_speed
         for number, square, level, flow, row in regimes:
             middle = level + flow * ratio
             if braced:
-                motor, stiff, brace, rubbed = row
+                motor, drag, stiff, brace, rubbed = row
                 held = brace * (ratio + rubbed * abs(ratio))
                 middle += 0.5 * held * a * ratio
                 square = square + held / h - (stiff + held) * c * ratio
@@ -360,39 +393,7 @@ def at_point(own: Quadrant) -> Callable[[float, float, float], Point]:
         torque = (carried * load / output + mean * torque + half * abs(torque)) * engine_speed
         efficiency = nan
         if torque * power > 0.0:
-            efficiency = load_torque / torque if power > 0 else torque / load_torque
+            efficiency = load_torque / torque if power > 0.0 else torque / load_torque
         return efficiency, reflection * engine_speed * output, torque
 
     return solve
-
-
-class PointSolver:
-    """The steady state at one point in range, in plain floats."""
-
-    def __init__(self, stage: Stage, parameters: Parameters) -> None:
-        first = Quadrant(stage, parameters)
-        self._sense, self._standing = math.copysign(1.0, first.full), first.standing
-        self._usual = Quadrant(stage, parameters, -1) if stage.reverse else first
-        self._backward, self._forward = ([at_point(Quadrant(stage, parameters, turning, power))
-                                          for power in (-1, 1)] for turning in (-1, 1))
-
-    def solve(self, displacement_ratio: float, engine_speed: float, load_torque: float) -> Point:
-        """What `Solution` holds; NaN where the load cannot be carried."""
-        quadrants = self._forward if (
-            displacement_ratio - self._standing) * self._sense > 0.0 else self._backward
-        return quadrants[load_torque >= 0.0](displacement_ratio, engine_speed, load_torque)
-
-    def resting_ratios(self, engine_speed: float, load_torque: float) -> list[float]:
-        """Displacement ratios between which friction holds the motor or it stalls, lowest first.
-
-        Both 0 where the motor is not on the row.
-        """
-        usual, ratios = self._usual, []
-        if usual.braced:
-            return [0.0, 0.0]
-        load = load_torque / engine_speed
-        for regime in usual.regimes[:REVERSED]:
-            slowest = max(usual.mechanical_ratio, math.sqrt(load / regime.square))
-            level = 0.5 * (regime.square * slowest + load / slowest)
-            ratios.append((level - regime.level) / regime.flow / usual.full)
-        return sorted(ratios)

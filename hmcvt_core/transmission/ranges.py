@@ -168,17 +168,17 @@ class OperatingPoints(NamedTuple):
                 (..., n).
         """
         flat = self.map(np.ravel)
+        size = flat.engine_speed.size
         parts: list[tuple[str | None, Any]] = [
-            (None, slice(i, i + CHUNK)) for i in range(0, max(flat.engine_speed.size, 1), CHUNK)]
+            (None, slice(i, i + CHUNK)) for i in range(0, max(size, 1), CHUNK)]
         if flat.stage is not None:
             parts = [(name, at[i:i + CHUNK]) for name in dict.fromkeys(flat.stage.tolist())
                      for at in np.nonzero(flat.stage == name) for i in range(0, len(at), CHUNK)]
-        flat, rows = flat._replace(stage=None), np.empty(0)
-        for name, at in parts:
-            piece = np.stack(solve(name, flat.map(itemgetter(at))))
-            if not rows.size:
-                rows = np.empty((*piece.shape[:-1], flat.engine_speed.size))
-            rows[..., at] = piece
+        plain = flat._replace(stage=None)
+        rows = np.concatenate([np.stack(solve(name, plain.map(itemgetter(at))))
+                               for name, at in parts], axis=-1)
+        if flat.stage is not None:
+            rows[..., np.concatenate([at for _, at in parts])] = rows.copy()
         return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
 
 
@@ -204,13 +204,3 @@ class Solution(NamedTuple):
             back = np.where(engine_torque < 0.0, engine_torque / load_torque, np.nan)
             efficiency = np.where(overrun, back, efficiency)
         return cls(efficiency, output_speed, engine_torque)
-
-
-_SLOW, _FAST, _OVERRUN, _PULL = (ENGINE_SPEED.low, ENGINE_SPEED.high, ANY_LOAD.low, ANY_LOAD.high)
-
-
-def is_plain(displacement_ratio: Any, engine_speed: Any, load_torque: Any) -> bool:
-    """Tell whether one point is of plain floats in range: `Range.check` for these, no more."""
-    return (type(displacement_ratio) is type(engine_speed) is type(load_torque) is float
-            and -1.0 <= displacement_ratio <= 1.0 and _SLOW <= engine_speed <= _FAST
-            and _OVERRUN <= load_torque <= _PULL)

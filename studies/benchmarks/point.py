@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,16 +90,14 @@ def _lookups(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
 
 
 def _optima(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
-    given = draw(model, 50, seed=3)
+    given = np.stack(draw(model, 50, seed=3), axis=-1).tolist()
     goals = []
     for hold, limit in HOLDS.items():
-        calls = list(_calls(model, given, hold))
+        def all_of_them(hold: str = hold) -> None:
+            for _, speed, torque, output, _ in given:
+                model.optimal_displacement_ratio(speed, torque, hold=hold, output_speed=output)
 
-        def all_of_them(calls: list[Callable[[], Any]] = calls) -> None:
-            for call in calls:
-                call()
-
-        times = in_turns(7, {"ours": all_of_them}, len(calls))["ours"]
+        times = in_turns(7, {"ours": all_of_them}, len(given))["ours"]
         goals.append(at_most(f"one optimum, {hold.replace('_', ' ')} held",
                              spread([1e3 * spent for spent in times]), 1e3 * limit, " ms"))
     rows = []
@@ -126,18 +123,11 @@ def _optima(model: hmcvt.EfficiencyModel, quick: bool) -> Section:
         ("held", "effects", "points", "lost, median", "99 %", "largest"), rows)})
 
 
-def _calls(model: hmcvt.EfficiencyModel, given: Points, hold: str) -> Iterator[Callable[[], Any]]:
-    for _, speed, torque, output, _ in np.stack(given, axis=-1).tolist():
-        held = {"output_speed": output} if hold == "output_speed" else {}
-        yield lambda speed=speed, torque=torque, held=held: model.optimal_displacement_ratio(
-            speed, torque, hold=hold, **held)
-
-
 def _lost(model: hmcvt.EfficiencyModel, given: Points, hold: str) -> Array:
     """Efficiency by which our optimum stays below that of brute force, shape (n,)."""
-    held = {"output_speed": given.output_speed} if hold == "output_speed" else {}
     ours = model.optimal_displacement_ratio(
-        given.engine_speed, given.load_torque, hold=hold, engine_speed_limits=SPEEDS, **held)
+        given.engine_speed, given.load_torque, hold=hold, output_speed=given.output_speed,
+        engine_speed_limits=SPEEDS)
     best = brute_force(model, given, hold)
     return np.maximum(best - np.nan_to_num(ours.efficiency), 0.0)
 

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Every layout, either way, at any load: by hand, by a second solution, by its balance."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -82,11 +83,12 @@ def test_balance_closes_at_any_load(name):
     moving = carried & (torque > 0.0) & (np.abs(speed_ratio(model.stage, stroke)) > 0.25 * (
         np.abs(speed_ratio(model.stage, np.array([-1.0, 1.0]))).max()))
     assert (output * speed_ratio(model.stage, stroke))[moving].min() > 0.0
-    if model._point_solver is not None:
-        single = [model._point_solver.solve(*point) for point in
+    if model._at_point is not None:
+        single = [model._at_point(*point) for point in
                   zip(stroke[:3000].tolist(), speed.tolist(), torque.tolist(), strict=False)]
         np.testing.assert_array_equal(np.transpose(single), [
             column[:3000] for column in (efficiency, output, engine)])
+        assert pickle.loads(pickle.dumps(model)).fingerprint == model.fingerprint
 
 
 @every_stage
