@@ -30,7 +30,7 @@ More than any misfit, or refits to a large gap would hide the worst points where
 
 _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
-_PASSES = 12
+_PASSES = 20
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
 _SMALL = 0.3  # standard deviations: a last step
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
@@ -226,12 +226,14 @@ def refit(
             here = _whitened(hypothesis, observed, theta) if part else whitened
             if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
                 break
-        step, stuck = theta - before, slopes is not None and part == 0.0
-        if np.linalg.norm(columns @ step) < _SMALL and not stuck:  # the slopes still hold
+        # A step cut short says nothing of how far it is still: the whole one has to be small.
+        stuck, small = part == 0.0, np.linalg.norm(columns @ (aim - before)) < _SMALL
+        if (stuck and slopes is None) or (small and not stuck):  # the slopes still hold
             break
         if slopes is None or stuck:
             slopes, jacobian = None, _jacobian(hypothesis, observed, theta, here)
         else:
+            step = theta - before
             along = columns.T @ columns @ step
             jacobian = jacobian + (whitened - here - jacobian @ step)[..., None] * along / (
                 step @ along)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .hypothesis import REFUSED, Fit, Hypothesis, refit
+from .hypothesis import Fit, Hypothesis, refit
 from .observations import FEW, LARGE, Observations, replicate_groups, scaled_to_extent
 from .system import Array, System
 
@@ -36,7 +36,7 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         InputError: what remains cannot carry a diagnosis.
     """
     notes: list[str] = []
-    base = _answered(refit(Hypothesis(system), observed), notes)
+    base = _answered(system, observed, notes)
     observed = base.observed
     slips, read = outliers(observed, base.whitened), observed.channels[0].name
     if len(slips) > _NAMED:
@@ -46,7 +46,8 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         notes += [f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
                   "against its neighbours and was left out: measure it again" for i in slips]
     if len(slips):
-        base = _answered(_without(base, slips), notes)
+        kept = np.setdiff1d(np.arange(len(observed)), slips)
+        base = _answered(system, observed.select(kept), notes)
     _check(system, base.observed)
     if len(base.observed) > LARGE:
         notes.append(f"{LARGE} of {len(base.observed)} samples are weighed, evenly spread over the "
@@ -56,25 +57,32 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     return base, notes
 
 
-def _answered(base: Fit, notes: list[str]) -> Fit:
-    """Leave out samples to which the refitted base has no answer."""
-    system, observed = base.hypothesis.system, base.observed
-    impossible = np.flatnonzero(base.whitened[0] == REFUSED)
-    if not len(impossible):
-        return base
+def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
+    """Refit the base to the samples to which it has an answer.
+
+    Those judge that have one before any refit: a refit to all would bend until it carries loads
+    that were never there.
+    """
+    base, index = Hypothesis(system), np.arange(len(observed))
+
+    def refused(theta: Array) -> NDArray[np.intp]:
+        return np.flatnonzero(np.isnan(base.predict(theta, observed.points)[0]))
+
+    fit, impossible = None, (before := refused(base.prior_mean))
+    if len(before) < len(observed):
+        fit = refit(base, observed.select(np.setdiff1d(index, before)))
+        impossible = refused(fit.theta)
     if len(impossible) > _MOST_REFUSED * len(observed):
         raise InputError(
             f"{observed.samples.source}: {len(impossible)} of {len(observed)} samples "
             f"{system.refusal}, whatever its parameters (first: "
             f"{observed.describe(impossible[0])}): {system.advice}")
-    notes.append(f"{len(impossible)} samples {system.refusal} and were left out: "
-                 f"{listed_samples(observed, impossible)}")
-    return _without(base, impossible)
-
-
-def _without(base: Fit, dropped: NDArray[np.intp]) -> Fit:
-    kept = np.setdiff1d(np.arange(len(base.observed)), dropped)
-    return refit(base.hypothesis, base.observed.select(kept))
+    if len(impossible):
+        notes.append(f"{len(impossible)} samples {system.refusal} and were left out: "
+                     f"{listed_samples(observed, impossible)}")
+    if fit is not None and np.array_equal(impossible, before):
+        return fit
+    return refit(base, observed.select(np.setdiff1d(index, impossible)))
 
 
 def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:

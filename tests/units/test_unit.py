@@ -17,6 +17,7 @@ from hmcvt_core.benches.unit import (
     observe_unit,
     put_into,
 )
+from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
 from hmcvt_core.files import data_path
 from hmcvt_core.files.units import read_unit
 from hmcvt_core.identification.evidence import Prior
@@ -231,3 +232,16 @@ def test_what_is_found_in_a_large_unit_loads_again(tractor):
     assert load_model(tractor).effects == model.effects
     with pytest.raises(InputError, match="torque"):
         effect_from_mapping({**effect_to_mapping(torque), "part": ""}, "effect")
+
+
+def test_refits_along_a_curved_valley_end_in_one_place():
+    # Leakage takes the place of leakage at low speed: steps are cut short there for long.
+    samples = simulated(("compressibility", "slow_leakage"), 2)
+    system = HydrostaticUnit(samples)
+    kinds = {effect.name: effect for effect in system.library}
+    hypothesis = Hypothesis(system, (kinds["compressibility"], kinds["slow_leakage"]))
+    observed, rng = observe_unit(system, samples), np.random.default_rng(0)
+    middle, spread = system.base.mean, system.base.spread
+    noise = [refit(hypothesis, observed, np.append(
+        rng.normal(middle, spread), rng.uniform(0.0, 5.0, 2))).noise for _ in range(8)]
+    np.testing.assert_allclose(noise, np.broadcast_to(noise[0], (8, 2)), rtol=0.02)
