@@ -16,9 +16,11 @@ pytestmark = pytest.mark.slow
 EXAMPLES = ROOT / "examples"
 
 
-def run(name, *arguments, cwd):
-    """Run a script in an empty folder."""
-    return script(EXAMPLES / name, *arguments, cwd=cwd)
+def printed(name, cwd):
+    """Run a script in an empty folder; what it prints."""
+    done = script(EXAMPLES / name, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def test_every_script_says_how_it_is_run_and_is_short():
@@ -32,23 +34,21 @@ def test_every_script_says_how_it_is_run_and_is_short():
 
 
 def test_field_cycle(tmp_path):
-    done = run("field_cycle.py", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    rates = re.findall(r"r/min +([\d.]+) ([\d.]+)$", done.stdout, re.MULTILINE)
+    out = printed("field_cycle.py", tmp_path)
+    rates = re.findall(r"r/min +([\d.]+) ([\d.]+)$", out, re.MULTILINE)
     assert len(rates) == 6 and all(float(best) <= float(rule) for best, rule in rates)
-    kilograms = [float(number) for number in re.findall(r"([\d.]+) kg", done.stdout)]
+    kilograms = [float(number) for number in re.findall(r"([\d.]+) kg", out)]
     said, middle, low, high = map(float, re.search(
         r": ([\d.]+) % less on the model.*: ([\d.]+) % less .* ([\d.]+) to ([\d.]+) %",
-        done.stdout, re.DOTALL).groups())
+        out, re.DOTALL).groups())
     assert said == pytest.approx(100.0 * (1.0 - kilograms[0] / kilograms[1]), abs=0.1)
     assert low <= middle <= high
 
 
 def test_offline_study(tmp_path):
-    done = run("offline_study.py", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    out = printed("offline_study.py", tmp_path)
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    rows = [re.split(r"[\s|]+", line.strip()) for line in done.stdout.splitlines()
+    rows = [re.split(r"[\s|]+", line.strip()) for line in out.splitlines()
             if line.count("|") == 3 and "[" not in line and "ratio" not in line
             and "hours" not in line]
     assert len(rows) == 4
@@ -65,38 +65,36 @@ def test_offline_study(tmp_path):
                 efficiency, abs=0.6)
         assert saved == pytest.approx(100.0 * (1.0 - fixed[2] / best[2]), abs=0.2)
         assert saved >= 0.0
-    assert re.search(r"\d+\.\d % saved", done.stdout)
+    assert re.search(r"\d+\.\d % saved", out)
 
 
 def test_offline_study_tells_what_cannot_be_reached(tmp_path):
-    done = run("offline_study.py", "--engine-speed", "1000", cwd=tmp_path)
+    done = script(EXAMPLES / "offline_study.py", "--engine-speed", "1000", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stderr.startswith("1000 r/min cannot make") and "Traceback" not in done.stderr
 
 
 def test_next_test_runs_as_its_page_shows(tmp_path):
-    done = run("next_test.py", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    out = printed("next_test.py", tmp_path)
     page = (ROOT / "docs" / "next-test.md").read_text(encoding="utf-8")
     shown, = re.findall(r"```\n(24 tests.*?)```", page, re.DOTALL)
     # Another processor may move a probability, not what is asked for and found.
-    asked, told = (re.findall(r"next: (.*);", text) for text in (shown, done.stdout))
+    asked, told = (re.findall(r"next: (.*);", text) for text in (shown, out))
     assert asked == told and len(told) == 5
-    last = done.stdout.splitlines()[-2:]
+    last = out.splitlines()[-2:]
     assert "tests: pressure_leakage 9" in last[0] and last[1] == "stop: settled"
 
 
 def test_bag_to_diagnosis(tmp_path):
     pytest.importorskip("rosbags")
-    done = run("bag_to_diagnosis.py", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    out = printed("bag_to_diagnosis.py", tmp_path)
     found = hmcvt.read_bench(tmp_path / "diagnosis" / "samples.csv")
     true = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
     # The bag gives back the tests that it was made from, in their order.
     assert len(found) == len(true) == 96
     assert found.efficiency == pytest.approx(true.efficiency, rel=1e-3)
     assert found.output_speed == pytest.approx(true.output_speed, rel=1e-3)
-    assert "charge pump" in done.stdout
+    assert "charge pump" in out
     assert "charge pump" in (tmp_path / "diagnosis" / "report.html").read_text(encoding="utf-8")
     fit = hmcvt.identify(true)
     saved = hmcvt.load_model(tmp_path / "diagnosis" / "model.yaml")
@@ -105,7 +103,7 @@ def test_bag_to_diagnosis(tmp_path):
 
 def test_bag_to_diagnosis_refuses_what_is_no_bag(tmp_path):
     pytest.importorskip("rosbags")
-    done = run("bag_to_diagnosis.py", "nowhere", cwd=tmp_path)
+    done = script(EXAMPLES / "bag_to_diagnosis.py", "nowhere", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stderr == "bag_to_diagnosis: nowhere: there is no such bag\n"
 

@@ -125,9 +125,9 @@ def test_copies_of_a_bad_sample_have_one_vote(known):
 
 def test_drift_is_told_and_bounded(new):
     served, told = new, []
-    for step in range(1, 20):
+    for step in range(1, 10):
         samples = campaign(new, 30, seed=step)
-        lower = spoiled(samples, range(1, 31), -0.01 * step)
+        lower = spoiled(samples, range(1, 31), -0.02 * step)
         found = refit(lower, served, new, max_drift=0.10)
         if "the base model" in found.refused:
             break

@@ -168,6 +168,7 @@ class NodeUnderTest:
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, str]:
+    os.environ.pop("OPENBLAS_NUM_THREADS", None)  # a node sets it itself, for its worker
     os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros-log"))
     return os.environ
 

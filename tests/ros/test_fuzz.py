@@ -8,24 +8,21 @@ import hmcvt_core as hmcvt
 from studies.soak import load, processes, trial
 from studies.soak.fuzz_inputs import DEPTH, InputFuzzer, overrides
 
-
-@pytest.fixture
-def folder(environment, tmp_path):
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("environment")
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_nonsense_does_not_make_the_node_break_a_promise(folder):
-    fuzzed = trial.nonsense(trial.Plan(fuzz=8_000), folder)
+def test_nonsense_does_not_make_the_node_break_a_promise(tmp_path):
+    fuzzed = trial.nonsense(trial.Plan(fuzz=8_000), tmp_path)
     assert fuzzed.differences == ()
     assert fuzzed.survived and fuzzed.exit_code == 0
     assert fuzzed.sent >= 8_000 and fuzzed.answers > 800 and fuzzed.logged > 80
 
 
-def test_fuzzer_notices_a_wrong_model(folder):
+def test_fuzzer_notices_a_wrong_model(tmp_path):
     other = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
-    with (load.client() as here, processes.node("/wrong", folder, **overrides("/wrong")) as node):
+    with (load.client() as here, processes.node("/wrong", tmp_path, **overrides("/wrong")) as node):
         target = load.Target(here, node, "/wrong", QoSProfile(depth=DEPTH))
         target.wait()
         fuzzer = InputFuzzer(target, other, seed=0, patience=2.0)

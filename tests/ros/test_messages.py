@@ -33,10 +33,7 @@ def test_bench_sample_by_hand():
     assert sample.displacement_ratio.tolist() == [-0.5]
     assert sample.output_speed.tolist() == [80.0]
     assert sample.stamp.tolist() == [12.5]
-
-
-def test_sample_without_stamp_takes_the_time_of_receipt():
-    assert read(shafts(), now=99.0).stamp.tolist() == [99.0]
+    assert read(shafts(), now=99.0).stamp.tolist() == [99.0]  # without one, that of receipt
 
 
 def test_joints_may_stand_in_any_order_among_others():

@@ -18,7 +18,8 @@ from std_msgs.msg import Float64
 import hmcvt_core as hmcvt
 from hmcvt_ros.model_store import ModelStore
 
-pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a compiler: cc")
+pytestmark = [pytest.mark.slow,
+              pytest.mark.skipif(shutil.which("cc") is None, reason="needs a compiler: cc")]
 
 # --- a slow disk ----------------------------------------------------------------------------------
 

@@ -17,6 +17,8 @@ from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.inputs import OperatingPoint
 from hmcvt_ros.outputs import ADVICE
 
+pytestmark = pytest.mark.slow
+
 FILE, ENGINE_FILE = (hmcvt.data_path(f"params/{name}.yaml") for name in ("tractor", "engine"))
 TRACTOR, ENGINE = hmcvt.load_model(FILE), hmcvt.load_engine(ENGINE_FILE)
 

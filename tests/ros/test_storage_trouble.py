@@ -16,6 +16,8 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.state_folder import StateFolder
 
+pytestmark = pytest.mark.slow
+
 # --- the node -------------------------------------------------------------------------------------
 
 
