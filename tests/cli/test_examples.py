@@ -35,8 +35,6 @@ PARSED_ONLY = {
     "unit": "makers' tables are not copied here; run on simulated ones by tests/units",
     "node": "needs ROS and does not end; run by tests/ros/test_node_process.py",
 }
-# A second each: of these a line is run that has an option more than the others.
-TAKE_LONG = ("identify", "next")
 SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 
 
@@ -47,10 +45,6 @@ def _lines(text):
              if re.match(r"(    |\s+(\$ )?|\$ )hmcvt [a-z]", line)]
     inline = re.findall(r"`(hmcvt [a-z][a-z-]* [^`]+)`", re.sub(r"(?<!\n)\n(?!\n)", " ", text))
     return [re.sub(r"\s+#.*", "", line) for line in (*block, *inline)]
-
-
-def _options(case):
-    return {word for word in case if word.startswith("--")}
 
 
 def _command(name):
@@ -121,8 +115,7 @@ def test_every_command_stands_in_cli_md_and_has_an_example():
 @pytest.mark.parametrize("case", CASES, ids=" ".join)
 def test_example(hmcvt, workplace, case):
     name, *arguments = case
-    if name in PARSED_ONLY or (name in TAKE_LONG and any(
-            _options(case) < _options(other) for other in CASES if other[0] == name)):
+    if name in PARSED_ONLY:
         _command(name).make_context(name, list(arguments))
         return
     done = hmcvt(*case)
