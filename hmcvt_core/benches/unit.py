@@ -324,7 +324,7 @@ def _same(
     for i, part in enumerate(np.array_split(order, DEALS), 1):
         if progress is not None:
             progress(f"deal {i} of {DEALS}")
-        kept = observed.select(np.setdiff1d(order, part))
+        kept = observed.without(part)
         try:
             advice = next_test(system, kept, {name: row[:1] for name, row in kept.points.items()})
         except InputError:  # too few are left to lead anywhere

@@ -159,9 +159,6 @@ def log_mean(values: Sequence[float] | Sequence[Array] | Array) -> Array:
     return np.asarray(np.logaddexp.reduce(values) - np.log(len(values)))
 
 
-# --- models of a campaign -----------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Linear:
     """One hypothesis as a linear model.

@@ -46,8 +46,7 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         notes += [f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
                   "against its neighbours and was left out: measure it again" for i in slips]
     if len(slips):
-        kept = np.setdiff1d(np.arange(len(observed)), slips)
-        base = _answered(system, observed.select(kept), notes)
+        base = _answered(system, observed.without(slips), notes)
     _check(system, base.observed)
     if len(base.observed) > LARGE:
         notes.append(f"{LARGE} of {len(base.observed)} samples are weighed, evenly spread over the "
@@ -63,14 +62,14 @@ def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
     Those judge that have one before any refit: a refit to all would bend until it carries loads
     that were never there.
     """
-    base, index = Hypothesis(system), np.arange(len(observed))
+    base = Hypothesis(system)
 
     def refused(theta: Array) -> NDArray[np.intp]:
         return np.flatnonzero(np.isnan(base.predict(theta, observed.points)[0]))
 
     fit, impossible = None, (before := refused(base.prior_mean))
     if len(before) < len(observed):
-        fit = refit(base, observed.select(np.setdiff1d(index, before)))
+        fit = refit(base, observed.without(before))
         impossible = refused(fit.theta)
     if len(impossible) > _MOST_REFUSED * len(observed):
         raise InputError(
@@ -82,7 +81,7 @@ def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
                      f"{listed_samples(observed, impossible)}")
     if fit is not None and np.array_equal(impossible, before):
         return fit
-    return refit(base, observed.select(np.setdiff1d(index, impossible)))
+    return refit(base, observed.without(impossible))
 
 
 def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:

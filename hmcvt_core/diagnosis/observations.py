@@ -103,6 +103,10 @@ class Observations:
                        measured=self.measured[:, index], deviation=self.deviation[:, index],
                        samples=self.samples.select(index), number=self.number[index])
 
+    def without(self, index: NDArray[np.intp]) -> Observations:
+        """Return the other samples."""
+        return self.select(np.setdiff1d(np.arange(len(self)), index))
+
     def stating(self, noise: float) -> Observations:
         """Return the same as if somebody had stated the noise of the first channel."""
         first, trust, _ = noise_of(self.channels[0], self.measured[0], noise, None, (), {})

@@ -87,11 +87,6 @@ class _Study:
         likeliest = ranking.entries[0][0].weighed if self.significant else ranking.bare.plain
         return np.asarray(self.base.observed.deviation[0] * np.sqrt(likeliest.noise[0]))
 
-    @property
-    def scatter(self) -> float:
-        """Root of the mean square of the noise."""
-        return _rms(self.noise)
-
 
 def diagnose_system(
     system: System,
@@ -139,7 +134,7 @@ def diagnose_system(
         noise, judged, held_out = study.noise, observed, []
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
                        seed, real)
-    gap = result.Gap(len(residuals), _rms(residuals), study.scatter, observed.usual_noise,
+    gap = result.Gap(len(residuals), _rms(residuals), _rms(study.noise), observed.usual_noise,
                      observed.noise_source, found.p_value, real)
     advice = advise(ranking, system.candidates(observed.points, base.base))
     alive = ranking.alive
@@ -269,7 +264,7 @@ def _errors_on(
     notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
              f"{listed_samples(held, stalled)}"] if len(stalled) else []
     held = held.select(np.flatnonzero(usable))
-    noise = np.full(len(held), study.scatter) if held.assumed else held.deviation[0]
+    noise = np.full(len(held), _rms(study.noise)) if held.assumed else held.deviation[0]
     return before[usable], after[usable], noise, held, notes
 
 
@@ -357,7 +352,7 @@ def _where(study: _Study, expected: Array) -> tuple[result.Region, ...]:
 def _on_noise(study: _Study) -> list[str]:
     """Say that the noise found is not the one stated, or what a statement would change."""
     observed = study.base.observed
-    channel, stated, found = observed.channels[0], observed.usual_noise, study.scatter
+    channel, stated, found = observed.channels[0], observed.usual_noise, _rms(study.noise)
     ratio = found / stated
     if observed.assumed and len(observed) < FEW:
         noise = float(f"{stated:.2g}")

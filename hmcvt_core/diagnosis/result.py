@@ -251,8 +251,7 @@ class Outcome:
     @property
     def named(self) -> Cause | None:
         """The leading cause, if the verdict names one."""
-        stands = self.causes and self.verdict in NAMING
-        return self.causes[0] if stands else None
+        return self.causes[0] if self.causes and self.verdict in NAMING else None
 
     @property
     def component(self) -> str | None:

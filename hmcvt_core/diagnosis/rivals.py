@@ -121,9 +121,6 @@ def nothing(base: Fit) -> Rival:
     return Rival(base, plain, plain, plain.log)
 
 
-# --- known effects --------------------------------------------------------------------------------
-
-
 class Proposal(NamedTuple):
     """Forms that may explain the readings, as the linear approximation has it.
 
@@ -224,9 +221,6 @@ def explanation(fit: Fit) -> Rival:
 def exact(rival: Rival) -> Rival:
     """Weigh a rival at its refit with slopes taken there, not mended on the way."""
     return explanation(refit(rival.fit.hypothesis, rival.fit.observed, rival.fit.theta))
-
-
-# --- what nobody listed ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

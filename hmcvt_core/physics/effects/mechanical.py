@@ -56,7 +56,6 @@ class Churning(BearingDrag):
     """P = k w^n: oil churning and windage of the engine-side gears, n = 2.5 to 3."""
 
     name = "churning"
-    component = "gears"
     summary = "engine-side gears churn oil: the loss grows with nearly the cube of engine speed"
     source = "Changenet & Velex 2007; tractor DCT test: Agriculture 2023, 13, 1225"
     remedy = "repeat one point at lowered oil level"
