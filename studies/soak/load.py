@@ -269,6 +269,9 @@ class Target:
         spent = time.monotonic() - start
         used = (self._usage() - before) / spent
         self.ear.listen_for(_SETTLE)
+        # Not between the two of an answer: a new model may come just then.
+        self.ear.listen_until(
+            lambda: len(self.efficiency.values) == len(self.optimum.values), _SETTLE)
         return Segment(
             rate=rate, seconds=spent, sent=len(sent),
             cpu=used[0], generator_cpu=used[1], other_cpu=used[2] - used[0] - used[1],
