@@ -222,7 +222,7 @@ def refit(
         left, before, whitened = missed(here, theta), theta, here
         aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
         for part in _PARTS:
-            theta = before + part * (aim - before)
+            theta = (before + part * (aim - before)).clip(*bounds)  # `aim` may miss by rounding
             here = _whitened(hypothesis, observed, theta) if part else whitened
             if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
                 break

@@ -73,7 +73,8 @@ _WORDS: Mapping[str, str] = {
     "output": "output out abtrieb ausgang sortie uscita axle wheel aus ab o a 2 cardan",
     "load": "load last",
     "feed": "feed charge boost speise lade",  # as of the engine's oil: not over the motor
-    "oil": r"\boil oel\w* sump tank reservoir lube huile olio hydrau getriebe gear transmission",
+    "oil": r"\boil oel\w* sump tank reservoir lube huile olio hydrau getriebe gear transmission "
+           "atf utto fluid hyd hst drain",
     "loss": "loss losses verlust fuel ambient room target set soll so cmd demand limit coolant "
             "wasser",
     "stage": "stage gang fahrbereich stufe",
@@ -81,6 +82,8 @@ _WORDS: Mapping[str, str] = {
 _FIND = {meaning: re.compile("|".join(
     word if len(word) > 3 else rf"\b{word}\b" for word in words.split()))
     for meaning, words in _WORDS.items()}
+_ANY = re.compile("|".join(sorted(  # the longest first: temperature before temp
+    "|".join(find.pattern for find in _FIND.values()).split("|"), key=len, reverse=True)))
 _NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)
 _BRACKETS = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]\s*$|(?:\s+in|[,:;|]|\s/)\s+(\S.*)$|_([a-z%]+)$")
 
@@ -142,15 +145,22 @@ def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
     if kind == "efficiency":
         return "efficiency_std" if "std" in means else kind, unit
     if not kind or "std" in means or (kind == "pressure" and means & {"feed", "engine"}) or (
-            kind == "temperature" and "oil" not in means and " " in apart.strip()):
+            kind == "temperature" and "oil" not in means and re.search("[a-z] +[a-z]", apart)):
         return None
     if kind in _ALONE:
         return _ALONE[kind], unit
     if "load" in means and "output" not in means:
         return ("load_torque" if kind == "torque" else f"output_{kind}"), unit
     # What the engine puts out goes into the transmission.
-    sides = ("engine", "output") if "engine" in apart else ("output", "engine")
+    sides = ("engine", "output") if "of the engine" in apart else ("output", "engine")
     return f"{next(filter(means.__contains__, sides), 'any')}_{kind}", unit
+
+
+def strange_words(name: str) -> int:
+    """How many words of a column's name are none of the field."""
+    hit = _BRACKETS.search(name)
+    told = hit and unit_of(next(filter(None, hit.groups()), ""))
+    return len(_ANY.sub(" ", _meanings(name[:hit.start()] if hit and told else name)[0]).split())
 
 
 _TOLD = ("efficiency", "stroke", "temperature", "pressure", "power", "torque", "speed", "time",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Range
 from .bench import BenchSamples, column_name
-from .guess import UNITS, likely_unit, quantity_of, unit_of
+from .guess import UNITS, likely_unit, quantity_of, strange_words, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, held, split_at_gaps, steady_tests
 from .table import STATISTIC, Table, no_number, parsed, read_table
 
@@ -37,6 +37,8 @@ _SPARE = ("engine_power", "engine_torque", "output_power", "load_torque", "outpu
 _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = "; computed from torques and speeds of the shafts: check their columns and units"
 _MOST_TOLD = 20  # rows
+# Of these a row of units may say anything (a dash, hh:mm:ss); others are in a unit that is known.
+_UNITS_VARY = ("stage", "stamp", "displacement_ratio", "efficiency", "efficiency_std")
 # From so many rows and with so short a step [s] on, rows are no steady tests but readings.
 _RECORDED, _STEP = 100, 1.0
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
@@ -88,7 +90,9 @@ def choose_columns(
     bare = [(name if colon and unit_of(unit) else text).strip()
             for text, name, colon, unit in parted]
     same = [name for name in bare if np.isfinite(parsed(name, False)[0])]
-    table = read_table(path, [name for name in bare if name not in same], header_row, sheet)
+    table = read_table(path, bare, header_row, sheet)
+    if not table.columns.keys() >= {*bare}:  # a number for all rows tells no header
+        table = read_table(path, [name for name in bare if name not in same], header_row, sheet)
     table = replace(table, columns={
         **{name: [name] * len(table.rows) for name in same}, **table.columns})
     chosen = {quantity: _column(quantity, text, table) for quantity, text in columns.items()}
@@ -121,19 +125,17 @@ def import_table(
         raise InputError(lacking)
     names = [column.name for column in columns.values()]
     for quantity, column in columns.items():
-        if names.count(column.name) > 1:
+        if names.count(column.name) > 1 and {*table.columns[column.name]} != {column.name}:
             raise InputError(f"{quantity}: column {column.name!r} is named twice")
     extra = {name if column_name(name) not in _KEPT else f"raw {name}": cells
              for name, cells in table.columns.items() if name not in names}
     if "stage" in columns:
         extra["stage"] = table.columns[columns.pop("stage").name]
     values = {quantity: _values(quantity, column, table) for quantity, column in columns.items()}
-    stamp = _guesses(table, columns).get("stamp")
-    if not averaged and _is_recording(values.get("stamp", np.empty(0))):
+    if "stamp" not in values and not averaged:
+        _refuse_recording(table)
+    elif not averaged and _is_recording(values["stamp"]):
         return _cut(values, extra, table)
-    if not averaged and stamp and _is_recording(_values("stamp", stamp, table)):
-        raise InputError(f"{table.source}: column {stamp.name!r} looks like that of a recording: "
-                         "name it by --stamp, or give --averaged")
     notes = []
     for quantity in [name for name in _OPTIONAL if name in values]:
         if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
@@ -199,18 +201,18 @@ def _column(quantity: str, text: str, table: Table) -> Column:
 
 def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
     """Columns and units of quantities that are not known, by names, rows of units and ranges."""
-    ranked: dict[str, tuple[tuple[bool, bool], Column]] = {}
+    ranked: dict[str, tuple[tuple[bool, int, bool], Column]] = {}
     named = {column.name for column in known.values()}
     for name in table.columns:
         below = table.units.get(name, "")
         quantity, unit = quantity_of(name, below) or ("", "")
         if not quantity or quantity in known or name in named or (
-                below and not unit_of(below)):  # in a unit that nobody knows
+                below and not unit_of(below) and quantity not in _UNITS_VARY):
             continue
         why = "cells" if not unit else "row of units" if unit_of(below) else "name"
         unit = unit or next(filter(None, table.readings(name)[1]), "")
         meant, numbers = _UNNAMED.get(quantity, quantity), table.stamps(name)
-        told, rank = unit in UNITS.get(meant, ()), (True, True)
+        told, rank = unit in UNITS.get(meant, ()), (True, 0, True)
         if not told and (unit not in ("", "-") or meant == "pressure"):
             continue  # numbers do not tell bar from MPa
         if meant == "stage":
@@ -221,7 +223,8 @@ def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
             if not told:
                 unit, why = likely_unit(meant, numbers), "range"
             fits = _RANGES[meant].contains(UNITS[meant][unit] * (numbers - _ZERO.get(unit, 0.0)))
-            rank = bool(fits.mean() > 0.5), told  # one that fits goes first, then one that tells
+            # One that fits goes first, then one of plain words, then one that tells its unit.
+            rank = bool(fits.mean() > 0.5), -strange_words(name), told
         if quantity not in ranked or rank > ranked[quantity][0]:
             ranked[quantity] = rank, Column(name, unit, why)
     found = {quantity: column for quantity, (_, column) in ranked.items()}
@@ -303,6 +306,15 @@ def _is_recording(stamp: Array) -> bool:
     # A log may be faster than the last digit of its clock: then most steps are 0.
     return len(stamp) >= _RECORDED and bool(np.any(steps > 0.0)) and bool(
         np.mean(steps >= 0.0) > 0.9) and bool(np.median(steps) < 1.1 * _STEP)
+
+
+def _refuse_recording(table: Table) -> None:
+    for name in table.columns:
+        quantity, unit = quantity_of(name, table.units.get(name, "")) or ("", "")
+        if quantity == "stamp" and _is_recording(
+                table.stamps(name, UNITS["stamp"].get(unit, 1.0))):
+            raise InputError(f"{table.source}: column {name!r} looks like that of a recording: "
+                             "name it by --stamp, or give --averaged")
 
 
 def _spread(stamp: Array) -> Array:

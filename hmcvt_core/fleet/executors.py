@@ -34,9 +34,10 @@ Key = TypeVar("Key")
 Sent = TypeVar("Sent")
 Result = TypeVar("Result")
 _CONNECT = 10.0  # seconds
-# Logs handed over: so many that no worker of a cluster waits, and all have room in memory; and of
+# Logs handed over to a cluster: so many that no worker waits, and all have room in memory; and of
 # these at a time, so that outcomes are told while a large fleet is still being read.
-_AHEAD, _AT_A_TIME = 1000, 32
+_AHEAD, _AT_A_TIME = 256, 32
+_FILES = 10  # that a process takes here, pipes and semaphores
 
 
 def study_all(
@@ -73,7 +74,7 @@ def study_all(
                 for future in futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done:
                     yield in_hand.pop(future), _outcome(future)
 
-        for task, outcome in outcomes(tasks, _AHEAD):
+        for task, outcome in outcomes(tasks, getattr(executor, "ahead", _AHEAD)):
             if outcome is None:
                 killed.append(task)
             else:
@@ -122,9 +123,14 @@ class Processes(futures.ThreadPoolExecutor):
 
     Each is in the hands of a thread here: a killed one takes with it (`BrokenExecutor`) its own
     work alone, and leaves its place to another. To close ends them at once: they write no files.
+
+    Attributes:
+        ahead: pieces of work that are enough for none to wait.
     """
 
     def __init__(self, count: int) -> None:
+        self.ahead = 2 * count
+        _allow_files(_FILES * count)
         # What a thread blocks its process inherits: Ctrl-C is for the run. Not so on Windows.
         block = getattr(signal, "pthread_sigmask", None)
         super().__init__(
@@ -163,10 +169,22 @@ class Processes(futures.ThreadPoolExecutor):
         try:
             return process.submit(work).result()
         except futures.BrokenExecutor:
+            process.shutdown()
             process = self._open()
             raise
         finally:
             self._idle.put(process)
+
+
+def _allow_files(more: int) -> None:
+    """Have the system let this process open more files; on Windows there is no such limit."""
+    with suppress(ImportError, ValueError):
+        import resource
+
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        most = soft + more if hard == resource.RLIM_INFINITY else min(soft + more, hard)
+        if soft != resource.RLIM_INFINITY:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def _end_with(run: Connection) -> None:

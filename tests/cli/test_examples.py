@@ -67,10 +67,9 @@ def _found():
 CASES, SYNOPSES = _found()
 
 
-@pytest.fixture(scope="module")
-def template(tmp_path_factory):
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
     """A folder with what the examples name."""
-    tmp_path = tmp_path_factory.mktemp("workplace")
     shutil.copytree(ROOT / "data", tmp_path / "data")
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
@@ -83,13 +82,6 @@ def template(tmp_path_factory):
     train = yaml.safe_load((ROOT / "params" / "transmission.yaml").read_text(encoding="utf-8"))
     train["stages"]["HM2"] = copy.deepcopy(train["stages"]["HM4"])  # an alias would be refused
     (tmp_path / "my_transmission.yaml").write_text(yaml.safe_dump(train), encoding="utf-8")
-    return tmp_path
-
-
-@pytest.fixture
-def workplace(template, tmp_path, monkeypatch):
-    """A copy of it to work in."""
-    shutil.copytree(template, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

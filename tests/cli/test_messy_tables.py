@@ -259,12 +259,6 @@ def test_a_recording_never_passes_as_tests_without_a_word(hmcvt, tmp_path):
     assert f"a recording of {120 * TESTS} rows was cut into {TESTS} steady windows" in done.out
     assert hmcvt("import", path, "--out", out, "--yes", "--averaged").code == 0
     assert len(core.read_bench(out)) == 120 * TESTS
-    # Nor where all that is needed is named, and the time is not.
-    said = shlex.split(re.search(r"the same said: hmcvt (.*)", hmcvt(
-        "import", path, "--out", out).out)[1])
-    at = said.index("--stamp")
-    done = hmcvt(*said[:at], *said[at + 2:])
-    assert_refused(done, "column 'Timestamp' looks like that of a recording: name it by --stamp")
 
 
 @pytest.mark.parametrize("seconds", [0.1, 1.0])

@@ -7,6 +7,7 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core import read_raw_bench
 from hmcvt_core.files.guess import UNITS
+from hmcvt_core.files.raw import _guesses, choose_columns
 from hmcvt_core.transmission.ranges import RPM
 
 SHAFTS = {
@@ -130,9 +131,25 @@ def test_the_first_unit_is_the_one_that_is_kept():
 ])
 def test_column_and_unit(tmp_path, header, text, expected):
     path = raw(tmp_path, f"eps,{header},M,eta\n0,100,200,0.8\n")
-    found = read_raw_bench(path, {"displacement_ratio": "eps", "engine_speed": text,
-                                  "load_torque": "M", "efficiency": "eta"})
-    assert found.engine_speed.tolist() == [expected]
+    assert read_raw_bench(path, {**PLAIN, "engine_speed": text}).engine_speed.tolist() == [expected]
+
+
+@pytest.mark.parametrize(("quantity", "plain", "other", "cell"), [
+    ("engine_speed", "engine speed", "n engine idle [rpm]", 150),
+    ("efficiency", "efficiency", "volumetric efficiency [%]", 0.8),
+    ("stamp", "time", "operating time [h]", 9),
+    ("oil_temperature", "sump temperature [degC]", "T_MOTOR [degC]", 60)])
+def test_the_guess_takes_the_column_of_plain_words(tmp_path, quantity, plain, other, cell):
+    named = {name: text for name, text in zip(PLAIN, "abcd", strict=True) if name != quantity}
+    path = raw(tmp_path, f"a,b,c,d,{other},{plain}\n0.5,150,200,0.8,{cell},{cell}\n")
+    assert _guesses(*choose_columns(path, named))[quantity].name == plain
+
+
+def test_a_recording_is_none_of_steady_tests_whatever_its_row_of_units_says(tmp_path):
+    path = raw(tmp_path, "start time,time,eps,n,M,eta\nhh:mm:ss,hh:mm:ss,-,rpm,Nm,-\n" + "".join(
+        f"0,{0.1 * i:.1f},0.5,1500,200,0.8\n" for i in range(200)))
+    with pytest.raises(hmcvt.InputError, match="column 'time' looks like that of a recording"):
+        read_raw_bench(path, {**PLAIN, "engine_speed": "n:rpm"})
 
 
 @pytest.mark.parametrize(("change", "message"), [
