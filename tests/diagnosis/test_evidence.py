@@ -7,6 +7,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
 from hmcvt_core.diagnosis.evidence import evidence, gram, log_mean, respread
+from hmcvt_core.diagnosis.rivals import Foretold
 
 CERTAIN = 1e8
 """So much worth that the noise stays as stated."""
@@ -118,3 +119,8 @@ def test_log_mean():
     values = np.array([-1.0, 0.5, 2.0])
     assert log_mean(values) == pytest.approx(np.log(np.exp(values).mean()))
     assert log_mean(values - 5000.0) == pytest.approx(log_mean(values) - 5000.0)
+
+
+def test_a_point_that_was_read_makes_another_surer():
+    told = Foretold(np.zeros((1, 2)), np.ones((1, 2, 1)), np.eye(1))
+    assert told.measured(0).spread.ravel() == pytest.approx([0.5, 0.5])  # 1 - 1 / (1 + 1)
