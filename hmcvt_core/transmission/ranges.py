@@ -171,13 +171,13 @@ class OperatingPoints(NamedTuple):
         size = flat.engine_speed.size
         parts: list[tuple[str | None, Any]] = [
             (None, slice(i, i + CHUNK)) for i in range(0, max(size, 1), CHUNK)]
-        if flat.stage is not None:
+        if staged := flat.stage is not None and size > 0:
             parts = [(name, at[i:i + CHUNK]) for name in dict.fromkeys(flat.stage.tolist())
                      for at in np.nonzero(flat.stage == name) for i in range(0, len(at), CHUNK)]
         plain = flat._replace(stage=None)
         rows = np.concatenate([np.stack(solve(name, plain.map(itemgetter(at))))
                                for name, at in parts], axis=-1)
-        if flat.stage is not None:
+        if staged:
             rows[..., np.concatenate([at for _, at in parts])] = rows.copy()
         return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
 
