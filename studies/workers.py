@@ -10,10 +10,6 @@ from concurrent.futures import Executor, as_completed
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hmcvt_core.fleet.executors import Processes
-
-workers = Processes
-
 Task = TypeVar("Task")
 Record = dict[str, Any]
 

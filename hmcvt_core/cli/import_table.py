@@ -34,8 +34,7 @@ _quantities = common.options(*(
                             ("stage", ""))))
 
 
-@click.command("import", epilog="""\b
-Examples:
+@common.command("import", """
   hmcvt import raw.csv --out bench.csv
   hmcvt import raw.csv --out bench.csv --displacement-ratio stroke:% \\
       --engine-speed n_engine:rpm --engine-torque M_engine \\
@@ -53,7 +52,6 @@ Examples:
 @click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test.")
 @click.option("--averaged", is_flag=True,
               help="Each row is a steady test, however fast the stamps rise.")
-@common.answers
 def command(
     raw: str, out: str, header_row: int | None, sheet: str | None, yes: bool, skip_bad: bool,
     averaged: bool, **given: str | None,

@@ -127,11 +127,19 @@ def _meanings(name: str) -> tuple[str, set[str]]:
     return apart, {meaning for meaning, find in _FIND.items() if find.search(apart)}
 
 
-def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
-    """Quantity that a column is of, by its name and unit, and the unit; `""` if not told."""
+def _bare(
+    name: str, unit: str = ""
+) -> tuple[str, tuple[str, str] | None, re.Match[str] | None]:
+    """A name without the unit behind it, what that or another unit tells, and where it stands."""
     hit = _BRACKETS.search(name)
     told = unit_of(unit) or (unit_of(next(filter(None, hit.groups()), "")) if hit else None)
-    apart, means = _meanings(name[:hit.start()] if hit and told else name)
+    return name[:hit.start()] if hit and told else name, told, hit
+
+
+def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
+    """Quantity that a column is of, by its name and unit, and the unit; `""` if not told."""
+    bare, told, hit = _bare(name, unit)
+    apart, means = _meanings(bare)
     if hit and told and not unit_of(unit) and re.fullmatch("[a-z]{1,2}", hit[3] or "") and (
             told[0] not in means and apart != "t"):
         told, (apart, means) = None, _meanings(name)  # an index, as of eta_h
@@ -158,9 +166,7 @@ def quantity_of(name: str, unit: str = "") -> tuple[str, str] | None:
 
 def strange_words(name: str) -> int:
     """How many words of a column's name are none of the field."""
-    hit = _BRACKETS.search(name)
-    told = hit and unit_of(next(filter(None, hit.groups()), ""))
-    return len(_ANY.sub(" ", _meanings(name[:hit.start()] if hit and told else name)[0]).split())
+    return len(_ANY.sub(" ", _meanings(_bare(name)[0])[0]).split())
 
 
 _TOLD = ("efficiency", "stroke", "temperature", "pressure", "power", "torque", "speed", "time",

@@ -12,7 +12,8 @@ import click
 from hmcvt_core.cli import run_command
 from hmcvt_core.cli.common import OutputFile
 from hmcvt_core.files.atomic import write_atomically
-from studies.workers import recorded, workers
+from hmcvt_core.fleet.executors import Processes
+from studies.workers import recorded
 
 from .conditions import PARTS, cases
 from .loop import work
@@ -47,7 +48,7 @@ def command(
         seeds, parts = 1, parts if parts != PARTS else PARTS[:1]
     todo = {case.key: case for case in cases(seed_base, seeds, parts) if only in case.key}
     records: list[dict[str, Any]] = []
-    with workers(jobs) as pool:
+    with Processes(jobs) as pool:
         path = Path(results or (os.devnull if quick else "blind-results.jsonl"))
         for record in recorded(pool, work, todo, path):
             records.append(record)

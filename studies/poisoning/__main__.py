@@ -9,8 +9,8 @@ import click
 import numpy as np
 
 from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.fleet.executors import Processes
 from studies.page import render, table
-from studies.workers import workers
 
 from .campaign import Case, campaign
 
@@ -32,7 +32,7 @@ CASES = (
 def command(campaigns: int, seed: int, jobs: int, out: Path | None) -> None:
     """Spoil 1 to 3 of 20 to 60 samples of a worn unit by 5 to 30 points, and refit."""
     rows = []
-    with workers(jobs) as pool:
+    with Processes(jobs) as pool:
         for case in CASES:
             found = list(pool.map(campaign, [(case, seed + i) for i in range(campaigns)]))
             served, clean, spoiled, adopted, also, seen, blamed = (

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from studies.workers import workers
+from hmcvt_core.fleet.executors import Processes
 
 from . import (
     algorithms,
@@ -64,7 +64,7 @@ def reproduce(
         progress: called with a line of text after each piece of work.
     """
     tell = progress or (lambda text: None)
-    with workers(jobs) as pool:
+    with Processes(jobs) as pool:
 
         def done(work: Callable[[Task], Result], tasks: Sequence[Task], what: str) -> list[Result]:
             found = []

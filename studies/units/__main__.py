@@ -11,8 +11,8 @@ import click
 
 from hmcvt_core.diagnosis.result import NAMING
 from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.fleet.executors import Processes
 from studies.page import Goal, goal_table, render, table
-from studies.workers import workers
 
 from .judge import BAND, judged, tried, units_in
 from .simulate import FORMS
@@ -34,7 +34,7 @@ def command(folder: Path, campaigns: int, seed: int, jobs: int, out: Path | None
     kinds = [*((name,) for name in FORMS), *_PAIRS]
     tasks = [(names, 1000 * seed + 100_000 * i + j) for i, names in enumerate(kinds, 1)
              for j in range(campaigns)] + [((), 1000 * seed + j) for j in range(4 * campaigns)]
-    with workers(jobs) as pool:
+    with Processes(jobs) as pool:
         real = dict(zip(samples, pool.map(judged, samples.values()), strict=True))
         answers = list(pool.map(tried, tasks, chunksize=4))
     page = written(real, answers, kinds, f"--campaigns {campaigns} --seed {seed}")
