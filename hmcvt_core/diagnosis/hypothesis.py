@@ -4,7 +4,8 @@
 Every hypothesis is refitted together with the base parameters: a few free parameters swallow most
 of the signature of any effect, so a comparison at fixed base parameters would compare nothing.
 
-Parameters are theta = (base, sizes): scaled base parameters, and sizes in typical ones.
+Parameters are theta: scaled base parameters, then of every effect its size, in typical ones, and
+its shapes where they are free, as parts of their range.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .observations import Observations
 from .system import Array, Channel, Effect, Points, System, forms_of
@@ -34,6 +36,7 @@ _PASSES = 20
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
 _SMALL = 0.3  # standard deviations: a last step
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
+_MIDDLE, _UNIFORM = 0.5, 12.0**-0.5  # mean and standard deviation of what is anywhere in its range
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,59 +45,91 @@ class Hypothesis:
 
     Attributes:
         system: what stands on the bench.
-        effects: with the shapes to use; their sizes are fitted.
+        effects: with the shapes to use; what is free of them is fitted.
         opposite: whether sizes that cannot be negative are negative: effects that nobody listed.
+        bent: of how many effects, from the first, the shapes are free too.
     """
 
     system: System
     effects: tuple[Effect, ...] = ()
     opposite: bool = False
-
-    @property
-    def prior_mean(self) -> Array:
-        """Mean of theta; sizes are free and have zero."""
-        return np.append(self.system.base.mean, np.zeros(len(self._sizes)))
+    bent: int = 0
 
     @property
     def shared(self) -> int:
         """How many parameters every hypothesis has."""
         return len(self.system.base)
 
+    @cached_property
+    def _free(self) -> list[tuple[int, Any]]:
+        """Which effect, and which parameter of it, each theta after the shared ones is."""
+        return [(i, item) for i, effect in enumerate(self.effects)
+                for item in (*effect.sizes(), *(
+                    other for other in effect.parameters()
+                    if i < self.bent and not other.is_size and other.high > other.low))]
+
+    @cached_property
+    def sizes(self) -> NDArray[np.intp]:
+        """Places of the sizes in theta, one for each effect."""
+        return self.shared + np.flatnonzero([item.is_size for _, item in self._free])
+
     @property
-    def _sizes(self) -> list[Any]:
-        return [effect.sizes()[0] for effect in self.effects]
+    def prior_mean(self) -> Array:
+        """Mean of theta; sizes are free and have zero."""
+        return np.append(self.system.base.mean, [
+            0.0 if item.is_size else _MIDDLE for _, item in self._free])
+
+    def spread(self, sizes: Array | float) -> Array:
+        """Prior standard deviations of theta, for those of the sizes."""
+        found = np.append(self.system.base.spread, np.full(len(self._free), _UNIFORM))
+        found[self.sizes] = sizes
+        return found
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest theta."""
-        base, sizes = self.system.base, self._sizes
-        ends = [(item.low / item.typical, item.high / item.typical) for item in sizes]
-        if self.opposite:
-            ends = [(-high, -max(low, 0.0)) for low, high in ends]
+        base, ends = self.system.base, []
+        for _, item in self._free:
+            low, high = _scaled(item, item.low), _scaled(item, item.high)
+            ends.append((-high, -max(low, 0.0)) if self.opposite and item.is_size else (low, high))
         low, high = np.array(ends).reshape(-1, 2).T
         return np.append(base.low, low), np.append(base.high, high)
 
     @property
     def signs(self) -> Array:
-        """1 or -1 for sizes that have one sign only, 0 for the others, NaN for the base, (p,)."""
-        low, high = self.bounds
-        one = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0))
-        one[:self.shared] = np.nan
+        """1 or -1 for sizes that have one sign only, 0 for the others, NaN for what is none, (p,).
+        """
+        low, high = (end[self.sizes] for end in self.bounds)
+        one = np.full(self.shared + len(self._free), np.nan)
+        one[self.sizes] = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0))
         return one
 
-    def with_sizes(self, scaled: Array) -> tuple[Effect, ...]:
-        """Return the effects at sizes given in typical ones."""
-        return tuple(effect.with_values({item.name: value * item.typical}) for effect, item, value
-                     in zip(self.effects, self._sizes, scaled.tolist(), strict=True))
+    def effects_at(self, theta: Array) -> tuple[Effect, ...]:
+        """Return the effects as they are at theta."""
+        values: list[dict[str, float]] = [{} for _ in self.effects]
+        for (i, item), value in zip(self._free, theta[self.shared:].tolist(), strict=True):
+            values[i][item.name] = value * item.typical if item.is_size else (
+                item.low + value * (item.high - item.low))
+        return tuple(effect.with_values(each) for effect, each in zip(
+            self.effects, values, strict=True))
+
+    def theta(self, base: Array) -> Array:
+        """Return where the effects are as they stand, for scaled base parameters."""
+        return np.append(base, [_scaled(item, self.effects[i].values()[item.name])
+                                for i, item in self._free])
 
     def predict(
         self, theta: Array, points: Points, channels: Sequence[Channel] = ()
     ) -> Array:
         """Return some channels, or every one, shape (channels, n)."""
-        effects = self.with_sizes(theta[self.shared:])
-        found = self.system.predict(theta[:self.shared], effects, points)
+        found = self.system.predict(theta[:self.shared], self.effects_at(theta), points)
         names = [channel.name for channel in self.system.channels]
         return found[[names.index(channel.name) for channel in channels]] if channels else found
+
+
+def _scaled(item: Any, value: float) -> float:
+    """A size in typical ones, a shape as the part of its range."""
+    return value / item.typical if item.is_size else (value - item.low) / (item.high - item.low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +160,12 @@ class Fit:
     @property
     def sizes(self) -> Array:
         """Sizes of the effects, in typical ones."""
-        return self.theta[self.hypothesis.shared:]
+        return self.theta[self.hypothesis.sizes]
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects at their fitted sizes."""
-        return self.hypothesis.with_sizes(self.sizes)
+        """The effects as fitted."""
+        return self.hypothesis.effects_at(self.theta)
 
     @property
     def target(self) -> Array:
@@ -193,7 +228,7 @@ def refit(
 ) -> Fit:
     """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
 
-    Sizes are held by their bounds alone; their prior enters when evidence is weighed.
+    Sizes are held by their bounds alone: their prior enters when evidence is weighed.
 
     Args:
         hypothesis: what is assumed.
@@ -211,7 +246,7 @@ def refit(
     theta = theta.clip(*bounds)
     here = _whitened(hypothesis, observed, theta)
     jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
-    prior = np.eye(hypothesis.shared, len(theta)) / hypothesis.system.base.spread[:, None]
+    prior = np.diag(1.0 / hypothesis.spread(np.inf))
     for _ in range(_PASSES):
         root = np.sqrt(_noise(observed, here, len(theta)))[:, None]
 

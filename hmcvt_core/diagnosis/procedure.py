@@ -289,7 +289,7 @@ def _cause(study: _Study, name: str) -> Cause:
     return Cause(
         name, effect.form, effect.component, study.ranking.effects[name],
         _twins(study.ranking, name), " and ".join(partners) or None,
-        _parameters(effect, errors[rival.fit.hypothesis.shared + index]),
+        _parameters(effect, errors[rival.fit.hypothesis.sizes[index]]),
         shrunk.after, shrunk.fraction,
         _drift(study.base, rival.fit, errors), effect.summary, effect.source, effect.remedy,
         _model_of(rival.fit))

@@ -16,7 +16,7 @@ import numpy as np
 
 from .hypothesis import Fit, Signature
 from .regions import Regions
-from .rivals import Proposal, Rival, exact, fields, local, misfitting, nothing, screen
+from .rivals import Proposal, Rival, bend, exact, fields, local, misfitting, nothing, screen
 from .system import Array, Points
 
 PRIOR_NO_GAP = 0.5
@@ -164,7 +164,7 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
         The best refit of each set and its log evidence over all forms, and how many effects there
         are to choose from.
     """
-    found: dict[Names, tuple[Rival, float]] = {}
+    found: dict[Names, tuple[Rival, float, float]] = {}
     refined = set[Names]()
 
     def weight(names: Names) -> float:
@@ -174,14 +174,15 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
         for each in proposals:
             rival = each.refit()
             if rival.names not in found or rival.log + each.price > weight(rival.names):
-                found[rival.names] = rival, each.price
+                found[rival.names] = rival, each.price, each.kinds
                 refined.discard(rival.names)
 
     def refine(names: Names) -> tuple[Rival, float]:
         if names not in refined:
-            found[names] = exact(found[names][0]), found[names][1]
+            rival, _, kinds = found[names]
+            found[names] = bend(rival), kinds, kinds
             refined.add(names)
-        return found[names]
+        return found[names][:2]
 
     def leaders(size: int, count: int) -> list[Names]:
         sized = [names for names in found if len(names) == size]
@@ -199,7 +200,8 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
                   if first not in {effect.name for effect in item.effects}][:_SETS])
     for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
         refitted(_distinct(sorted((
-            each._replace(gain=rival.log + each.gain, price=each.price + price)
+            each._replace(gain=rival.log + each.gain, price=each.price + price,
+                          kinds=each.kinds + price)
             for rival, price in map(refine, leaders(size, _LEADERS))
             for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
             key=lambda each: -each.gain))[:2 * _SETS])
@@ -207,7 +209,7 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     for names in sorted(found, key=weight, reverse=True)[:_KINDS]:
         if weight(names) > best - _HOPELESS:
             refine(names)
-    return [(rival, weight(names)) for names, (rival, _) in found.items()], len(
+    return [(rival, weight(names)) for names, (rival, *_) in found.items()], len(
         {each.effects[0].name for each in alone})
 
 

@@ -129,6 +129,7 @@ class Proposal(NamedTuple):
         start: the refit that forms are added to.
         effects: all forms, those of the start first; `changes` of the prediction by the others.
         price: log of the mean over all forms of these names against the best.
+        kinds: the same of the best shapes of each form.
         mean: of the parameters.
     """
 
@@ -137,11 +138,12 @@ class Proposal(NamedTuple):
     effects: tuple[Effect, ...]
     changes: tuple[Array, ...]
     price: float
+    kinds: float
     mean: Array
 
     def refit(self, opposite: bool = False) -> Rival:
         """Refit from where the linear approximation ends, and weigh."""
-        hypothesis = Hypothesis(self.start.hypothesis.system, self.effects, opposite)
+        hypothesis = replace(self.start.hypothesis, effects=self.effects, opposite=opposite)
         slopes = np.concatenate([self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1)
         return explanation(refit(hypothesis, self.start.observed, self.mean, slopes))
 
@@ -172,55 +174,69 @@ def screen(
     whole = gram(np.concatenate([fit.jacobian, changes], axis=-1), fit.target)
     with_target = np.append(which, np.full((len(which), 1), own + len(forms)), axis=1)
     grams = np.moveaxis(whole[:, with_target[:, :, None], with_target[:, None, :]], 0, 1)
-    added = replace(hypothesis, effects=forms, opposite=opposite)
+    added = Hypothesis(hypothesis.system, forms, opposite)
     signs = np.append(hypothesis.signs, added.signs[hypothesis.shared:])[which]
-    spread = np.append(hypothesis.system.base.spread, np.full(len(fit.sizes), _SCREENED_SPREAD))
+    spread = hypothesis.spread(_SCREENED_SPREAD)
     without, = weigh(observed, fit.jacobian, fit.target, spread[None], hypothesis.signs)
     found = [evidence(grams, len(observed), np.append(spread, np.full(count, scale)),
                       observed.trust, signs) for scale in SIZE_SPREADS]
     log = log_mean([each.log for each in found]) - without.log
     theta = found[-1].mean + np.append(hypothesis.prior_mean, np.zeros(count))
     # Members of one set come in the order of the library.
-    kinds = [tuple(forms[i].name for i in chosen) for chosen in combined]
-    of_kind: dict[tuple[str, ...], list[float]] = {}
-    for kind, value in zip(kinds, log.tolist(), strict=True):
-        of_kind.setdefault(kind, []).append(value)
-    price = {kind: float(log_mean(values)) - max(values) for kind, values in of_kind.items()}
+    names_of = [tuple(forms[i].name for i in chosen) for chosen in combined]
+    of_names: dict[tuple[str, ...], list[float]] = {}
+    of_kind: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
+    for chosen, kind, value in zip(combined, names_of, log.tolist(), strict=True):
+        of_names.setdefault(kind, []).append(value)
+        best = of_kind.setdefault(kind, {})
+        form = tuple(forms[i].form for i in chosen)
+        best[form] = max(value, best.get(form, -np.inf))
+    price = {kind: (float(log_mean(values)) - max(values),
+                    float(log_mean(list(of_kind[kind].values()))) - max(values))
+             for kind, values in of_names.items()}
     return [Proposal(float(log[i]), fit, (*hypothesis.effects, *(forms[j] for j in combined[i])),
-                     tuple(kept[j][1] for j in combined[i]), price[kinds[i]], theta[i])
+                     tuple(kept[j][1] for j in combined[i]), *price[names_of[i]], theta[i])
             for i in np.argsort(-log)]
 
 
 def explanation(fit: Fit) -> Rival:
     """Weigh a refit with its allowances."""
     observed, hypothesis = fit.observed, fit.hypothesis
-    shared, k = hypothesis.shared, len(fit.sizes)
+    sizes, k = hypothesis.sizes, len(fit.sizes)
     functions, degree = observed.smooth
     bends = functions[:, (degree > 0) & (degree <= _ALLOWED_DEGREE)]
     misfit, off = base_misfit(observed)
     columns = np.concatenate([
-        fit.jacobian, *(fit.jacobian[..., [shared + i]] * size * bends
-                        for i, size in enumerate(fit.sizes)), misfit.columns(observed)], axis=-1)
-    own, count = hypothesis.system.base.spread, bends.shape[1]
+        fit.jacobian, *(fit.jacobian[..., [i]] * fit.theta[i] * bends for i in sizes),
+        misfit.columns(observed)], axis=-1)
+    count = bends.shape[1]
     each = np.full(count * k, np.sqrt(len(observed.place) / count))
     widest = np.full(k, max(SIZE_SPREADS))
     spreads = np.stack([
-        np.concatenate([own, widest, allowance * each, misfitting])
+        np.concatenate([hypothesis.spread(widest), allowance * each, misfitting])
         for allowance in FORM_ALLOWANCES for misfitting in (off, np.full(len(off), _EXACT))])
     tried = weigh(observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan))
-    sizes, scales = slice(shared, shared + k), np.array(
-        list(itertools.product(SIZE_SPREADS, repeat=k)))
+    scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=k)))
     signs = hypothesis.signs
-    logs = np.array([item.log + respread(item.mean[sizes], item.covariance[sizes, sizes], widest,
-                                         scales, signs[sizes]) for item in tried])
+    logs = np.array([item.log + respread(
+        item.mean[sizes], item.covariance[np.ix_(sizes, sizes)], widest, scales, signs[sizes])
+        for item in tried])
     best, scale = np.unravel_index(int(logs.argmax()), logs.shape)
-    plain, = weigh(observed, fit.jacobian, fit.target, np.append(own, scales[scale])[None], signs)
+    plain, = weigh(observed, fit.jacobian, fit.target, hypothesis.spread(scales[scale])[None],
+                   signs)
     return Rival(fit, tried[best], plain, float(log_mean(logs.ravel())))
 
 
 def exact(rival: Rival) -> Rival:
     """Weigh a rival at its refit with slopes taken there, not mended on the way."""
     return explanation(refit(rival.fit.hypothesis, rival.fit.observed, rival.fit.theta))
+
+
+def bend(rival: Rival) -> Rival:
+    """Refit a rival with its shapes free as well, and weigh it with slopes taken there."""
+    fit = rival.fit
+    free = replace(fit.hypothesis, effects=fit.effects, bent=len(fit.effects))
+    return explanation(refit(free, fit.observed, free.theta(fit.base)))
 
 
 @dataclass(frozen=True, eq=False)
