@@ -95,10 +95,12 @@ class HydrostaticUnit:
         """Return loss of flow [m3/s] and of torque [N m] as reckoned from readings, (2, n)."""
         leakage, damping, coefficient, *gains = self.base.values(base)
         stroke, speed, pressure = (points[axis.name] for axis in (STROKE, SPEED, PRESSURE))
-        true, still, viscosity = stroke, np.zeros_like(speed), np.ones_like(speed)
+        true, still = stroke, np.zeros_like(speed)
+        film = viscosity = np.ones_like(speed)
         for effect in effects:
             true = effect.true_displacement_ratio(true)
             if OIL_TEMPERATURE.name in points:
+                film = film * effect.film_viscosity_ratio(points[OIL_TEMPERATURE.name])
                 viscosity = viscosity * effect.viscosity_ratio(points[OIL_TEMPERATURE.name])
         pump, motor = (speed, still) if self.kind == "pump" else (still, speed)
         state = ShaftState(speed, pump, speed, motor, true, pressure, viscosity, still, still,
@@ -114,7 +116,7 @@ class HydrostaticUnit:
         friction = coefficient * true * ideal[1]
         losses = np.stack([
             leakage / viscosity * pressure + total("leakage_flow"),
-            damping * viscosity * speed + friction + total(f"{self.kind}_drag")])
+            damping * film * speed + friction + total(f"{self.kind}_drag")])
         ways = sign * np.array([[-1.0], [1.0]])
         read = (true * ideal + ways * losses) * (1.0 + np.array(gains)[:, None])
         return np.asarray(ways * (read - stroke * ideal))

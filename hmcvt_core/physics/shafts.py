@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from operator import methodcaller
 from typing import NamedTuple
 
 import numpy as np
@@ -66,13 +67,14 @@ class Shafts(Quadrant):
         points: OperatingPoints, ways: Ways,
     ) -> None:
         self.stage, self.effects, self.points = stage, effects, points
+        film: Value = 1.0
         self.viscosity: Value = 1.0
-        if points.oil_temperature is not None:
-            self.viscosity = math.prod(
-                effect.viscosity_ratio(points.oil_temperature) for effect in effects)
+        if (warm := points.oil_temperature) is not None:
+            film, self.viscosity = (math.prod(map(hook, effects)) for hook in (
+                methodcaller("film_viscosity_ratio", warm), methodcaller("viscosity_ratio", warm)))
         self.given = Candidates(
-            parameters.leakage / self.viscosity, parameters.motor_damping * self.viscosity,
-            parameters.pump_damping * self.viscosity)
+            parameters.leakage / self.viscosity, parameters.motor_damping * film,
+            parameters.pump_damping * film)
         super().__init__(stage, self.given, *ways)
         self.engine_speed = points.engine_speed
         self.load_power = points.load_torque * points.engine_speed

@@ -198,8 +198,12 @@ class Effect:
         return 0.0
 
     def viscosity_ratio(self, oil_temperature: Array) -> Value:
-        """Viscosity / viscosity at identification [-]; leakage ~ 1/mu, damping ~ mu."""
+        """Viscosity / viscosity at identification [-]; leakage ~ 1/mu."""
         return 1.0
+
+    def film_viscosity_ratio(self, oil_temperature: Array) -> Value:
+        """The same of the films that damp, damping ~ mu [-]."""
+        return self.viscosity_ratio(oil_temperature)
 
     def true_load_power(self, load_power: Array, output_speed: Array) -> Array:
         """Output power that really flows when the bench reads `load_power` [W]."""

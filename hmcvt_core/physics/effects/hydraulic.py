@@ -312,10 +312,9 @@ class PressureFrictionStribeck(PressureFrictionStroke):
 
 
 @dataclass(frozen=True)
-class CoulombStribeck(PressureFrictionStroke):
+class CoulombStribeck(PressureFrictionFull):
     """c dp V (1 + r exp(-|w| / w_s)): friction that falls to a rest as the film builds up."""
 
-    unit_only = True
     form = "Coulomb and Stribeck"
     summary = "parts pressed together rub, at low speed more: friction falls with speed to a rest"
     source = "Stribeck curve; mixed film at low speed: SAE 2012-01-2041"
@@ -344,7 +343,7 @@ class PortPressureDrop(Effect):
     remedy = "measure the pressure at the pump and at the motor"
 
     drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
-    exponent: float = shape("-", (1.0, 1.75), "power of the flow")
+    exponent: float = shape("-", (1.0, 2.0), "power of the flow")
 
     def pressure_drop(self, state: ShaftState) -> Value:
         x = state.motor_speed / 200.0
@@ -362,17 +361,24 @@ def walther_log_viscosity(oil_temperature: Array) -> Array:
 
 @dataclass(frozen=True)
 class OilTemperature(Effect):
-    """mu / mu_60 = (Walther ratio of VG 46)^strength; 1 is such an oil, 0 no dependence."""
+    """mu / mu_60 = (Walther ratio of VG 46)^strength; 1 is such an oil, 0 no dependence.
+
+    Damping follows mu in full films (Petroff), with 2/3 of its power in rolling ones (Palmgren).
+    """
 
     name = "oil_temperature"
     component = "oil"
     summary = "oil temperature changes viscosity: hot oil leaks more and damps less"
-    source = "Walther / ASTM D341"
+    source = "Walther / ASTM D341; Petroff 1883; Palmgren M0 ~ (nu n)^(2/3)"
     remedy = "log the oil temperature and sweep it"
 
     strength: float = size("-", 1.0, 0.0, 2.5, "sensitivity / that of an ISO VG 46 oil")
+    film_exponent: float = shape("-", (0.67, 1.0), "power of viscosity in the damping")
 
     def viscosity_ratio(self, oil_temperature: Array) -> Value:
         change = (walther_log_viscosity(oil_temperature)
                   - walther_log_viscosity(np.array(_REFERENCE)))
         return np.asarray(np.exp(self.strength * change))
+
+    def film_viscosity_ratio(self, oil_temperature: Array) -> Value:
+        return self.viscosity_ratio(oil_temperature) ** self.film_exponent
