@@ -171,7 +171,8 @@ def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
     """The likeliest rival of each explanation and its probability; () unlisted, None no gap."""
     found: dict[Names | None, tuple[Rival, float]] = {}
     for rival, p in ranking.entries:
-        label = rival.names if rival.listed else None if rival.of_base else ()
+        known = rival.listed(ranking.bare) > 0.5
+        label = rival.names if known else None if rival.of_base else ()
         first, total = found.get(label, (rival, 0.0))
         found[label] = first, total + (1.0 - ranking.no_gap) * p
     _, misfit = found.pop(None, (ranking.bare, 0.0))

@@ -61,7 +61,7 @@ class Hypothesis:
         return len(self.system.base)
 
     @cached_property
-    def _free(self) -> list[tuple[int, Any]]:
+    def free(self) -> list[tuple[int, Any]]:
         """Which effect, and which parameter of it, each theta after the shared ones is."""
         return [(i, item) for i, effect in enumerate(self.effects)
                 for item in (*effect.sizes(), *(
@@ -71,17 +71,17 @@ class Hypothesis:
     @cached_property
     def sizes(self) -> NDArray[np.intp]:
         """Places of the sizes in theta, one for each effect."""
-        return self.shared + np.flatnonzero([item.is_size for _, item in self._free])
+        return self.shared + np.flatnonzero([item.is_size for _, item in self.free])
 
     @property
     def prior_mean(self) -> Array:
         """Mean of theta; sizes are free and have zero."""
         return np.append(self.system.base.mean, [
-            0.0 if item.is_size else _MIDDLE for _, item in self._free])
+            0.0 if item.is_size else _MIDDLE for _, item in self.free])
 
     def spread(self, sizes: Array | float) -> Array:
         """Prior standard deviations of theta, for those of the sizes."""
-        found = np.append(self.system.base.spread, np.full(len(self._free), _UNIFORM))
+        found = np.append(self.system.base.spread, np.full(len(self.free), _UNIFORM))
         found[self.sizes] = sizes
         return found
 
@@ -89,7 +89,7 @@ class Hypothesis:
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest theta."""
         base, ends = self.system.base, []
-        for _, item in self._free:
+        for _, item in self.free:
             low, high = _scaled(item, item.low), _scaled(item, item.high)
             ends.append((-high, -max(low, 0.0)) if self.opposite and item.is_size else (low, high))
         low, high = np.array(ends).reshape(-1, 2).T
@@ -100,14 +100,14 @@ class Hypothesis:
         """1 or -1 for sizes that have one sign only, 0 for the others, NaN for what is none, (p,).
         """
         low, high = (end[self.sizes] for end in self.bounds)
-        one = np.full(self.shared + len(self._free), np.nan)
+        one = np.full(self.shared + len(self.free), np.nan)
         one[self.sizes] = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0))
         return one
 
     def effects_at(self, theta: Array) -> tuple[Effect, ...]:
         """Return the effects as they are at theta."""
         values: list[dict[str, float]] = [{} for _ in self.effects]
-        for (i, item), value in zip(self._free, theta[self.shared:].tolist(), strict=True):
+        for (i, item), value in zip(self.free, theta[self.shared:].tolist(), strict=True):
             values[i][item.name] = value * item.typical if item.is_size else (
                 item.low + value * (item.high - item.low))
         return tuple(effect.with_values(each) for effect, each in zip(
@@ -116,7 +116,7 @@ class Hypothesis:
     def theta(self, base: Array) -> Array:
         """Return where the effects are as they stand, for scaled base parameters."""
         return np.append(base, [_scaled(item, self.effects[i].values()[item.name])
-                                for i, item in self._free])
+                                for i, item in self.free])
 
     def predict(
         self, theta: Array, points: Points, channels: Sequence[Channel] = ()
@@ -275,6 +275,19 @@ def refit(
     return Fit(hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta)))
 
 
+def freed(fit: Fit) -> Fit:
+    """Refit with the shapes of all effects free, from where a refit ended."""
+    before, observed = fit.hypothesis, fit.observed
+    free = replace(before, effects=fit.effects, bent=len(fit.effects))
+    theta = free.theta(fit.base)
+    known = np.array([*np.full(before.shared, True), *(item in before.free for item in free.free)])
+    slopes = np.empty((*fit.whitened.shape, len(theta)))
+    slopes[..., known] = fit.jacobian
+    slopes[..., ~known] = _jacobian(
+        free, observed, theta, _whitened(free, observed, theta), np.flatnonzero(~known))
+    return refit(free, observed, theta, slopes)
+
+
 def linearise(
     hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array
 ) -> Fit:
@@ -297,16 +310,18 @@ def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> A
 
 
 def _jacobian(
-    hypothesis: Hypothesis, observed: Observations, theta: Array, here: Array
+    hypothesis: Hypothesis, observed: Observations, theta: Array, here: Array,
+    which: Sequence[int] | None = None,
 ) -> Array:
-    """Change of the prediction / deviation by each parameter, where `here` is left."""
-    high, jacobian = hypothesis.bounds[1], np.empty((*here.shape, len(theta)))
-    for i in range(len(theta)):
+    """Change of the prediction / deviation by each parameter, or some, where `here` is left."""
+    which = range(len(theta)) if which is None else which
+    high, jacobian = hypothesis.bounds[1], np.empty((*here.shape, len(which)))
+    for place, i in enumerate(which):
         step = _BASE_STEP if i < hypothesis.shared else _SIZE_STEP
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= high[i] else -step
         there = _whitened(hypothesis, observed, moved)
         # Where an answer comes or goes there is no slope.
-        jacobian[..., i] = np.where((there == REFUSED) == (here == REFUSED), here - there, 0.0) / (
-            moved[i] - theta[i])
+        jacobian[..., place] = np.where(
+            (there == REFUSED) == (here == REFUSED), here - there, 0.0) / (moved[i] - theta[i])
     return jacobian

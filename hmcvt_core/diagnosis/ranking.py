@@ -64,8 +64,13 @@ class Ranking:
 
     @cached_property
     def sets(self) -> dict[Names, tuple[Rival, float]]:
-        """Refit and probability of each set of listed effects alone, most probable first."""
-        return {rival.names: (rival, p) for rival, p in self.entries if rival.listed}
+        """Refit and probability of each set of listed effects, most probable first."""
+        found: dict[Names, tuple[Rival, float]] = {}
+        for rival, p in sorted(self.entries, key=lambda item: item[0].beside is not None):
+            if part := rival.listed(self.bare):
+                first, total = found.get(rival.names, (rival, 0.0))
+                found[rival.names] = first, total + part * p
+        return dict(sorted(found.items(), key=lambda item: -item[1][1]))
 
     @cached_property
     def unlisted(self) -> float:

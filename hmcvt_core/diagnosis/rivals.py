@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .evidence import Linear, evidence, gram, log_mean, respread, weigh
-from .hypothesis import REFUSED, Fit, Hypothesis, Signature, linearise, refit
+from .hypothesis import REFUSED, Fit, Hypothesis, Signature, freed, linearise, refit
 from .observations import SMOOTH_DEGREE, Observations, smooth_functions
 from .regions import Regions
 from .system import Array, Effect
@@ -27,6 +27,9 @@ SIZE_SPREADS = (0.5, 1.5, 5.0)
 FORM_ALLOWANCES = (0.07, 0.25)
 """How far a form may bend, smoothly over the working space, as a part of its own signature."""
 
+# Part of the squared change below which a loss beside a set is none, and from which it is one: the
+# largest allowance for a form, once and nearly twice.
+_MINOR = (0.06, 0.2)
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
@@ -56,10 +59,21 @@ class Rival:
         """Effect names, sorted."""
         return tuple(sorted(effect.name for effect in self.fit.hypothesis.effects))
 
-    @property
-    def listed(self) -> bool:
-        """Whether known effects with the signs they have are all of it."""
-        return self.beside is None and not self.fit.hypothesis.opposite and bool(self.names)
+    def listed(self, bare: Rival) -> float:
+        """How far known effects with the signs they have are all of it, 0 to 1.
+
+        A loss beside them that makes up little of the squared change against the bare model is
+        what their forms miss.
+        """
+        if not self.names or self.fit.hypothesis.opposite:
+            return 0.0
+        if self.beside is None:
+            return 1.0
+        columns, root = self.beside.columns(self.fit.observed), np.sqrt(self.weighed.noise)[:, None]
+        own = columns @ self.plain.mean[-columns.shape[-1]:] / root
+        every = (self.at(self.fit.observed).mean + bare.fit.whitened) / root
+        part = float(np.sum(own**2) / np.sum(every**2))
+        return float(np.interp(part, _MINOR, (1.0, 0.0)))
 
     @property
     def of_base(self) -> bool:
@@ -234,9 +248,8 @@ def exact(rival: Rival) -> Rival:
 
 def bend(rival: Rival) -> Rival:
     """Refit a rival with its shapes free as well, and weigh it with slopes taken there."""
-    fit = rival.fit
-    free = replace(fit.hypothesis, effects=fit.effects, bent=len(fit.effects))
-    return explanation(refit(free, fit.observed, free.theta(fit.base)))
+    fit = freed(rival.fit)
+    return explanation(linearise(fit.hypothesis, fit.observed, fit.theta, fit.noise))
 
 
 @dataclass(frozen=True, eq=False)
