@@ -95,13 +95,12 @@ class HydrostaticUnit:
         """Return loss of flow [m3/s] and of torque [N m] as reckoned from readings, (2, n)."""
         leakage, damping, coefficient, *gains = self.base.values(base)
         stroke, speed, pressure = (points[axis.name] for axis in (STROKE, SPEED, PRESSURE))
-        true, still = stroke, np.zeros_like(speed)
-        film = viscosity = np.ones_like(speed)
+        true, still, film, viscosity = stroke, np.zeros_like(speed), 1.0, np.ones_like(speed)
         for effect in effects:
             true = effect.true_displacement_ratio(true)
-            if OIL_TEMPERATURE.name in points:
-                film = film * effect.film_viscosity_ratio(points[OIL_TEMPERATURE.name])
-                viscosity = viscosity * effect.viscosity_ratio(points[OIL_TEMPERATURE.name])
+            if (warm := points.get(OIL_TEMPERATURE.name)) is not None:
+                film = film * effect.film_viscosity_ratio(warm)
+                viscosity = viscosity * effect.viscosity_ratio(warm)
         pump, motor = (speed, still) if self.kind == "pump" else (still, speed)
         state = ShaftState(speed, pump, speed, motor, true, pressure, viscosity, still, still,
                            still, self.displacement)

@@ -36,7 +36,8 @@ _PASSES = 20
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
 _SMALL = 0.3  # standard deviations: a last step
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
-_MIDDLE, _UNIFORM = 0.5, 12.0**-0.5  # mean and standard deviation of what is anywhere in its range
+# Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
+_MIDDLE, _ANYWHERE = 0.5, (2.0 * np.pi) ** -0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class Hypothesis:
 
     def spread(self, sizes: Array | float) -> Array:
         """Prior standard deviations of theta, for those of the sizes."""
-        found = np.append(self.system.base.spread, np.full(len(self.free), _UNIFORM))
+        found = np.append(self.system.base.spread, np.full(len(self.free), _ANYWHERE))
         found[self.sizes] = sizes
         return found
 
@@ -92,13 +93,12 @@ class Hypothesis:
         for _, item in self.free:
             low, high = _scaled(item, item.low), _scaled(item, item.high)
             ends.append((-high, -max(low, 0.0)) if self.opposite and item.is_size else (low, high))
-        low, high = np.array(ends).reshape(-1, 2).T
-        return np.append(base.low, low), np.append(base.high, high)
+        lowest, highest = np.array(ends).reshape(-1, 2).T
+        return np.append(base.low, lowest), np.append(base.high, highest)
 
     @property
     def signs(self) -> Array:
-        """1 or -1 for sizes that have one sign only, 0 for the others, NaN for what is none, (p,).
-        """
+        """1 or -1 for sizes of one sign only, 0 for the others, NaN for what is none, (p,)."""
         low, high = (end[self.sizes] for end in self.bounds)
         one = np.full(self.shared + len(self.free), np.nan)
         one[self.sizes] = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0))
@@ -224,7 +224,7 @@ class Fit:
 
 def refit(
     hypothesis: Hypothesis, observed: Observations, start: Array | None = None,
-    slopes: Array | None = None,
+    slopes: Array | None = None, rough: bool = False,
 ) -> Fit:
     """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
 
@@ -236,6 +236,7 @@ def refit(
         start: theta to start from, or its base part; None for the middle of the prior.
         slopes: `Fit.jacobian` there, nearly; the steps mend it (Broyden 1965), and it is taken anew
             only where they lead nowhere. None: at every step.
+        rough: whether to end there instead.
     """
     from scipy.optimize import lsq_linear
 
@@ -263,7 +264,7 @@ def refit(
                 break
         # A step cut short says nothing of how far it is still: the whole one has to be small.
         stuck, small = part == 0.0, np.linalg.norm(columns @ (aim - before)) < _SMALL
-        if (stuck and slopes is None) or (small and not stuck):  # the slopes still hold
+        if (stuck and (slopes is None or rough)) or (small and not stuck):  # the slopes still hold
             break
         if slopes is None or stuck:
             slopes, jacobian = None, _jacobian(hypothesis, observed, theta, here)
@@ -284,7 +285,7 @@ def freed(fit: Fit) -> Fit:
     slopes = np.empty((*fit.whitened.shape, len(theta)))
     slopes[..., known] = fit.jacobian
     slopes[..., ~known] = _jacobian(
-        free, observed, theta, _whitened(free, observed, theta), np.flatnonzero(~known))
+        free, observed, theta, _whitened(free, observed, theta), np.flatnonzero(~known).tolist())
     return refit(free, observed, theta, slopes)
 
 

@@ -220,7 +220,9 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
     twins = [rival for names, (rival, _) in ranking.sets.items()
              if len(names) == len(leading.names) and rival is not leading
              and rival.log > leading.log - _TWIN]
-    return "cause_found" if probability >= FOUND and not twins else "ambiguous", []
+    rest = ["a smaller loss that nobody listed stands beside it: look at the regions"]
+    return ("cause_found" if probability >= FOUND and not twins else "ambiguous",
+            rest if ranking.entries[0][0].beside else [])
 
 
 def _lost_power(study: _Study, verdict: str, gap: Array) -> float:

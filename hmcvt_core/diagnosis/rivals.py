@@ -159,7 +159,7 @@ class Proposal(NamedTuple):
         """Refit from where the linear approximation ends, and weigh."""
         hypothesis = replace(self.start.hypothesis, effects=self.effects, opposite=opposite)
         slopes = np.concatenate([self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1)
-        return explanation(refit(hypothesis, self.start.observed, self.mean, slopes))
+        return explanation(refit(hypothesis, self.start.observed, self.mean, slopes, True))
 
 
 def screen(

@@ -14,7 +14,7 @@ from hmcvt_core.diagnosis import words
 from hmcvt_core.physics.effects.hydraulic import OrificeLeakage, PressureLeakage
 from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 
-from .campaigns import BAND, BASE, CASES, NOISE, campaign, diagnosed, random_points
+from .campaigns import BAND, BASE, CASES, NOISE, band_loss, campaign, diagnosed, random_points
 
 CLEAR = {"dead band": ("displacement_error", "actuator", 0.02),
          "planetary mesh": ("planetary_mesh", "planetary", 0.06),
@@ -264,6 +264,14 @@ def test_the_set_holds_the_cause_with_97_percent(name):
     held = sum(probability.get(other, 0.0) for other in (
         first.effect, *first.indistinguishable_from))
     assert held >= 0.97 * (1.0 - found.unlisted) - 0.01 * len(first.indistinguishable_from)
+
+
+@pytest.mark.parametrize(("part", "verdict"), [(0.4, "cause_found"), (1.5, "unexplained")])
+def test_a_small_loss_beside_a_set_is_what_its_forms_miss(part, verdict):
+    found = hmcvt.diagnose(BASE, campaign(
+        (PlanetaryMesh(0.12),), seed=1, loss=lambda at: part * band_loss(at)), noise=NOISE)
+    assert (found.verdict, found.causes[0].effect) == (verdict, "planetary_mesh")
+    assert any("smaller loss" in note for note in found.notes) == (part < 1.0)
 
 
 def test_a_channel_that_no_effect_explains_counts_as_unlisted():

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, linearise, refit
+from hmcvt_core.diagnosis.hypothesis import Hypothesis, freed, linearise, refit
 from hmcvt_core.diagnosis.system import forms_of
-from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, GearMesh
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 from hmcvt_core.transmission.parameters import HydraulicParameters, to_scaled
 
@@ -38,6 +38,18 @@ def test_refit_finds_every_effect(name):
         np.testing.assert_allclose(found.sizes, 1.0, rtol=0.02)
         np.testing.assert_allclose(found.base, [*TRUE, 0.0], rtol=0.01, atol=2e-2)
         assert found.effects[0].values() == pytest.approx(_typical(form).values(), rel=0.02)
+
+
+def test_shapes_are_fitted_between_the_values_of_their_grid():
+    truth = GearMesh(0.006, load_exponent=0.5, speed_exponent=0.2)
+    start = refit(Hypothesis(SYSTEM, (ChargePump(), GearMesh())), _exact([ChargePump(4.0), truth]))
+    found = freed(start)
+    assert found.effects[1].values() == pytest.approx(truth.values(), rel=0.05)
+    assert found.sizes == pytest.approx([1.0, 1.5], rel=0.05)
+    beyond = freed(refit(Hypothesis(SYSTEM, (Churning(),)), _exact([Churning(8.0, exponent=3.0)])))
+    assert beyond.effects[0].exponent == 2.0
+    again = freed(found)
+    np.testing.assert_allclose(again.theta, found.theta, rtol=1e-2, atol=1e-4)
 
 
 def test_sizes_stay_within_their_bounds():

@@ -174,7 +174,7 @@ def _put_an_effect_of_the_users_own(tmp_path, tractor):
         for first, then in (((), [*bent, oil, torque]),
                             ((OilTemperature(1.0, part=other),), [*bent, torque])):
             found = put_into(replace(before, effects=first), unit).effects
-            assert [(effect.name, *effect.values().values()) for effect in found
+            assert [(effect.name, effect.values()[effect.sizes()[0].name]) for effect in found
                     if effect.part == kind] == [
                 (name, pytest.approx(value)) for name, value in then]
 
