@@ -94,9 +94,9 @@ def test_hysteresis_keeps_the_stage_engaged():
         assert two.stage == "HM3" and one.fuel_rate <= two.fuel_rate <= 1.03 * one.fuel_rate
 
 
-@pytest.mark.parametrize(("stroke", "load"), [(0.4, 210.0), (-0.6, 60.0), (0.7, -150.0)])
+@pytest.mark.parametrize(("stroke", "load"), [(0.4, 210), (-0.6, 60), (0.2, 0), (0.7, -150)])
 def test_a_point_by_whatever_is_measured(stroke, load):
-    """On the command line, with units: tests/cli/test_drive_line.py."""
+    """In units, on the command line: tests/cli/test_drive_line.py."""
     model, speed = TRACTOR.stages["HM3"], 188.5
     output = model.output_speed(stroke, speed, load)
     loads = {"load_torque": load, "output_power": load * speed, "output_torque": load * speed

@@ -35,8 +35,8 @@ def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
     assert any("10 of 13 samples held out are among" in note for note in found.notes)
     assert any("2 of 3 samples held out ask" in note and "sample 11 (" in note
                for note in found.notes)
-    assert (found.verdict, found.shrinkage.on) == ("no_gap", "holdout")
-    assert found.shrinkage.fraction is None
+    shrunk = found.shrinkage
+    assert (found.verdict, shrunk.on, shrunk.fraction) == ("no_gap", "holdout", None)
     assert len(found.residuals_before) == 1
     np.testing.assert_array_equal(found.residuals_before, found.residuals_after)
 

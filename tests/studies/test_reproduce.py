@@ -16,8 +16,7 @@ from studies.reproduce.__main__ import command
 from studies.reproduce.item import VERDICTS
 
 ROOT = Path(__file__).resolve().parents[2]
-# The run takes a quarter of a minute on a machine at rest.
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # half a minute where nothing else runs
 
 # What does not hang on the number of seeds: verdicts, and numbers of docs/theory.md and README.md.
 EXPECTED: dict[str, str | tuple[str, float]] = {
@@ -60,12 +59,11 @@ START = """
 import runpy
 from studies.reproduce import conclusions, intervals, paper, subsets, surfaces
 some = {len(each): each for each in subsets.subsets()}
-boxes = {name: box.copy() for name, box in list(conclusions._boxes().items())[:1]}
-for box in boxes.values():
-    box[1:] = 0.1
+name, box = next(iter(conclusions._boxes().items()))
+(box := box.copy())[1:] = 0.1
 surfaces._SPEEDS, surfaces._STROKES = 30, 40
 subsets.subsets = lambda: [*some.values(), paper.FITTED_TESTS]
-conclusions._boxes = lambda: boxes
+conclusions._boxes = lambda: {name: box}
 intervals.TASKS = [task for task in intervals.TASKS if task[1] == 0]
 runpy.run_module("studies.reproduce", run_name="__main__")
 """
