@@ -101,10 +101,8 @@ def test_a_point_by_whatever_is_measured(stroke, load):
     output = model.output_speed(stroke, speed, load)
     loads = {"load_torque": load, "output_power": load * speed, "output_torque": load * speed
              / abs(output), "engine_torque": load + model.power_loss(stroke, speed, load) / speed}
-    for by_load, by_stroke in product(loads.items(), (("displacement_ratio", stroke),
-                                                      ("output_speed", output))):
-        assert operating_point(model, speed, dict((by_load, by_stroke))) == pytest.approx(
-            (stroke, load), abs=1e-4)
+    for by in product(loads.items(), (("displacement_ratio", stroke), ("output_speed", output))):
+        assert operating_point(model, speed, dict(by)) == pytest.approx((stroke, load), abs=1e-4)
 
 
 def test_engine_by_hand():

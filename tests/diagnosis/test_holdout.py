@@ -28,7 +28,6 @@ def test_the_campaign_is_no_holdout_of_its_own():
 
 
 def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
-    """One sample is left, and it is enough."""
     held = joined(SAMPLES.select(np.arange(10)), campaign(seed=34, n=30).select(np.arange(3)))
     load = np.where(np.arange(13) // 2 == 5, 4900.0, held.load_torque)
     found = hmcvt.diagnose(BASE, SAMPLES, with_column(held, load_torque=load), noise=NOISE)
@@ -37,7 +36,7 @@ def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
                for note in found.notes)
     shrunk = found.shrinkage
     assert (found.verdict, shrunk.on, shrunk.fraction) == ("no_gap", "holdout", None)
-    assert len(found.residuals_before) == 1
+    assert len(found.residuals_before) == 1, "and it is enough"
     np.testing.assert_array_equal(found.residuals_before, found.residuals_after)
 
 

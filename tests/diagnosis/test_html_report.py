@@ -31,7 +31,7 @@ HOSTILE = '<img src=x onerror=alert(1)> "quoted" & \x00\x1b \u202e \udcff'
 @functools.cache
 def diagnosis(name: str) -> Diagnosis:
     if name == "ambiguous":
-        return hmcvt.diagnose(BASE, campaign((ChargePump(6.0),)), noise=NOISE)
+        return hmcvt.diagnose(BASE, campaign((ChargePump(6.0),), n=48), noise=NOISE)
     found = diagnosis("ambiguous")
     first, second, *others = found.causes
     clear = replace(first, indistinguishable_from=())
