@@ -6,6 +6,7 @@ Random moments rarely meet the short ones, such as that between two renames; thi
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import signal
@@ -44,8 +45,13 @@ def sample(number: int) -> hmcvt.BenchSamples:
 
 def model(number: int) -> hmcvt.EfficiencyModel:
     """Return a model that tells its number by its leakage."""
-    base = hmcvt.load_model(BASE)
+    base = _base()
     return replace(base, parameters=replace(base.parameters, leakage=1e-12 * (1 + number)))
+
+
+@functools.cache
+def _base() -> hmcvt.EfficiencyModel:
+    return hmcvt.load_model(BASE)
 
 
 def leftovers(folder: Path) -> int:

@@ -2,12 +2,12 @@
 """A small simulated bench that moves between operating points, and the bag it is recorded in."""
 
 import math
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-from scipy.signal import lfilter
 
 RATE = 50.0  # messages a second
 START = 1_700_000_000  # s
@@ -36,11 +36,16 @@ class Bench(NamedTuple):
         return np.column_stack(self[1:6])
 
 
+def lagged(drive, keep):
+    """What is kept of the value before, and the drive: a first-order lag."""
+    return np.array(list(accumulate(drive.tolist(), lambda before, new: keep * before + new)))
+
+
 def correlated(rng, count, std, time):
     """First-order noise of a standard deviation and correlation time [s]."""
     keep = math.exp(-1.0 / (RATE * time))
     drive = rng.normal(0.0, std * math.sqrt(1.0 - keep**2), count + 500)
-    return lfilter([1.0], [1.0, -keep], drive)[500:]
+    return lagged(drive, keep)[500:]
 
 
 def run_bench(model, points, hold=12.0, lag=0.5, noise=0.01, seed=0):
@@ -61,8 +66,7 @@ def run_bench(model, points, hold=12.0, lag=0.5, noise=0.01, seed=0):
     count = len(target)
     keep = math.exp(-1.0 / (RATE * lag))
     state = np.column_stack([
-        lfilter([1.0 - keep], [1.0, -keep], column, zi=[keep * column[0]])[0]
-        for column in target.T])
+        column[0] + lagged((1.0 - keep) * (column - column[0]), keep) for column in target.T])
     ratio, speed, load = state.T
     efficiency = model.efficiency(ratio, speed, load)
     output_speed = model.output_speed(ratio, speed, load)

@@ -97,9 +97,9 @@ CASES = {
     "dead band": {"effects": (DisplacementDeadBand(0.02),), "n": 48},
     "planetary mesh": {"effects": (PlanetaryMesh(0.06),), "n": 48},
     "leakage": {"effects": (PressureLeakage(2e-11),), "n": 48},
-    "charge pump": {"effects": (ChargePump(8.0),)},
+    "charge pump": {"effects": (ChargePump(8.0),), "n": 64},
     "charge pump without speed": {"effects": (ChargePump(8.0),), "speed_noise": None, "n": 48},
-    "band": {"loss": band_loss},
+    "band": {"loss": band_loss, "n": 64},
     "oil": {"effects": (OilTemperature(1.0),), "temperature": True, "n": 32},
     "two": {"effects": (Churning(15.0), PressureLeakage(4e-11))},
 }

@@ -48,7 +48,7 @@ def test_lone_slips_are_left_out_and_a_narrow_gap_is_not():
 @pytest.mark.slow
 def test_two_causes_in_many_samples_are_named():
     effects = Churning(15.0), PressureLeakage(4e-11)
-    found = hmcvt.diagnose(BASE, campaign(effects, seed=1, n=20_000), noise=NOISE)
+    found = hmcvt.diagnose(BASE, campaign(effects, seed=1, n=11_000), noise=NOISE)
     assert found.verdict in ("cause_found", "ambiguous")
     assert found.sets[0].effects == ("churning", "pressure_leakage")
     assert found.unlisted < 0.05

@@ -13,7 +13,7 @@ from .campaigns import NOISE, campaign, factorial_points, fitted, measure
 
 REPLICATES = 199
 LEVEL = 0.05
-CAMPAIGNS = [campaign(seed=1000 + seed, n=32) for seed in range(24)]
+CAMPAIGNS = [campaign(seed=1000 + seed, n=16) for seed in range(24)]
 
 
 def _search(samples, stated=NOISE, replicates=REPLICATES, seed=0):

@@ -99,6 +99,11 @@ def test_verdicts():
     many = replace(doubt, sets=tuple(replace(one, probability=p) for p in (0.25, 0.2, 0.2, 0.1)))
     assert ("several sets of causes remain possible, among them charge pump (25 %), charge pump "
             "(20 %) and charge pump (20 %).") in words.verdict(many)
+    for chances, told in (((0.3, 0.01, 0.009), "30 %, charge pump 1 %"),
+                          (6 * (0.1,), ", charge pump ".join(5 * ["10 %"]))):
+        sets = tuple(replace(one, probability=p) for p in chances)
+        assert (f"sets charge pump {told}, something unlisted {words.probability(band.unlisted)} "
+                "causes each") in " ".join(replace(doubt, sets=sets).report().split())
     smooth = replace(band, unlisted=0.9, misfit=0.8)
     assert words.mechanic(smooth) == (
         "The model is slightly off, smoothly: too little to blame any part.")

@@ -3,19 +3,22 @@
 
 import contextlib
 import json
+import runpy
 import subprocess
+import sys
 import time
 from pathlib import Path
 
+import pytest
 import yaml
-from cli.running import COMMAND, ROOT, Done, script
+from cli.running import COMMAND, ROOT, Done
 
 
 def make_fleet(folder, logs, samples):
     """Make logs with the script that docs/fleet.md names."""
-    done = script(ROOT / "examples" / "make_fleet.py", folder, "--logs", logs, "--samples", samples,
-                  cwd=ROOT)
-    assert done.returncode == 0, done.stderr
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["", str(folder), f"--logs={logs}", f"--samples={samples}"])
+        runpy.run_path(str(ROOT / "examples" / "make_fleet.py"), run_name="__main__")
     return folder / "logs"
 
 

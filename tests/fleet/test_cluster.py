@@ -21,14 +21,13 @@ from .fleets import results
 
 pytestmark = pytest.mark.slow
 
-distributed = pytest.importorskip("distributed")
-
 WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
                                diagnosed=False))
 
 
 @pytest.fixture(scope="module")
 def cluster():
+    distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1",
             dashboard_address=None) as found:
@@ -50,13 +49,13 @@ def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
 
 
 def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs, monkeypatch):
-    monkeypatch.setattr(executors, "_AHEAD", 8)
+    monkeypatch.setattr(executors, "_AHEAD", 4)
     samples = read_bench(logs / "00000.csv")
     outcomes = study_all(WORK, ((str(number), samples) for number in count()),
                          on_cluster(cluster.scheduler_address))
-    with distributed.Client(cluster) as client:
+    with cluster.get_client() as client:
         victim = next(iter(client.run(os.getpid).values()))
-    in_hand = {str(number) for number in range(8)} - {next(outcomes)[0]}
+    in_hand = {str(number) for number in range(4)} - {next(outcomes)[0]}
     os.kill(victim, signal.SIGKILL)
     for name, outcome in islice(outcomes, 30):
         assert isinstance(outcome, Study)

@@ -86,20 +86,21 @@ def _marks(out):
     return {path.stem: path.stat().st_mtime_ns for path in out.glob("*.json")}
 
 
-@pytest.mark.parametrize("damage", [
-    "{", "[]", "[" * 100_000, "\udcff", "keys"], ids=["torn", "list", "deep", "text", "keys"])
+@pytest.mark.parametrize("damage", [("{",), ("[]", "[" * 100_000), ("\udcff", "keys")])
 def test_only_what_changed_is_done_again(quick, damage):
     folder, out, run = quick
-    if damage == "{":
+    torn = damage == ("{",)
+    if torn:
         (folder / "00001.csv").write_text((folder / "00000.csv").read_text())
         (out / "00000.yaml").unlink()
-    if damage == "keys":  # that the table needs, by hand
-        result = json.loads((out / "00002.json").read_text())
-        damage = json.dumps({**result, "identification": {}})
-    (out / "00002.json").write_text(damage, errors="surrogateescape")
-    assert run() == (NAMES if damage == "{" else ["00002"])
+    for name, text in zip(NAMES[:0:-1], damage, strict=False):
+        if text == "keys":  # that the table needs, by hand
+            result = json.loads((out / f"{name}.json").read_text())
+            text = json.dumps({**result, "identification": {}})
+        (out / f"{name}.json").write_text(text, errors="surrogateescape")
+    assert run() == (NAMES if torn else NAMES[1:])
     assert run() == []
-    if damage == "{":
+    if torn:
         one, other = (json.loads((out / f"{name}.json").read_text()) for name in NAMES[:2])
         assert one["identification"] == other["identification"]
         # Of superseded parameter files none is left.

@@ -16,8 +16,7 @@ from studies.reproduce.__main__ import command
 from studies.reproduce.item import VERDICTS
 
 ROOT = Path(__file__).resolve().parents[2]
-# The run takes half a minute on a machine at rest.
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # half a minute where nothing else runs
 
 # What does not hang on the number of seeds: verdicts, and numbers of docs/theory.md and README.md.
 EXPECTED: dict[str, str | tuple[str, float]] = {
@@ -53,13 +52,14 @@ EXPECTED: dict[str, str | tuple[str, float]] = {
     "leakage from five tests [m3/(s Pa)]": "differs",
 }
 
-# `python -m studies.reproduce` with one choice of each number of tests and the paper's, one of the
-# three boxes of Table 3 and the intervals of one parameter: no item above speaks of the others.
+# `python -m studies.reproduce` with one choice of each number of tests and the paper's, one box of
+# Table 3, the intervals of one parameter and coarse surfaces: no item above speaks of the others.
 START = """
 import runpy
-from studies.reproduce import conclusions, intervals, paper, subsets
+from studies.reproduce import conclusions, intervals, paper, subsets, surfaces
 some = {len(each): each for each in subsets.subsets()}
 boxes = dict(list(conclusions._boxes().items())[:1])
+surfaces._SPEEDS, surfaces._STROKES = 30, 40
 subsets.subsets = lambda: [*some.values(), paper.FITTED_TESTS]
 conclusions._boxes = lambda: boxes
 intervals.TASKS = [task for task in intervals.TASKS if task[1] == 0]
@@ -76,7 +76,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def items(folder: Path) -> list[dict[str, Any]]:
     """What the command prints as its own process, with warnings as errors."""
     start = [sys.executable, "-W", "error", "-c", START]
-    done = subprocess.run([*start, "--seeds", "2", "--jobs", "1", "--out", str(folder), "--json"],
+    done = subprocess.run([*start, "--seeds", "1", "--jobs", "1", "--out", str(folder), "--json"],
                           cwd=ROOT, capture_output=True, text=True, timeout=280)
     assert (done.returncode, done.stderr) == (0, "")
     found: list[dict[str, Any]] = json.loads(done.stdout, parse_constant=lambda name: 1 / 0)

@@ -32,7 +32,7 @@ from studies.units.simulate import simulated
 
 from .bench import CM3, DAMPING, LEAKAGE, TURN, efficiencies, grid, table
 
-SPEED, PRESSURE = grid(6)
+SPEED, PRESSURE = grid(5)
 
 
 def pump(tmp_path, **hidden):
