@@ -112,10 +112,9 @@ class HydrostaticUnit:
         state = state._replace(displacement_ratio=true)
         # What the displacement stated and the stroke commanded have, and the unit has not.
         sign, ideal = sign_of(self.kind), self.displacement * np.stack([speed, pressure])
-        friction = coefficient * true * ideal[1]
         losses = np.stack([
             leakage / viscosity * pressure + total("leakage_flow"),
-            damping * film * speed + friction + total(f"{self.kind}_drag")])
+            damping * film * speed + coefficient * true * ideal[1] + total(f"{self.kind}_drag")])
         ways = sign * np.array([[-1.0], [1.0]])
         read = (true * ideal + ways * losses) * (1.0 + np.array(gains)[:, None])
         return np.asarray(ways * (read - stroke * ideal))
