@@ -10,6 +10,7 @@ its shapes where they are free, as parts of their range.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -108,8 +109,7 @@ class Hypothesis:
         """Return the effects as they are at theta."""
         values: list[dict[str, float]] = [{} for _ in self.effects]
         for (i, item), value in zip(self.free, theta[self.shared:].tolist(), strict=True):
-            values[i][item.name] = value * item.typical if item.is_size else (
-                item.low + value * (item.high - item.low))
+            values[i][item.name] = _value(item, value)
         return tuple(effect.with_values(each) for effect, each in zip(
             self.effects, values, strict=True))
 
@@ -128,8 +128,21 @@ class Hypothesis:
 
 
 def _scaled(item: Any, value: float) -> float:
-    """A size in typical ones, a shape as the part of its range."""
-    return value / item.typical if item.is_size else (value - item.low) / (item.high - item.low)
+    """A size in typical ones; a shape as the part of its range, in proportion where it can be."""
+    if item.is_size:
+        return value / item.typical
+    if item.low > 0.0:
+        return math.log(value / item.low) / math.log(item.high / item.low)
+    return (value - item.low) / (item.high - item.low)
+
+
+def _value(item: Any, scaled: float) -> float:
+    """What `_scaled` gives back; a shape stays in its range, however it is rounded."""
+    if item.is_size:
+        return scaled * item.typical
+    found = item.low * (item.high / item.low) ** scaled if item.low > 0.0 else (
+        item.low + scaled * (item.high - item.low))
+    return min(max(found, item.low), item.high)
 
 
 @dataclass(frozen=True, eq=False)

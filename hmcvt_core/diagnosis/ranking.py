@@ -136,11 +136,9 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
     found = [(rival, math.log(PRIOR_OF_SIZE[len(rival.names)]
                               / math.comb(kinds, len(rival.names))) + log) for rival, log in sets]
     found.sort(key=lambda item: -item[1])
-    for i, (rival, log) in enumerate(found[:_BESIDE]):
+    for rival, log in found[:_BESIDE]:
         prior = log - rival.log + math.log(PRIOR_UNLISTED / 2.0)
-        found += _shared(fields(rival), prior)
-        if i == 0:
-            found += _shared(local(rival, boxes), prior)
+        found += _shared(fields(rival), prior) + _shared(local(rival, boxes), prior)
     found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
     wrong = _distinct(screen(base, library, opposite=True))
