@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from .ranking import ALIVE, Names, Ranking
-from .rivals import Foretold, Rival
+from .ranking import Names, Ranking
+from .rivals import ALIVE, Foretold, Rival
 from .system import Array, Axis, Points
 
 SETTLED = 0.95

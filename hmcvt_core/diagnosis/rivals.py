@@ -32,6 +32,9 @@ FORM_ALLOWANCES = (0.07, 0.25)
 _MINOR = (0.06, 0.2)
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
+ALIVE = 0.01
+"""Probability below which a rival is left out of what is foretold."""
+
 _NOTHING_LEFT = 1e-9
 _SCREENED_SPREAD = 1.5  # in typical sizes
 
@@ -63,7 +66,7 @@ class Rival:
         """How far known effects with the signs they have are all of it, 0 to 1.
 
         A loss beside them that makes up little of the squared change against the bare model is
-        what their forms miss.
+        what their forms miss. A large one leaves them so much that the set it stands beside leads.
         """
         if not self.names or self.fit.hypothesis.opposite:
             return 0.0
@@ -73,7 +76,7 @@ class Rival:
         own = columns @ self.plain.mean[-columns.shape[-1]:] / root
         every = (self.at(self.fit.observed).mean + bare.fit.whitened) / root
         part = float(np.sum(own**2) / np.sum(every**2))
-        return float(np.interp(part, _MINOR, (1.0, 0.0)))
+        return float(np.interp(part, _MINOR, (1.0, ALIVE)))
 
     @property
     def of_base(self) -> bool:
