@@ -27,8 +27,8 @@ from ..errors import InputError
 from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
-from ..physics.effects.base import Effect, EffectParameter, ShaftState, Value
-from ..physics.effects.hydraulic import PressureFrictionStroke
+from ..physics.effects.base import OIL_HOOKS, Effect, EffectParameter, ShaftState, Value
+from ..physics.effects.hydraulic import CoulombStribeckFull, PressureFrictionStroke
 from ..transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
 from .transmission import AXES, OIL_TEMPERATURE
 
@@ -51,7 +51,7 @@ FRICTION = 0.01
 _DECADES = 0.5  # of the friction of units about that, assumed: a factor of three either way
 _SIZE = 55e-6 / (2.0 * np.pi)  # m3/rad, of which the priors of the paper's pair are
 _REFERENCE, _FEWEST = "reference_displacement", 3
-_STROKE_HOOKS, _OIL_HOOK = ("true_displacement_ratio", "stroke_lag"), "viscosity_ratio"
+_STROKE_HOOKS = "true_displacement_ratio", "stroke_lag"
 _STEADY = 0.75  # part of the deals that must lead to the same set
 
 
@@ -85,8 +85,8 @@ class HydrostaticUnit:
         # On its stop, or in proportion, the plate is the reference displacement; a charge pump on
         # the shaft is one of the constant torques, and friction at the stroke one of the base.
         varied = np.ptp(samples.displacement_ratio) > STROKE.held
-        at_stop = set() if varied else {"displacement_error", "at full stroke"}
-        twins = {"charge_pump", "gain", PressureFrictionStroke.form, *at_stop}
+        full = {"displacement_error", "at full stroke", CoulombStribeckFull.form}
+        twins = {"charge_pump", "gain", PressureFrictionStroke.form, *(() if varied else full)}
         self.library: tuple[Any, ...] = tuple(
             effect.in_unit(self.kind, size) for effect in library(units=True)
             if twins.isdisjoint((effect.name, effect.form)))
@@ -382,11 +382,11 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
         # The stroke is the pump's, and one oil serves both.
         return not (effect.component == "sensor"
                     or (effect.acts_at(*_STROKE_HOOKS) and kind == "motor")
-                    or (effect.acts_at(_OIL_HOOK) and effect.name in before))
+                    or (effect.acts_at(*OIL_HOOKS) and effect.name in before))
 
     def scaled(effect: Effect, item: EffectParameter) -> float:
         # What acts on stroke or oil reckons by no displacement.
-        factor = (1.0 if effect.acts_at(*_STROKE_HOOKS, _OIL_HOOK) else
+        factor = (1.0 if effect.acts_at(*_STROKE_HOOKS, *OIL_HOOKS) else
                   larger if item.grows else part)
         return factor * effect.values()[item.name]
 

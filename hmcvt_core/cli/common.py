@@ -28,6 +28,7 @@ from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect, load_effects
+from ..physics.effects.base import OIL_HOOKS
 from ..report import check_drawable, picture_format, write_html
 from ..transmission.stage import Stage
 
@@ -271,7 +272,7 @@ def gear_train(
 
 def note_oil_temperature(model: EfficiencyModel, oil_temperature: float | None = None) -> None:
     """Say on stderr that a temperature given does nothing, or that one is assumed."""
-    used = any(effect.acts_at("viscosity_ratio") for effect in model.effects)
+    used = any(effect.acts_at(*OIL_HOOKS) for effect in model.effects)
     if oil_temperature is not None and not used:
         click.echo("note: this model has no effect of the oil temperature; --oil-temperature "
                    "changes nothing", err=True)

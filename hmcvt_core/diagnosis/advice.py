@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from .ranking import Names, Ranking
-from .rivals import ALIVE, Foretold, Rival
+from .ranking import ALIVE, Names, Ranking
+from .rivals import Foretold, Rival
 from .system import Array, Axis, Points
 
 SETTLED = 0.95
@@ -171,10 +171,11 @@ def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
     """The likeliest rival of each explanation and its probability; () unlisted, None no gap."""
     found: dict[Names | None, tuple[Rival, float]] = {}
     for rival, p in ranking.entries:
-        known = rival.listed(ranking.bare) > 0.5
-        label = rival.names if known else None if rival.of_base else ()
-        first, total = found.get(label, (rival, 0.0))
-        found[label] = first, total + (1.0 - ranking.no_gap) * p
+        part = rival.listed(ranking.bare)
+        for label, share in ((rival.names, part), (None if rival.of_base else (), 1.0 - part)):
+            if share:
+                first, total = found.get(label, (rival, 0.0))
+                found[label] = first, total + (1.0 - ranking.no_gap) * share * p
     _, misfit = found.pop(None, (ranking.bare, 0.0))
     kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),
                   key=lambda entry: -entry[1][1])[:_MOST]

@@ -66,9 +66,8 @@ class Hypothesis:
     def free(self) -> list[tuple[int, Any]]:
         """Which effect, and which parameter of it, each theta after the shared ones is."""
         return [(i, item) for i, effect in enumerate(self.effects)
-                for item in (*effect.sizes(), *(
-                    other for other in effect.parameters()
-                    if i < self.bent and not other.is_size and other.high > other.low))]
+                for item in (effect.sizes()[0], *(
+                    other for other in effect.parameters() if i < self.bent and other.bends))]
 
     @cached_property
     def sizes(self) -> NDArray[np.intp]:

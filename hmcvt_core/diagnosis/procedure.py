@@ -220,9 +220,10 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
     twins = [rival for names, (rival, _) in ranking.sets.items()
              if len(names) == len(leading.names) and rival is not leading
              and rival.log > leading.log - _TWIN]
-    rest = ["a smaller loss that nobody listed stands beside it: look at the regions"]
-    return ("cause_found" if probability >= FOUND and not twins else "ambiguous",
-            rest if ranking.entries[0][0].beside else [])
+    first = ranking.entries[0][0]
+    rest = ["a smaller loss that nobody listed stands beside it: look at the regions"
+            ] if first.beside is not None and first.listed(ranking.bare) > 0.5 else []
+    return "cause_found" if probability >= FOUND and not twins else "ambiguous", rest
 
 
 def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
@@ -285,13 +286,17 @@ def _cause(study: _Study, name: str) -> Cause:
     rival = study.ranking.best_with(name)
     effects = rival.fit.effects
     index = [effect.name for effect in effects].index(name)
-    effect, errors = effects[index], np.sqrt(np.diagonal(rival.plain.covariance))
+    effect, hypothesis = effects[index], rival.fit.hypothesis
+    # At the fitted shapes: with them free, a size may be anything that keeps the loss.
+    kept = [*range(hypothesis.shared), *hypothesis.sizes]
+    known = np.linalg.inv(rival.plain.covariance)[np.ix_(kept, kept)]
+    errors = np.sqrt(np.diagonal(np.linalg.inv(known)))
     shrunk = study.shrunk(rival)
     partners = [other for other in rival.names if other != name]
     return Cause(
         name, effect.form, effect.component, study.ranking.effects[name],
         _twins(study.ranking, name), " and ".join(partners) or None,
-        _parameters(effect, errors[rival.fit.hypothesis.sizes[index]]),
+        _parameters(effect, errors[hypothesis.shared + index]),
         shrunk.after, shrunk.fraction,
         _drift(study.base, rival.fit, errors), effect.summary, effect.source, effect.remedy,
         _model_of(rival.fit))

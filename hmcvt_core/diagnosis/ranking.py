@@ -16,7 +16,7 @@ import numpy as np
 
 from .hypothesis import Fit, Signature
 from .regions import Regions
-from .rivals import ALIVE, Proposal, Rival, bend, exact, fields, local, misfitting, nothing, screen
+from .rivals import Proposal, Rival, bend, exact, fields, local, misfitting, nothing, screen
 from .system import Array, Points
 
 PRIOR_NO_GAP = 0.5
@@ -42,6 +42,9 @@ _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 # A form stays in the race whose gain is so near the best, in part and in nats.
 _NEAR, _BEHIND = 0.7, 4.0
 _OPPOSITE = 3  # effects tried with the wrong sign
+ALIVE = 0.01
+"""Probability below which a rival is left out of what is foretold."""
+
 Names = tuple[str, ...]
 
 

@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,14 +27,11 @@ SIZE_SPREADS = (0.5, 1.5, 5.0)
 FORM_ALLOWANCES = (0.07, 0.25)
 """How far a form may bend, smoothly over the working space, as a part of its own signature."""
 
-# Part of the squared change below which a loss beside a set is none, and from which it is one: the
-# largest allowance for a form, once and nearly twice.
-_MINOR = (0.06, 0.2)
+# Part of the squared change below which a loss beside a set is none, and from which it is one (the
+# largest allowance for a form, once and nearly twice); and how far the set is all of it then.
+_MINOR, _LISTED = (0.06, 0.2), (1.0, 0.01)
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
-ALIVE = 0.01
-"""Probability below which a rival is left out of what is foretold."""
-
 _NOTHING_LEFT = 1e-9
 _SCREENED_SPREAD = 1.5  # in typical sizes
 
@@ -75,8 +72,8 @@ class Rival:
         columns, root = self.beside.columns(self.fit.observed), np.sqrt(self.weighed.noise)[:, None]
         own = columns @ self.plain.mean[-columns.shape[-1]:] / root
         every = (self.at(self.fit.observed).mean + bare.fit.whitened) / root
-        part = float(np.sum(own**2) / np.sum(every**2))
-        return float(np.interp(part, _MINOR, (1.0, ALIVE)))
+        part = float(np.nansum(own**2) / np.nansum(every**2))
+        return float(np.interp(part, _MINOR, _LISTED))
 
     @property
     def of_base(self) -> bool:
@@ -202,11 +199,11 @@ def screen(
     # Members of one set come in the order of the library.
     names_of = [tuple(forms[i].name for i in chosen) for chosen in combined]
     of_names: dict[tuple[str, ...], list[float]] = {}
-    of_kind: dict[tuple[str, ...], dict[tuple[str, ...], float]] = {}
+    of_kind: dict[tuple[str, ...], dict[tuple[Any, ...], float]] = {}
     for chosen, kind, value in zip(combined, names_of, log.tolist(), strict=True):
         of_names.setdefault(kind, []).append(value)
         best = of_kind.setdefault(kind, {})
-        form = tuple(forms[i].form for i in chosen)
+        form = tuple(_fixed(forms[i]) for i in chosen)
         best[form] = max(value, best.get(form, -np.inf))
     price = {kind: (float(log_mean(values)) - max(values),
                     float(log_mean(list(of_kind[kind].values()))) - max(values))
@@ -214,6 +211,12 @@ def screen(
     return [Proposal(float(log[i]), fit, (*hypothesis.effects, *(forms[j] for j in combined[i])),
                      tuple(kept[j][1] for j in combined[i]), *price[names_of[i]], theta[i])
             for i in np.argsort(-log)]
+
+
+def _fixed(form: Effect) -> tuple[Any, ...]:
+    """What refits do not change of a form: its name and the shapes that do not bend."""
+    return (form.form, *(form.values()[item.name] for item in form.parameters()
+                         if not (item.is_size or item.bends)))
 
 
 def explanation(fit: Fit) -> Rival:

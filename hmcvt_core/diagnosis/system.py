@@ -109,7 +109,8 @@ class Effect(Protocol):
     """Something the base model leaves out; `hmcvt_core.physics.effects` says what each member is.
 
     `parameters` and `sizes` give objects with `name`, `unit`, `meaning`, `typical`, `low`, `high`,
-    `grid` (the values tried of a shape, empty for a size) and `is_size`; there is one size.
+    `grid` (the values tried of a shape, empty for a size), `is_size` and `bends` (a shape that may
+    have any value between); of several sizes the first is fitted.
     """
 
     name: ClassVar[str]

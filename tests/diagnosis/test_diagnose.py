@@ -277,7 +277,8 @@ def test_a_channel_that_no_effect_explains_counts_as_unlisted():
     slip = 1.0 - 0.02 * (np.abs(some.displacement_ratio - 0.25) < 0.15)
     found = hmcvt.diagnose(SHIPPED, replace(some, output_speed=slip * some.output_speed))
     assert found.verdict == "unexplained" and found.unlisted > 0.95
-    assert found.where[0].channel == "output_speed"
+    # The charge pump of these tests shows beside it, in the efficiency.
+    assert "output_speed" in {region.channel for region in found.where}
     assert "no set of listed effects explains the gap" in found.notes[-1]
 
 
@@ -381,11 +382,11 @@ def test_the_simulated_bench_gives_these_numbers():
     assert found.gap.noise == pytest.approx(0.0044241, rel=2e-3)
     probability = {each.effects: each.probability for each in found.sets[:4]}
     assert probability == pytest.approx({
-        ("charge_pump",): 0.621, ("bearing_drag",): 0.165, ("torque_sensor",): 0.085,
-        ("bearing_drag", "charge_pump"): 0.049}, abs=5e-3)
-    assert found.unlisted == pytest.approx(0.0073, abs=2e-3)
-    assert found.shrinkage.fraction == pytest.approx(0.846, abs=2e-3)
-    assert found.shrinkage.interval == pytest.approx((0.526, 1.0), abs=1e-2)
+        ("charge_pump",): 0.610, ("bearing_drag",): 0.163, ("torque_sensor",): 0.085,
+        ("clutch_drag",): 0.055}, abs=5e-3)
+    assert found.unlisted == pytest.approx(0.0106, abs=2e-3)
+    assert found.shrinkage.fraction == pytest.approx(0.858, abs=2e-3)
+    assert found.shrinkage.interval == pytest.approx((0.536, 1.0), abs=1e-2)
     assert found.delivered.rmse_after == pytest.approx(0.00467, rel=5e-3)
     assert found.lost_power == pytest.approx(1346.0, rel=1e-2)
     entry = found.causes[0].parameters["torque"]

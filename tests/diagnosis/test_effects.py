@@ -12,7 +12,7 @@ from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
 from hmcvt_core.physics.effects.base import Effect, size
-from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
+from hmcvt_core.physics.effects.hydraulic import OilTemperature, walther_log_viscosity
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.transmission.ranges import OperatingPoints
 
@@ -124,6 +124,17 @@ def test_walther_gives_the_grade_of_the_oil():
     np.testing.assert_allclose(np.exp(walther_log_viscosity(np.array([40.0, 100.0]))),
                                [46.0, 6.8], rtol=1e-9)
     assert (np.diff(walther_log_viscosity(np.linspace(-40.0, 150.0, 50))) < 0.0).all()
+
+
+def test_films_follow_the_oil_with_a_power_of_their_own():
+    warm = POINTS._replace(oil_temperature=np.full_like(POINTS.engine_speed, 90.0))
+    ratio = OilTemperature(1.0).viscosity_ratio(warm.oil_temperature)[0]
+    thin = replace(BASE.parameters, leakage=BASE.parameters.leakage / ratio, **{
+        name: getattr(BASE.parameters, name) * ratio**0.67
+        for name in ("motor_damping", "pump_damping")})
+    np.testing.assert_allclose(
+        replace(BASE, effects=(OilTemperature(1.0, film_exponent=0.67),)).readings_at(warm)[0],
+        replace(BASE, parameters=thin).readings_at(POINTS)[0], rtol=1e-9)
 
 
 def test_effects_add_up_in_one_model():

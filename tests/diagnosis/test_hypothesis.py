@@ -9,6 +9,7 @@ import pytest
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, freed, linearise, refit
 from hmcvt_core.diagnosis.system import forms_of
+from hmcvt_core.physics.effects.hydraulic import PistonLeakage
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, GearMesh
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 from hmcvt_core.transmission.parameters import HydraulicParameters, to_scaled
@@ -48,6 +49,9 @@ def test_shapes_are_fitted_between_the_values_of_their_grid():
     assert found.sizes == pytest.approx([1.0, 1.5], rel=0.05)
     beyond = freed(refit(Hypothesis(SYSTEM, (Churning(),)), _exact([Churning(8.0, exponent=3.0)])))
     assert beyond.effects[0].exponent == 2.0
+    pistons = freed(refit(Hypothesis(SYSTEM, (PistonLeakage(motor_part=1.0),)), _exact([
+        PistonLeakage(3e-11, motor_part=0.0)])))
+    assert pistons.effects[0].motor_part == 1.0  # a switch
     again = freed(found)
     np.testing.assert_allclose(again.theta, found.theta, rtol=1e-2, atol=1e-4)
 

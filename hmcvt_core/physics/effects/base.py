@@ -18,6 +18,7 @@ from ...errors import InputError
 
 Array = NDArray[np.float64]
 Value = Array | float
+OIL_HOOKS = "viscosity_ratio", "film_viscosity_ratio"
 _OF_ANY_SIZE = ("-", "1/GPa")  # units of sizes that are the same in small pumps and in large ones
 
 
@@ -61,6 +62,7 @@ class EffectParameter:
         typical: the size expected where the effect matters; scale of its prior.
         low, high: bounds of what is physically plausible.
         grid: for a shape: the values tried. Empty for a size.
+        between: whether a shape may have other values than those of its grid, too.
     """
 
     name: str
@@ -70,6 +72,12 @@ class EffectParameter:
     low: float
     high: float
     grid: tuple[float, ...] = ()
+    between: bool = True
+
+    @property
+    def bends(self) -> bool:
+        """Whether it is a shape that may have any value between its bounds."""
+        return bool(self.grid) and self.between and self.high > self.low
 
     @property
     def is_size(self) -> bool:
@@ -93,12 +101,16 @@ def size(unit: str, typical: float, low: float, high: float, meaning: str) -> An
         "unit": unit, "meaning": meaning, "typical": typical, "low": low, "high": high})
 
 
-def shape(unit: str, grid: tuple[float, ...], meaning: str) -> Any:
-    """Declare a parameter that bends the form; the middle of its grid is the default."""
+def shape(unit: str, grid: tuple[float, ...], meaning: str, between: bool = True) -> Any:
+    """Declare a parameter that bends the form; the middle of its grid is the default.
+
+    With `between` the leading sets are refitted with it anywhere between the ends of the grid; not
+    where all of it are whole numbers (int), which are a switch or an index.
+    """
     typical = grid[len(grid) // 2]
     return field(default=typical, metadata={
         "unit": unit, "meaning": meaning, "typical": typical, "low": min(grid), "high": max(grid),
-        "grid": grid})
+        "grid": grid, "between": between and not all(isinstance(each, int) for each in grid)})
 
 
 @dataclass(frozen=True)

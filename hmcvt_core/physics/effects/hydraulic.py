@@ -124,7 +124,8 @@ class PistonLeakage(PressureLeakage):
     remedy = "measure the output speed at one pressure and two strokes"
 
     exponent: float = shape("-", (2.0,), "power of pressure in the further leakage")
-    motor_part: float = shape("-", (0.0, 1.0), "1 if the motor's pistons leak too, 0 if not")
+    motor_part: float = shape("-", (0.0, 1.0), "1 if the motor's pistons leak too, 0 if not",
+                               between=False)
 
     def leakage_flow(self, state: ShaftState) -> Value:
         return super().leakage_flow(state) * (state.displacement_ratio**2 + self.motor_part)
@@ -203,7 +204,8 @@ class Compressibility(Effect):
 
     compliance: float = size("1/GPa", 1.5, 0.0, 20.0, "1 / effective bulk modulus")
     dead_volume: float = shape("-", (0.1, 0.5, 2.0), "dead volume / volume of a full stroke")
-    motor_part: float = shape("-", (0.0, 1.0), "1 if the motor squeezes oil too, 0 if not")
+    motor_part: float = shape("-", (0.0, 1.0), "1 if the motor squeezes oil too, 0 if not",
+                               between=False)
     softening: float = shape("MPa", (0.0, 5.0), "pressure below which the oil is softer")
 
     def leakage_flow(self, state: ShaftState) -> Value:
@@ -312,9 +314,10 @@ class PressureFrictionStribeck(PressureFrictionStroke):
 
 
 @dataclass(frozen=True)
-class CoulombStribeck(PressureFrictionFull):
+class CoulombStribeck(PressureFrictionStroke):
     """c dp V (1 + r exp(-|w| / w_s)): friction that falls to a rest as the film builds up."""
 
+    unit_only = True
     form = "Coulomb and Stribeck"
     summary = "parts pressed together rub, at low speed more: friction falls with speed to a rest"
     source = "Stribeck curve; mixed film at low speed: SAE 2012-01-2041"
@@ -333,6 +336,18 @@ class CoulombStribeck(PressureFrictionFull):
 
 
 @dataclass(frozen=True)
+class CoulombStribeckFull(CoulombStribeck):
+    """The same at full displacement in pump and motor."""
+
+    unit_only = False
+    form = "Coulomb and Stribeck at full stroke"
+
+    def pump_drag(self, state: ShaftState) -> Value:
+        torque = self.coefficient * np.abs(state.pressure) * state.displacement
+        return torque * self._part(state.pump_speed)
+
+
+@dataclass(frozen=True)
 class PortPressureDrop(Effect):
     """dp = k Q |Q|^(m - 1): what lines and ports between pump and motor take."""
 
@@ -343,7 +358,7 @@ class PortPressureDrop(Effect):
     remedy = "measure the pressure at the pump and at the motor"
 
     drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
-    exponent: float = shape("-", (1.0, 2.0), "power of the flow")
+    exponent: float = shape("-", (1.0, 1.75, 2.0), "power of the flow")
 
     def pressure_drop(self, state: ShaftState) -> Value:
         x = state.motor_speed / 200.0
