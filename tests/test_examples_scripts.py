@@ -110,9 +110,6 @@ def test_bag_to_diagnosis(tmp_path):
     assert saved.parameters.leakage == pytest.approx(fit.parameters.leakage, rel=0.05)
 
 
-# --- the notebook ---------------------------------------------------------------------------------
-
-
 def shown(code, names):
     """Run a cell; return what it shows, the value of its last line."""
     *body, last = ast.parse(code).body

@@ -31,9 +31,6 @@ def _fresh(case, seed=77):
     return points, replace(BASE, effects=case["effects"]).solution_at(points).efficiency
 
 
-# --- verdicts -------------------------------------------------------------------------------------
-
-
 def test_no_effect_is_no_gap():
     found = diagnosed("nothing")
     assert found.verdict == "no_gap"
@@ -130,18 +127,12 @@ def test_the_effect_that_a_model_has_is_no_gap():
     assert found.base.effects == case["effects"]
 
 
-# --- channels -------------------------------------------------------------------------------------
-
-
 def test_without_output_speed():
     found = diagnosed("charge pump without speed")
     assert found.verdict in ("ambiguous", "cause_found")
     assert "charge_pump" in {cause.effect for cause in found.causes[:3]}
     assert any("output_speed" in note for note in found.notes)
     assert not any("output_speed" in note for note in diagnosed("charge pump").notes)
-
-
-# --- shrinkage ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["planetary mesh", "leakage", "charge pump", "oil", "two"])
@@ -355,9 +346,6 @@ def test_the_papers_own_tests_rest_on_the_noise():
     assert not any("nobody stated" in note for note in stated.notes)
     assert stated.where[0].p_value > 0.05, "a place that may be chance is called so"
     assert "no place is significant by itself" in stated.report()
-
-
-# --- repeatable -----------------------------------------------------------------------------------
 
 
 def test_rows_in_another_order_and_wrong_base_parameters_change_nothing():

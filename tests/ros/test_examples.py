@@ -118,9 +118,6 @@ def test_script_of_the_page_saves_the_model(environment, node, tmp_path):
     assert saved.fingerprint == served(node, tmp_path).fingerprint
 
 
-# --- the demonstration ----------------------------------------------------------------------------
-
-
 def processes_with(text: str) -> list[str]:
     """Command lines of running processes that hold a text."""
     found = []

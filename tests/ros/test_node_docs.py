@@ -92,9 +92,6 @@ def replies(node, table2):
     return found
 
 
-# --- tables ---------------------------------------------------------------------------------------
-
-
 def endpoints(observer, namespace):
     """Topic, type, direction, reliability and durability of what a node has on the graph."""
     found = []
@@ -174,9 +171,6 @@ def test_files_of_the_state_folder(node, replies, refused):
     for folder in (node.state, refused[0].state):
         names |= {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert names == {row[0] for row in table("file")}
-
-
-# --- replies --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("service", ["reidentify", "revert", "clear_samples"])

@@ -198,9 +198,6 @@ def test_page_that_cannot_be_written_costs_the_page_only(paper_file, tmp_path, m
     assert "reports" in answer["report_error"]
 
 
-# --- a gap ----------------------------------------------------------------------------------------
-
-
 def test_a_gap_that_opens_is_told_in_diagnostics(start_node, tmp_path):
     path, model = tmp_path / "p.yaml", well_known()
     hmcvt.save_model(model, path)

@@ -132,9 +132,6 @@ def test_every_refused_message_gives_nan_at_once(nan_node):
     assert math.isfinite(player.hold(GOOD).efficiency)
 
 
-# --- settings -------------------------------------------------------------------------------------
-
-
 def test_one_input_may_be_older_than_the_others(node):
     player = node.player
     node.set(input_timeout=0.3, input_timeouts__load_torque=10.0)

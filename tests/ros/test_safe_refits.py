@@ -74,9 +74,6 @@ def test_extrapolation_names_the_input_and_its_range(node):
         assert (node.value("extrapolation") == "no") == (level == DiagnosticStatus.OK)
 
 
-# --- refits ---------------------------------------------------------------------------------------
-
-
 def test_one_bad_sample_of_twenty_is_named_and_decides_nothing(node, base):
     unit = worn(base, 3 * (1.3,))
     samples = campaign(unit, 20, 0)

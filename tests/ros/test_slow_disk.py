@@ -111,9 +111,6 @@ def test_reply_that_counts_samples_waits_for_all_that_came(node, slow, table2):
     assert node.logged() == 0
 
 
-# --- bursts ---------------------------------------------------------------------------------------
-
-
 def counts(node):
     return {word: int(node.value(f"bench samples {word}") or 0) for word in (
         "logged", "accepted", "lost", "refused, too many at once")}
@@ -224,9 +221,6 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
     assert node.player.call("clear_samples").success
     node.forget_status()
     assert node.comes(lambda: node.value("state folder") == "intact")
-
-
-# --- the end --------------------------------------------------------------------------------------
 
 
 def test_what_waits_for_the_disk_is_written_before_the_end(node, slow, table2):
