@@ -92,8 +92,8 @@ def test_no_message_is_dropped_while_the_model_is_swapped(node, table2):
         node.player.send_inputs(GOOD)
         sent += 3
         node.player.spin_for(0.05)
-        # A machine that does something else loses what is sent ahead of its answers.
-        node.player.wait_until(lambda: len(node.player.efficiencies) >= sent, 2.0)
+        # A machine that stalls loses what is sent ahead of its answers.
+        node.player.wait_until(lambda all=sent: len(node.player.efficiencies) >= all, 2.0)
         if reply.done() and second.done() and node.player.efficiencies[-1] != old:
             break
     node.player.spin_for(0.3)

@@ -84,8 +84,7 @@ def test_state_folder_that_is_removed_is_told(start_node, paper_file, table2):
 
 
 def test_slow_disk_holds_up_no_lookup(node, slow, table2):
-    quick, slowly, answered = 0.0, math.inf, False
-    sent = 0
+    quick, slowly, answered, sent = 0.0, math.inf, False, 0
     # The machine may do something else meanwhile.
     while sent < 120 and not (answered and slowly <= 2.0 * quick):
         slow[1].slow_disk(0.0)
