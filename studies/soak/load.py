@@ -176,6 +176,9 @@ class Answers:
 class Target:
     """A process under test, as seen from here.
 
+    Args:
+        patience: how long after a stretch to wait for a node that loses nothing but is late [s].
+
     Attributes:
         process: it.
         ear: hears its outputs, and its diagnostics.
@@ -185,8 +188,8 @@ class Target:
     """
 
     def __init__(self, client: Node, process: Process, namespace: str,
-                 profile: QoSProfile = qos.INPUT) -> None:
-        self.process = process
+                 profile: QoSProfile = qos.INPUT, patience: float = 0.0) -> None:
+        self.process, self._patience = process, patience
         self.statuses = Statuses(namespace)
         self.efficiency, self.optimum = Answers(), Answers()
         self.inputs = [client.create_publisher(Float64, f"{namespace}/{limits.name}", profile)
@@ -223,23 +226,28 @@ class Target:
             TimeoutError: it says nothing.
         """
         now = time.time_ns()
-        if not self.ear.listen_until(lambda: self.statuses.stamp > now, 5.0):
+        if not self.ear.listen_until(lambda: self.statuses.stamp > now, 5.0 + self._patience):
             raise TimeoutError(f"no diagnostics:\n{self.process.log}")
-        return (self.statuses.sum("inputs", " accepted"),
-                self.statuses.sum("inputs", "points answered"))
+        return self._accepted(), self.statuses.sum("inputs", "points answered")
+
+    def _accepted(self) -> int:
+        return self.statuses.sum("inputs", " accepted")
 
     def counted(self, cycle: Cycle, rate: float, seconds: float,
                 meanwhile: Callable[[], None] = lambda: None) -> Segment:
         """Load, and ask the node what it counted."""
         accepted, answers = self.counts()
-        segment = self.load(cycle, rate, seconds, meanwhile)
+        accepted += TOPICS  # the load begins with a set of three, of which the last is answered
+        answers += 1
+        segment = self.load(cycle, rate, seconds, meanwhile,
+                            lambda sent: self._accepted() == accepted + sent)
         accepted_after, answers_after = self.counts()
-        # The load begins with a set of three, of which the last is answered.
-        return replace(segment, accepted=accepted_after - accepted - TOPICS,
-                       answered=answers_after - answers - 1)
+        return replace(segment, accepted=accepted_after - accepted,
+                       answered=answers_after - answers)
 
     def load(self, cycle: Cycle, rate: float, seconds: float,
-             meanwhile: Callable[[], None] = lambda: None) -> Segment:
+             meanwhile: Callable[[], None] = lambda: None,
+             settled: Callable[[int], bool] = lambda sent: True) -> Segment:
         """Be silent, then send arrivals, one topic after the other at even distances.
 
         Args:
@@ -247,6 +255,7 @@ class Target:
             rate: of each input [Hz].
             seconds: for how long.
             meanwhile: is called ten times a second.
+            settled: says whether so many arrivals have been heard.
 
         Raises:
             TimeoutError: not even a single point is answered.
@@ -268,6 +277,7 @@ class Target:
             gc.enable()
         spent = time.monotonic() - start
         used = (self._usage() - before) / spent
+        self.ear.listen_until(lambda: settled(len(sent)), self._patience)
         self.ear.listen_for(_SETTLE)
         # Not between the two of an answer: a new model may come just then.
         self.ear.listen_until(
@@ -289,7 +299,7 @@ class Target:
         last = cycle.answers[-1]
         if not self.ear.listen_until(lambda: (
                 self.efficiency.values[-1:], self.optimum.values[-1:])
-                == ([last[0]], [last[1]]), 5.0):
+                == ([last[0]], [last[1]]), 5.0 + self._patience):
             raise TimeoutError(f"the first point was not answered with {last}, but with "
                                f"{self.efficiency.values}:\n{self.process.log}")
         self.forget()

@@ -32,6 +32,8 @@ from .points import ORDINARY, Cycle
 Say = Callable[[str], None]
 _BATCH = 80  # fewer than the node's subscription holds
 _NOISE = 0.004  # of the efficiency
+_LOSSLESS = QoSProfile(depth=DEPTH)
+_PATIENCE = 30.0  # seconds
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Plan:
         fuzz: messages of nonsense.
         cycle: arrivals before the values repeat.
         seed: of everything random.
+        lossless: whether the node hears every arrival, and none too late, however the machine
+            stalls; otherwise its inputs are as delivered.
     """
 
     rate: float = 300.0
@@ -59,6 +63,7 @@ class Plan:
     fuzz: int = 100_000
     cycle: int = 3000
     seed: int = 0
+    lossless: bool = False
 
 
 class Turn(NamedTuple):
@@ -113,9 +118,10 @@ class Fuzzed:
 def under_load(plan: Plan, folder: Path, say: Say = print) -> Loaded:
     """Run the trials under load."""
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    with (client() as here, processes.node("/node", folder) as node,
+    given, *sender = ((overrides("/node"), _LOSSLESS, _PATIENCE) if plan.lossless else ({},))
+    with (client() as here, processes.node("/node", folder, **given) as node,
           processes.relay("/relay", folder) as relay):
-        served, bare = Target(here, node, "/node"), Target(here, relay, "/relay")
+        served, bare = Target(here, node, "/node", *sender), Target(here, relay, "/relay")
         answered = points.answered(model, plan.cycle, plan.seed)
         echoed = points.echoed(plan.cycle, plan.seed)
         for target in (served, bare):
@@ -173,12 +179,12 @@ def nonsense(plan: Plan, folder: Path, say: Say = print) -> Fuzzed:
     start = time.monotonic()
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     with client() as here, processes.node("/fuzz", folder, **overrides("/fuzz")) as node:
-        target = Target(here, node, "/fuzz", QoSProfile(depth=DEPTH))
+        target = Target(here, node, "/fuzz", _LOSSLESS)
         target.wait()
         inputs = InputFuzzer(target, model, plan.seed)
         inputs.run(plan.fuzz * 9 // 10)
         bench = BenchFuzzer(target, here.create_publisher(
-            JointState, "/fuzz/bench_sample", QoSProfile(depth=DEPTH)),
+            JointState, "/fuzz/bench_sample", _LOSSLESS),
             folder / "fuzz/bench_samples.csv", plan.seed)
         bench.run(plan.fuzz - inputs.sent)
         alive = node.running

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The endurance trial in seconds: bounds that noise of a machine does not reach."""
+"""The endurance trial in seconds: counts and processor time, which a machine that stalls leaves."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import pytest
 from studies.page import Run
 from studies.soak import processes, report, trial
 
+pytestmark = pytest.mark.timeout(600)  # on a machine that stalls
+
 PLAN = trial.Plan(rate=100.0, seconds=0.5, turns=2, refit_turns=1, samples=20, rates=(100.0,),
-                  rising_seconds=0.5, cycle=300)
+                  rising_seconds=0.5, cycle=300, lossless=True)
 
 
 @pytest.fixture(scope="module")
@@ -25,20 +27,18 @@ def loaded(tmp_path_factory):
 def test_every_arrival_is_answered_rightly(loaded, when):
     for turn in getattr(loaded, when):
         segment = turn.node
-        assert segment.right == segment.accepted
-        if when == "steady":
-            assert segment.answers == turn.node.answered == turn.node.accepted
-        else:  # a new model answers once more, also shortly after the load
-            assert segment.answers == segment.right + segment.repeats <= turn.node.answered
-        assert turn.node.accepted >= 0.9 * segment.sent  # best effort, on a busy machine
+        assert segment.right == segment.accepted == segment.sent
+        # A new model answers once more, also shortly after the load.
+        assert segment.answers == segment.right + segment.repeats <= segment.answered
+        assert when == "refitting" or segment.repeats == 0
 
 
-def test_node_is_hardly_slower_than_a_bare_relay(loaded):
-    segments = ([turn.node for turn in loaded.steady],
-                [turn.relay for turn in loaded.steady])
-    for percent in (50, 99):
-        # What makes the node slow makes it slow in every turn.
-        assert report.ratio(report.latency(percent), *segments).low < 5.0
+def test_node_works_hardly_more_than_a_bare_relay(loaded):
+    def seconds_of_an_answer(parts):
+        return sum(part.cpu * part.seconds for part in parts) / sum(part.answers for part in parts)
+
+    node, relay = zip(*loaded.steady, strict=True)
+    assert 0.0 < seconds_of_an_answer(node) < 3.0 * seconds_of_an_answer(relay)
 
 
 def test_document_says_what_was_met(loaded):
