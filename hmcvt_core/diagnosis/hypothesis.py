@@ -236,11 +236,11 @@ class Fit:
 
 def refit(
     hypothesis: Hypothesis, observed: Observations, start: Array | None = None,
-    slopes: Array | None = None, rough: bool = False,
+    slopes: Array | None = None, *, rough: bool = False,
 ) -> Fit:
     """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
 
-    Sizes are held by their bounds alone: their prior enters when evidence is weighed.
+    Sizes are held by their bounds alone; their prior enters when evidence is weighed.
 
     Args:
         hypothesis: what is assumed.

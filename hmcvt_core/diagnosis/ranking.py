@@ -143,7 +143,7 @@ def rank(base: Fit, boxes: Regions) -> Ranking:
     found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
     wrong = _distinct(screen(base, library, opposite=True))
-    turned = [replace(rival := exact(each.refit(opposite=True)), log=rival.log + each.price)
+    turned = [replace(rival := exact(each.refit(opposite=True)), log=rival.log + each.price[0])
               for each in wrong[:_OPPOSITE] if each.gain > 0.0]
     for family, count in ((fields(bare), 0), (local(bare, boxes), 0), (turned, len(wrong))):
         found += _shared(family, math.log(PRIOR_UNLISTED / 3.0), count)
@@ -168,25 +168,26 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
         The best refit of each set and its log evidence over all forms, and how many effects there
         are to choose from.
     """
-    found: dict[Names, tuple[Rival, float, float]] = {}
+    found: dict[Names, tuple[Rival, Array]] = {}  # and the price as it is, and with free shapes
     refined = set[Names]()
 
     def weight(names: Names) -> float:
-        return found[names][0].log + found[names][1]
+        rival, price = found[names]
+        return float(rival.log + price[0])
 
     def refitted(proposals: Iterable[Proposal]) -> None:
         for each in proposals:
             rival = each.refit()
-            if rival.names not in found or rival.log + each.price > weight(rival.names):
-                found[rival.names] = rival, each.price, each.kinds
+            if rival.names not in found or rival.log + each.price[0] > weight(rival.names):
+                found[rival.names] = rival, each.price
                 refined.discard(rival.names)
 
-    def refine(names: Names) -> tuple[Rival, float]:
+    def refine(names: Names) -> tuple[Rival, Array]:
         if names not in refined:
-            rival, _, kinds = found[names]
-            found[names] = bend(rival), kinds, kinds
+            rival, price = found[names]
+            found[names] = bend(rival), price[[1, 1]]
             refined.add(names)
-        return found[names][:2]
+        return found[names]
 
     def leaders(size: int, count: int) -> list[Names]:
         sized = [names for names in found if len(names) == size]
@@ -204,8 +205,7 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
                   if first not in {effect.name for effect in item.effects}][:_SETS])
     for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
         refitted(_distinct(sorted((
-            each._replace(gain=rival.log + each.gain, price=each.price + price,
-                          kinds=each.kinds + price)
+            each._replace(gain=rival.log + each.gain, price=each.price + price)
             for rival, price in map(refine, leaders(size, _LEADERS))
             for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
             key=lambda each: -each.gain))[:2 * _SETS])
@@ -213,7 +213,7 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     for names in sorted(found, key=weight, reverse=True)[:_KINDS]:
         if weight(names) > best - _HOPELESS:
             refine(names)
-    return [(rival, weight(names)) for names, (rival, *_) in found.items()], len(
+    return [(rival, weight(names)) for names, (rival, _) in found.items()], len(
         {each.effects[0].name for each in alone})
 
 

@@ -142,8 +142,8 @@ class Proposal(NamedTuple):
         gain: in log evidence.
         start: the refit that forms are added to.
         effects: all forms, those of the start first; `changes` of the prediction by the others.
-        price: log of the mean over all forms of these names against the best.
-        kinds: the same of the best shapes of each form.
+        price: log of the mean against the best, over all forms of these names, and over those that
+            remain once their shapes are free, shape (2,).
         mean: of the parameters.
     """
 
@@ -151,15 +151,14 @@ class Proposal(NamedTuple):
     start: Fit
     effects: tuple[Effect, ...]
     changes: tuple[Array, ...]
-    price: float
-    kinds: float
+    price: Array
     mean: Array
 
     def refit(self, opposite: bool = False) -> Rival:
         """Refit from where the linear approximation ends, and weigh."""
         hypothesis = replace(self.start.hypothesis, effects=self.effects, opposite=opposite)
         slopes = np.concatenate([self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1)
-        return explanation(refit(hypothesis, self.start.observed, self.mean, slopes, True))
+        return explanation(refit(hypothesis, self.start.observed, self.mean, slopes, rough=True))
 
 
 def screen(
@@ -197,19 +196,16 @@ def screen(
     log = log_mean([each.log for each in found]) - without.log
     theta = found[-1].mean + np.append(hypothesis.prior_mean, np.zeros(count))
     # Members of one set come in the order of the library.
-    names_of = [tuple(forms[i].name for i in chosen) for chosen in combined]
-    of_names: dict[tuple[str, ...], list[float]] = {}
-    of_kind: dict[tuple[str, ...], dict[tuple[Any, ...], float]] = {}
-    for chosen, kind, value in zip(combined, names_of, log.tolist(), strict=True):
-        of_names.setdefault(kind, []).append(value)
-        best = of_kind.setdefault(kind, {})
-        form = tuple(_fixed(forms[i]) for i in chosen)
-        best[form] = max(value, best.get(form, -np.inf))
-    price = {kind: (float(log_mean(values)) - max(values),
-                    float(log_mean(list(of_kind[kind].values()))) - max(values))
-             for kind, values in of_names.items()}
+    kinds = [tuple(forms[i].name for i in chosen) for chosen in combined]
+    fixed = list(map(_fixed, forms))
+    of_kind: dict[tuple[str, ...], dict[Any, list[float]]] = {}
+    for chosen, kind, value in zip(combined, kinds, log.tolist(), strict=True):
+        of_kind.setdefault(kind, {}).setdefault(tuple(fixed[i] for i in chosen), []).append(value)
+    price = {kind: np.array([log_mean(list(itertools.chain(*values.values()))),
+                             log_mean(list(map(max, values.values())))])
+             - max(map(max, values.values())) for kind, values in of_kind.items()}
     return [Proposal(float(log[i]), fit, (*hypothesis.effects, *(forms[j] for j in combined[i])),
-                     tuple(kept[j][1] for j in combined[i]), *price[names_of[i]], theta[i])
+                     tuple(kept[j][1] for j in combined[i]), price[kinds[i]], theta[i])
             for i in np.argsort(-log)]
 
 
