@@ -76,18 +76,17 @@ def evidence(
     square, cross, total = grams[..., :-1, :-1], grams[..., :-1, -1], grams[..., -1, -1]
     precision = spread**-2.0
     p = spread.shape[-1]
-    noise = np.ones(total.shape)
+    noise, flat = np.ones(total.shape), square.reshape(*total.shape, p * p)
     for _ in range(_ROUNDS):
-        weights = 1.0 / noise
-        matrix = np.einsum("mc,mcij->mij", weights, square)
+        weights = 1.0 / noise[:, None]
+        matrix = (weights @ flat).reshape(-1, p, p)
         matrix[:, np.arange(p), np.arange(p)] += precision
-        covariance = np.linalg.inv(matrix)
-        mean = np.einsum("mij,mc,mcj->mi", covariance, weights, cross)
-        residual = (total - 2.0 * np.einsum("mi,mci->mc", mean, cross)
-                    + np.einsum("mi,mcij,mj->mc", mean, square, mean))
-        residual = np.maximum(residual, 1e-12)
+        covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        mean = ((weights @ cross) @ covariance)[:, 0]
+        fitted = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
+        residual = np.maximum(total + (fitted @ mean[..., None])[..., 0], 1e-12)
         # The part of the noise that the fitted coefficients hide.
-        hidden = np.einsum("mij,mcji->mc", covariance, square)
+        hidden = (flat @ covariance.reshape(-1, p * p, 1))[..., 0]
         noise, before = (trust + residual + hidden) / (trust + count), noise
         if (np.abs(noise / before - 1.0) < _SETTLED).all():
             break

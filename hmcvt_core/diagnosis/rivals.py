@@ -110,7 +110,8 @@ class Foretold(NamedTuple):
     @property
     def spread(self) -> Array:
         """Covariance of what is foretold, without noise, shape (n, channels, channels)."""
-        return np.einsum("cip,pq,eiq->ice", self.columns, self.covariance, self.columns)
+        by_point = np.swapaxes(self.columns, 0, 1)
+        return np.asarray(by_point @ self.covariance @ np.swapaxes(by_point, 1, 2))
 
     def measured(self, index: int) -> Foretold:
         """Return the same when a point has been read, whatever the reading (Kalman update)."""
@@ -341,8 +342,8 @@ def local(rival: Rival, boxes: Regions) -> list[Rival]:
         column = boxes.members * observed.unit_loss[i] / root[i]
         shadow = column @ model.columns[i] / root[i]
         whole = np.sum(column**2, axis=1)
-        squares = np.maximum(whole - np.einsum(  # of what the rival leaves; all but none at least
-            "bp,pq,bq->b", shadow, model.covariance, shadow), _NOTHING_LEFT * whole)
+        squares = np.maximum(  # of what the rival leaves; all but none at least
+            whole - np.sum(shadow @ model.covariance * shadow, axis=1), _NOTHING_LEFT * whole)
         pull = column @ left[i] / root[i]
         ratios = np.square(channel.step_spreads)[:, None] * squares
         gains.append(log_mean(
