@@ -6,10 +6,11 @@ import pytest
 from scipy.stats import kstest
 
 from hmcvt_core.benches.transmission import observe
+from hmcvt_core.diagnosis.intake import uneven_noise
 from hmcvt_core.diagnosis.observations import scaled_to_extent, smooth_functions
 from hmcvt_core.diagnosis.regions import regions, significance
 
-from .campaigns import NOISE, campaign, factorial_points, fitted, measure
+from .campaigns import NOISE, campaign, factorial_points, fitted, measure, random_points
 
 REPLICATES = 199
 LEVEL = 0.05
@@ -67,6 +68,20 @@ def test_a_bench_twice_as_noisy_as_assumed_raises_no_alarm():
     alarms = [_search(campaign(seed=500 + seed, n=8 + seed % 5, noise=0.016, speed_noise=None),
                       None, 99).p_value <= 0.02 for seed in range(12)]
     assert np.sum(alarms) <= 1
+
+
+def test_uneven_noise_is_taken_as_it_is_seen_where_nobody_states_it():
+    points = random_points(5, 400)
+    true = 0.01 * np.exp(-points.load_torque / 200.0)
+    samples = measure(points, noise=true, loss=lambda at: 1e-4 * at.engine_speed)
+    fit = fitted(samples, None)
+    efficiency, speed = uneven_noise(fit)
+    seen = np.log(fit.observed.deviation[0] * efficiency / true)
+    assert np.ptp(seen) < 0.4 * np.ptp(np.log(true))
+    assert np.ptp(speed) == 0.0
+    # A statement is believed, and so few tell nothing.
+    for even in (fitted(samples), fitted(samples.select(np.arange(40)), None)):
+        assert np.ptp(uneven_noise(even)[0]) == 0.0
 
 
 def test_the_p_values_follow_the_statistics_and_the_seed():
