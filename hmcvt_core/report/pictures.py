@@ -247,9 +247,7 @@ def lost_power(
 
     Args:
         model: of formulation `power_balance`.
-        engine_speed: [rad/s].
-        load_torque: [N m].
-        oil_temperature: [deg C].
+        engine_speed, load_torque, oil_temperature: [rad/s], [N m], [deg C].
     """
     parts: dict[str, Array] = {}
     for name, watts in model.breakdown(STROKES, engine_speed, load_torque,
@@ -307,8 +305,7 @@ def draw_losses(
 
     Args:
         model: of formulation `power_balance`.
-        engine_speed: [rad/s].
-        load_torque: [N m].
+        engine_speed, load_torque: [rad/s], [N m].
         displacement_ratio: a point to mark [-].
     """
     axes = figure.subplots()
