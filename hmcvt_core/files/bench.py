@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, OperatingPoints
+from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Array, OperatingPoints
 from .atomic import write_atomically
 from .guess import holds_units
 from .table import Table, csv_text, read_plain
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,10 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import Range
+from ..transmission.ranges import Array, Range
 from .guess import holds_units, quantity_of, unit_of
 
-Array = NDArray[np.float64]
 EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
 _MAX_BYTES = 256 * 1024 * 1024
 _TOP = 40  # rows among which the header is looked for

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import OIL_TEMPERATURE, Range
+from ..transmission.ranges import OIL_TEMPERATURE, Array, Range
 from .guess import UNITS
 from .table import Table, read_plain
 
-Array = NDArray[np.float64]
 KINDS = ("pump", "motor")
 AXES = ("displacement_ratio", "speed", "pressure")
 

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import REGION_SIGNIFICANCE
-from ..transmission.ranges import RPM
+from ..transmission.ranges import RPM, Array
 from .pictures import lost_power, scale, stack, worth_drawing
 from .style import BLUE, INK, ORANGE, few_ticks, icon, loss_style, styled, to_svg
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Figures = tuple[list[str], list[tuple[str, str]]]
 """Drawings side by side (SVG), and their legend: text, and SVG of a mark."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples
@@ -19,11 +18,10 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.optimum import DriveOptimum
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
-from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
+from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM, Array
 from ..transmission.stage import speed_ratio
 from .style import BLUE, LOSSES, ORANGE, loss_style, picture_format, render, styled, to_png, to_svg
 
-Array = NDArray[np.float64]
 STROKES = np.linspace(-1.0, 1.0, 201)
 
 _SIZE = (10.0, 6.4)
