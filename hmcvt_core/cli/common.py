@@ -29,7 +29,8 @@ from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect, load_effects
 from ..physics.effects.base import OIL_HOOKS
-from ..report import check_drawable, picture_format, write_html
+from ..report import write_html
+from ..report.style import check_drawable, picture_format
 from ..transmission.stage import Stage
 
 Function = TypeVar("Function", bound=Callable[..., Any])

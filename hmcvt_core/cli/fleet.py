@@ -99,8 +99,13 @@ def _report(found: dict[str, Any]) -> str:
         parts += [common.table(head, map(_row, found["logs"])), _fleet(found["fleet"])]
     if found["broken"]:
         parts.append("\n".join(["broken", *(f"  {entry['error']}" for entry in found["broken"])]))
-    parts.append(_counts(found["counts"]))
-    return "\n\n".join(parts)
+    counts = found["counts"]
+    lines = [f"{counts['logs']} logs: {counts['finished_now']} finished now, "
+             f"{counts['finished_before']} before, {counts['broken']} broken; "
+             f"{counts['outliers']} outliers"]
+    lines += [f"{kind}: " + ", ".join(f"{word} {count}" for word, count in counts[kind].items())
+              for kind in ("verdicts", "causes") if counts[kind]]
+    return "\n\n".join([*parts, "\n".join(lines)])
 
 
 def _row(log: Entry) -> tuple[str, ...]:
@@ -122,15 +127,6 @@ def _fleet(quantities: dict[str, dict[str, Any]]) -> str:
     return (common.table(("fleet", "median", "1.4826 MAD", "judged"), rows) + "\n"
             f"outlier: |z| > {THRESHOLD}, z = (value - median) / (1.4826 MAD), leakage by its "
             f"logarithm;\nnot judged: fewer than {LEAST_LOGS} logs, or at least half of them equal")
-
-
-def _counts(counts: dict[str, Any]) -> str:
-    lines = [f"{counts['logs']} logs: {counts['finished_now']} finished now, "
-             f"{counts['finished_before']} before, {counts['broken']} broken; "
-             f"{counts['outliers']} outliers"]
-    lines += [f"{kind}: " + ", ".join(f"{word} {count}" for word, count in counts[kind].items())
-              for kind in ("verdicts", "causes") if counts[kind]]
-    return "\n".join(lines)
 
 
 def _cores() -> int:

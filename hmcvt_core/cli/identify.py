@@ -13,7 +13,7 @@ from ..identification.annealing import AnnealingRun
 from ..identification.refit import refit
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
-from ..report import draw_fit, save
+from ..report.pictures import draw_fit, save
 from . import common
 from .common import Answer
 

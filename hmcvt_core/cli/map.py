@@ -19,7 +19,7 @@ from ..files.table import csv_text
 from ..model.domain import AXES
 from ..model.engine import load_engine
 from ..model.model import EfficiencyModel
-from ..report import draw_drive_line, draw_surface, save
+from ..report.pictures import draw_drive_line, draw_surface, save
 from ..transmission.ranges import ENGINE_SPEED, ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
 from . import common
 from .common import Answer

@@ -15,7 +15,7 @@ from ..model.agreement import LOADS, mean_error
 from ..model.engine import load_engine
 from ..model.model import DRAGGED, STALLED, EfficiencyModel
 from ..model.optimum import HOLDS
-from ..report import draw_losses, save
+from ..report.pictures import draw_losses, save
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
 from .common import Answer, Point, domain_told, point_from

@@ -12,16 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, OperatingPoints
+from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Array, OperatingPoints
 from .atomic import write_atomically
 from .guess import holds_units
 from .table import Table, csv_text, read_plain
-
-Array = NDArray[np.float64]
-_NAMES = frozenset(column.name for column in BENCH_COLUMNS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,4 +157,4 @@ def read_columns(
 def column_name(cell: str) -> str:
     """Return the name of a column that hmcvt knows also where it is spelled another way."""
     plain = re.sub("[ -]+", "_", cell.strip().lower())
-    return plain if plain in _NAMES else cell.strip()
+    return plain if any(plain == column.name for column in BENCH_COLUMNS) else cell.strip()

@@ -10,11 +10,8 @@ from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..transmission.ranges import RPM
-
-Array = NDArray[np.float64]
+from ..transmission.ranges import RPM, Array
 
 _SPEED = {"rad/s": 1.0, "rpm": RPM, "r/min": RPM, "1/min": RPM, "min-1": RPM, "U/min": RPM}
 _TORQUE = {"N m": 1.0, "Nm": 1.0, "kNm": 1e3, "lb ft": 1.3558179}

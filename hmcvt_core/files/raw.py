@@ -9,16 +9,13 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, Range
+from ..transmission.ranges import BENCH_COLUMNS, Array, Range
 from .bench import BenchSamples, column_name
 from .guess import UNITS, likely_unit, quantity_of, strange_words, unit_of
 from .steady import Readings, Shafts, Steadiness, complaint, held, split_at_gaps, steady_tests
 from .table import STATISTIC, Table, no_number, parsed, read_table
-
-Array = NDArray[np.float64]
 
 _ZERO = {"deg F": 32.0, "K": 273.15}  # of a unit, in that unit
 _KEPT = {column.name: column for column in BENCH_COLUMNS}

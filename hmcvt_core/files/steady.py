@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD
+from ..transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD, Array
 
-Array = NDArray[np.float64]
 LEAST_BLOCKS = 3  # fewer block means show no drift
 _LEAST_READINGS = 3  # in a block; fewer have no scatter to speak of
 _LAGS_SUMMED = 3.0  # in correlation times

@@ -27,10 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import Range
+from ..transmission.ranges import Array, Range
 from .guess import holds_units, quantity_of, unit_of
 
-Array = NDArray[np.float64]
 EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
 _MAX_BYTES = 256 * 1024 * 1024
 _TOP = 40  # rows among which the header is looked for
@@ -213,15 +212,14 @@ def _table(
 def _with_commas(columns: Mapping[str, Sequence[str]]) -> Collection[str]:
     """Columns in which a comma can be nothing but a decimal one, or is as in another column."""
     told = {name for name, cells in columns.items() if any(map(_COMMA.fullmatch, cells))}
-    pointed = {name for name, cells in columns.items() if _decimal_points(cells)}
+    pointed = set()
+    for name, cells in columns.items():
+        dotted = list(filter(_POINT.fullmatch, cells))
+        # Not those between thousands, as in 850, 1.200.
+        grouped = all(map(_THOUSANDS.fullmatch, dotted)) and any(map(str.isdecimal, cells))
+        if dotted and not grouped:
+            pointed.add(name)
     return columns.keys() - pointed if told - pointed else ()
-
-
-def _decimal_points(cells: Sequence[str]) -> bool:
-    """Whether a column holds decimal points, not those between thousands as in 850, 1.200."""
-    dotted = [cell for cell in cells if _POINT.fullmatch(cell)]
-    grouped = all(map(_THOUSANDS.fullmatch, dotted)) and any(map(str.isdecimal, cells))
-    return bool(dotted) and not grouped
 
 
 def csv_text(columns: Mapping[str, Iterable[Any]]) -> str:
@@ -304,20 +302,18 @@ def _header(
         return header_row, rows[header_row - 1] if header_row <= len(rows) else []
     filled = [i for i, row in enumerate(rows) if any(row) and not row[0].startswith("#")][:_TOP]
     options = [(i + 1, rows[i]) for i in filled]
-    options += [(i + 1, _joined(rows[i - 1], rows[i])) for i in filled
-                if i and len(rows[i - 1]) == len(rows[i])]
+    for i in filled:
+        if i and len(rows[i - 1]) == len(rows[i]):
+            # A name above may stand for several below.
+            groups: Iterable[str] = accumulate(rows[i - 1], lambda last, cell: cell or last)
+            options.append((i + 1, [" ".join(pair).strip()
+                                    for pair in zip(groups, rows[i], strict=True)]))
 
     def rank(option: tuple[int, list[str]]) -> tuple[bool, int]:
         return bool(names) and set(names) <= set(_distinct(option[1])), _worth(option[1])
 
     best = max(options, key=rank, default=(0, []))
     return best if rank(best) > (False, 1) else options[0] if options else best
-
-
-def _joined(above: Sequence[str], names: Sequence[str]) -> list[str]:
-    """The names of a row each behind the one above, which may stand for several."""
-    groups: Iterable[str] = accumulate(above, lambda last, cell: cell or last)
-    return [f"{group} {name}".strip() for group, name in zip(groups, names, strict=True)]
 
 
 def _worth(header: Sequence[str]) -> int:

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import OIL_TEMPERATURE, Range
+from ..transmission.ranges import OIL_TEMPERATURE, Array, Range
 from .guess import UNITS
 from .table import Table, read_plain
 
-Array = NDArray[np.float64]
 KINDS = ("pump", "motor")
 AXES = ("displacement_ratio", "speed", "pressure")
 
@@ -149,10 +148,12 @@ def read_unit(
         InputError: the file cannot be read, a column is missing, or a value is no number, outside
             its range, in another unit, in percent, or the efficiencies are swapped.
     """
-    factors: dict[str, float] = {}
+    factors: dict[str, float] = {}  # from the unit of a column to SI
 
     def name_of(cell: str) -> str:
-        name, factors[name] = _quantity(cell)
+        plain = re.sub(r"[\s()\[\]:]+", "_", cell.strip()).strip("_").lower()
+        name, factors[name] = _WRITTEN.get(
+            plain, (plain if plain in ("kind", "unit") else cell.strip(), 1.0))
         return name
 
     cells = _of_unit(read_plain(path, name_of=name_of), unit)
@@ -176,12 +177,6 @@ def read_unit(
     flow, torque = sign * samples.ideal * np.stack([
         1.0 - parts[0]**sign, parts[1]**-sign - 1.0])
     return replace(samples, flow_loss=flow, torque_loss=torque)
-
-
-def _quantity(cell: str) -> tuple[str, float]:
-    """Name of a column of a table, and size of its unit in SI; others stay as they are."""
-    plain = re.sub(r"[\s()\[\]:]+", "_", cell.strip()).strip("_").lower()
-    return _WRITTEN.get(plain, (plain if plain in ("kind", "unit") else cell.strip(), 1.0))
 
 
 def _of_unit(cells: Table, unit: str | None) -> Table:

@@ -99,9 +99,7 @@ class Log(NamedTuple):
 
     Attributes:
         name: path below the folder of logs, parts separated by "/".
-        path: of the log.
-        parameters: path of its parameter file.
-        result: path of its result.
+        path, parameters, result: of the log, its parameter file and its result.
     """
 
     name: str
@@ -183,8 +181,7 @@ def run(
     the logs in hand, none that was finished.
 
     Args:
-        folder: holds the logs.
-        out: for the files.
+        folder, out: of the logs, and for their files.
         settings: for all logs.
         place: where the work is done.
         progress: called with each entry once its files are written, and how many there will be.
@@ -282,9 +279,6 @@ def _read(log: Log) -> BenchSamples:
 
 def _broken(log: Log, reason: str) -> Entry:
     path = str(log.path)
-    reason = reason if reason.startswith(path) else f"{path}: {reason}"
-    return {"log": _printable(log.name), "error": _printable(reason)}
-
-
-def _printable(text: str) -> str:
-    return text if text.isprintable() else ascii(text)
+    told = {"log": log.name,
+            "error": reason if reason.startswith(path) else f"{path}: {reason}"}
+    return {key: text if text.isprintable() else ascii(text) for key, text in told.items()}

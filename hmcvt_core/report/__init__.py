@@ -21,19 +21,13 @@ from ..identification import Identification
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_UNITS
 from . import figures
-from .figures import draw_residuals
-from .pictures import draw_drive_line, draw_fit, draw_losses, draw_surface, drawn, save
-from .style import FORMATS, TEMPLATES, check_drawable, picture_format, render
-
-__all__ = [
-    "FORMATS", "check_drawable", "draw_drive_line", "draw_fit", "draw_losses", "draw_residuals",
-    "draw_surface", "html", "picture_format", "save", "write_html",
-]
+from .pictures import draw_fit, draw_surface, drawn
+from .style import TEMPLATES, render
 
 # What `plot_map` and `plot` of these show.
 picture.register(EfficiencyModel, partial(drawn, draw_surface))
 picture.register(Identification, partial(drawn, draw_fit))
-picture.register(Diagnosis, partial(drawn, draw_residuals))
+picture.register(Diagnosis, partial(drawn, figures.draw_residuals))
 
 
 def write_html(diagnosis: Diagnosis | UnitDiagnosis, path: str | os.PathLike[str]) -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from functools import partial
 from operator import methodcaller
 from typing import Any
@@ -14,11 +13,10 @@ from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, words
 from ..diagnosis.result import REGION_SIGNIFICANCE
-from ..transmission.ranges import RPM
+from ..transmission.ranges import RPM, Array
 from .pictures import lost_power, scale, stack, worth_drawing
 from .style import BLUE, INK, ORANGE, few_ticks, icon, loss_style, styled, to_svg
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Figures = tuple[list[str], list[tuple[str, str]]]
 """Drawings side by side (SVG), and their legend: text, and SVG of a mark."""
@@ -203,6 +201,28 @@ def residual_table(found: Diagnosis) -> dict[str, Any]:
             "rows": list(zip(*(row[shown] for row in rows), strict=True))}
 
 
+def place_rows(found: Diagnosis) -> list[tuple[Any, ...]]:
+    """Rows of the places at which the bench differs from the model."""
+    return [
+        (number, words.amount(found, region.mean_residual, sign=True),
+         *(" to ".join(words.fixed(factor * end, digits) for end in region.limits[axis])
+           for _, axis, factor, digits in columns(found)),
+         region.samples, words.chance(region.p_value)
+         + " (may be chance)" * (region.p_value > REGION_SIGNIFICANCE), words.plain(region.channel))
+        for number, region in enumerate(found.where, 1)]
+
+
+def test_rows(found: Diagnosis) -> list[tuple[Any, ...]]:
+    """Rows of the operating points to measure next."""
+    tests = ((test, test.point) for test in found.next_tests if test.point is not None)
+    return [
+        (number, " | ".join(map(words.plain, test.separates)),
+         *(words.fixed(factor * point[axis], digits)
+           for _, axis, factor, digits in columns(found)),
+         words.number(test.gain), words.plain(test.measure or words.NOTHING))
+        for number, (test, point) in enumerate(tests, 1)]
+
+
 def draw_residuals(figure: Any, found: Diagnosis) -> None:
     """Draw the residuals before and after on an empty matplotlib figure."""
     panels, reach = _panels(found)
@@ -268,16 +288,10 @@ def watts(found: Diagnosis) -> dict[str, Any]:
 
     means = [*((part, mean(before.get(part, 0.0)), mean(after.get(part, 0.0))) for part in parts),
              ("total", *map(mean, totals))]
-    return {"figures": _watts(before, after, parts), "means": means, "speed": speed, "load": load,
-            "rpm": RPM, "shares": after is before or bool(after.keys() - before.keys())}
-
-
-def _watts(before: Mapping[str, Array], after: Mapping[str, Array], parts: list[str]) -> Figures:
-    """Draw two balances on one scale, or one if they are the same object."""
     panels = {"Base model, refitted": before}
     if after is not before:
         panels["With the effect added"] = after
-    drawings, (low, high) = [], scale(*panels.values())
+    drawings, (low, high) = [], scale(before, after)
     for index, (title, balance) in enumerate(panels.items()):
         kilowatts = {part: lost / 1e3 for part, lost in balance.items()}
         with styled() as figure:
@@ -294,4 +308,5 @@ def _watts(before: Mapping[str, Array], after: Mapping[str, Array], parts: list[
     legend = [(part, icon(f"part-{i}", methodcaller(
         "fill_between", (0.05, 0.95), 0.05, 0.95, **loss_style(part))))
         for i, part in enumerate(parts)]
-    return drawings, legend[::-1]
+    return {"figures": (drawings, legend[::-1]), "means": means, "speed": speed, "load": load,
+            "rpm": RPM, "shares": after is before or bool(after.keys() - before.keys())}

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples
@@ -19,11 +18,10 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.optimum import DriveOptimum
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
-from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM
+from ..transmission.ranges import ENGINE_SPEED_LIMITS, LOAD_TORQUE, OUTPUT_SPEED, RPM, Array
 from ..transmission.stage import speed_ratio
 from .style import BLUE, LOSSES, ORANGE, loss_style, picture_format, render, styled, to_png, to_svg
 
-Array = NDArray[np.float64]
 STROKES = np.linspace(-1.0, 1.0, 201)
 
 _SIZE = (10.0, 6.4)
@@ -247,9 +245,7 @@ def lost_power(
 
     Args:
         model: of formulation `power_balance`.
-        engine_speed: [rad/s].
-        load_torque: [N m].
-        oil_temperature: [deg C].
+        engine_speed, load_torque, oil_temperature: [rad/s], [N m], [deg C].
     """
     parts: dict[str, Array] = {}
     for name, watts in model.breakdown(STROKES, engine_speed, load_torque,
@@ -307,8 +303,7 @@ def draw_losses(
 
     Args:
         model: of formulation `power_balance`.
-        engine_speed: [rad/s].
-        load_torque: [N m].
+        engine_speed, load_torque: [rad/s], [N m].
         displacement_ratio: a point to mark [-].
     """
     axes = figure.subplots()
