@@ -305,7 +305,7 @@ class PressureFrictionStribeck(PressureFrictionStroke):
     fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
 
     def pump_drag(self, state: ShaftState) -> Value:
-        fade = np.exp(-state.pump_speed / self.fade_speed)
+        fade = np.exp(-np.abs(state.pump_speed) / self.fade_speed)
         return self.coefficient * fade * np.abs(state.pressure) * state.displacement
 
     def motor_drag(self, state: ShaftState) -> Value:
