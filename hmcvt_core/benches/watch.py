@@ -24,15 +24,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
-from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS
+from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS, Array
 from .transmission import EFFICIENCY_CHANNEL
 
-Array = NDArray[np.float64]
 FALSE_ALARMS = 0.01
 """Chance of a false alarm over a whole stream, however long."""
 _QUANTILE = 1.96

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
 from ..model.agreement import determination_loss
@@ -26,10 +25,9 @@ from ..transmission.parameters import (
     from_scaled,
     to_scaled,
 )
-from ..transmission.ranges import BENCH_COLUMNS
+from ..transmission.ranges import BENCH_COLUMNS, Array
 from ..transmission.stage import Stage
 
-Array = NDArray[np.float64]
 OBJECTIVES = {"power_balance": "weighted squares", "published": "1 - RSQ, eq. (21)"}
 """What each formulation minimises."""
 

@@ -38,12 +38,11 @@ from ..model.agreement import (
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
-from ..transmission.ranges import OperatingPoints
+from ..transmission.ranges import Array, OperatingPoints
 from .evidence import MEDIAN_TO_DEVIATION, Campaign
 from .identify import origin
 from .problem import findings
 
-Array = NDArray[np.float64]
 MAX_DRIFT = 0.10
 """A unit whose leakage has doubled and whose dampings have grown by half lies 3 to 6 points below
 a new one on average; one that is further off is another one, or its bench is."""

@@ -7,16 +7,14 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
 from ..transmission.parameters import PRIOR_MEAN, from_scaled
-from ..transmission.ranges import ANY_LOAD, DISPLACEMENT_RATIO, ENGINE_SPEED, OperatingPoints
+from ..transmission.ranges import ANY_LOAD, DISPLACEMENT_RATIO, ENGINE_SPEED, Array, OperatingPoints
 from ..transmission.stage import CM3_PER_REV, Stage, speed_ratio
 from .model import NO_OPTIMUM, EfficiencyModel
 
-Array = NDArray[np.float64]
 STROKES = ("displacement_ratio", "output_speed")
 LOADS = ("load_torque", "output_power", "output_torque", "engine_torque")
 _HALVINGS = 60

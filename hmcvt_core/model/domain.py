@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
-from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM
+from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Array
 
-Array = NDArray[np.float64]
 AXES = tuple(axis.name for axis in POINT_RANGES)
 
 

@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
 from ..transmission.mapping import Section
-from ..transmission.ranges import ENGINE_SPEED, RPM, Range
+from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
 
-Array = NDArray[np.float64]
 SCHEMA = "hmcvt-engine/1"
 _KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
 _UNITS = {

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..files import picture, preformatted
@@ -33,6 +33,7 @@ from ..transmission.ranges import (
     CHUNK,
     ENGINE_SPEED,
     ENGINE_SPEED_LIMITS,
+    Array,
     OperatingPoints,
     Solution,
 )
@@ -41,7 +42,6 @@ from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
 from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 
-Array = NDArray[np.float64]
 SCHEMA = "hmcvt-model/1"
 FORMULATIONS = ("power_balance", "published")
 _SLOW, _FAST, _OVERRUN, _PULL = (ENGINE_SPEED.low, ENGINE_SPEED.high, ANY_LOAD.low, ANY_LOAD.high)

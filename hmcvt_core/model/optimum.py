@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..physics.balance import BalanceSolver
@@ -25,13 +25,13 @@ from ..transmission.ranges import (
     ENGINE_SPEED,
     LOAD_TORQUE,
     OUTPUT_SPEED,
+    Array,
     OperatingPoints,
     Range,
 )
 from ..transmission.stage import speed_ratio
 from .engine import Engine
 
-Array = NDArray[np.float64]
 Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")

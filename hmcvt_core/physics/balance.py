@@ -9,16 +9,14 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import OperatingPoints, Solution
+from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
 from .effects.base import Effect
 from .shafts import PowerFlow, Shafts
 from .steady_state import Point, Quadrant, Ways, at_point, sign
 
-Array = NDArray[np.float64]
 _HELD = 1e-6  # of the output speed
 
 

@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import OperatingPoints, Solution
+from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, member_speed_coefficients, speed_ratio
 
-Array = NDArray[np.float64]
 STANDING_EFFICIENCY = 5e-5
 """eta_H taken at eps = 0, inside the paper's (0, 1e-4)."""
 

@@ -16,15 +16,13 @@ from operator import methodcaller
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..transmission.parameters import Candidates, Parameters
-from ..transmission.ranges import OperatingPoints
+from ..transmission.ranges import Array, OperatingPoints
 from ..transmission.stage import Stage, member_speed_coefficients
 from .effects.base import Effect, ShaftState, Value
 from .steady_state import Quadrant, Ways
 
-Array = NDArray[np.float64]
 _ITERATIONS = 40
 _HOLDING_STEPS = 5  # the flow is nearly linear in the friction
 _TOLERANCE = 1e-12  # of the unknown, relative to its scale

@@ -43,13 +43,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
-from ..transmission.ranges import OperatingPoints, Solution
+from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage
 
-Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 Ways = tuple[Any, Any]
 """Sense of the output and of the power: 1, -1, or arrays of these where points differ."""
