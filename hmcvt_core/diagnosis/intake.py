@@ -144,16 +144,18 @@ def uneven_noise(fit: Fit) -> Array:
 
     Its variance is the exponential of a linear function of the place (Harvey 1976, Econometrica 44,
     461), by what a refit and anything smooth, a gap above all, leave of the residuals; 1 where
-    they do not show that by the criterion of Akaike, or are too few.
+    they do not show that by the criterion of Akaike, are too few, or pass what was assumed.
     """
     from scipy.optimize import minimize
 
     observed, shape = fit.observed, np.ones_like(fit.whitened)
     place = scaled_to_extent(observed.place)
     place = np.vstack([np.ones(len(observed)), place - place.mean(axis=1, keepdims=True)])
-    for i in np.flatnonzero(observed.trust <= TRUST_ASSUMED):
+    for i, channel in enumerate(observed.channels):
         columns = np.hstack([observed.smooth[0], fit.jacobian[i]])
-        if len(observed) < _ROOM * columns.shape[1]:
+        # What is propagated from its meters, sample by sample, has the shape that it has.
+        if (observed.trust[i] > TRUST_ASSUMED or channel.uncertainty == 0.0
+                or len(observed) < _ROOM * columns.shape[1]):
             continue
         for _ in range(_ROUNDS):  # noise that is large somewhere bends what is taken elsewhere
             taken, _ = np.linalg.qr(columns / shape[i, :, None])
@@ -168,7 +170,8 @@ def uneven_noise(fit: Fit) -> Array:
                 return np.sum(free * log + ratio), place @ (free - ratio)
 
             found = minimize(deviance, np.append(flat, np.zeros(len(place) - 1)), jac=True)
-            if not free.sum() * (flat + 1.0) - found.fun > 2.0 * (len(place) - 1):
+            # Scatter beyond what was assumed is hardly noise.
+            if flat > 0.0 or not free.sum() * (flat + 1.0) - found.fun > 2.0 * (len(place) - 1):
                 break
             shape[i] *= np.exp(0.5 * found.x[1:] @ place[1:])
     return shape
