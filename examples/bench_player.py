@@ -148,7 +148,7 @@ class BenchPlayer(Node):
         for publisher, value in zip(self._inputs, point, strict=True):
             publisher.publish(Float64(data=float(value)))
 
-    def hold(self, point: OperatingPoint, rounds: int = 3, patience: float = 5.0) -> Answer:
+    def hold(self, point: OperatingPoint, rounds: int = 3, patience: float = 20.0) -> Answer:
         """Send the three inputs some rounds, as a bench would, and return the last answer.
 
         `patience` is how much longer to go on where there is no answer [s].
@@ -159,7 +159,7 @@ class BenchPlayer(Node):
         self.efficiencies.clear()
         self.optima.clear()
         end = time.monotonic() + rounds * ROUND + patience
-        while rounds > 0 or (not self.optima and time.monotonic() < end):
+        while rounds > 0 or (not (self.efficiencies and self.optima) and time.monotonic() < end):
             self.send_inputs(point)
             self.spin_for(ROUND)
             rounds -= 1
@@ -178,7 +178,7 @@ class BenchPlayer(Node):
         """Publish one bench sample."""
         self._samples.publish(message)
 
-    def wait_for_logged(self, count: int, timeout: float = 10.0) -> bool:
+    def wait_for_logged(self, count: int, timeout: float = 20.0) -> bool:
         """Wait until diagnostics say that the log holds at least `count` samples."""
         return self.wait_until(lambda: "model" in self.statuses and int(
             self.statuses["model"]["values"]["bench samples logged"]) >= count, timeout)

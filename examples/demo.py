@@ -88,7 +88,7 @@ def refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> None:
         player.send_sample(bench_message(samples, test - 1))
     if not player.wait_for_logged(len(FITTED)):
         raise TimeoutError("the node did not log the bench samples")
-    success, result = player.call("reidentify")
+    success, result = player.call("reidentify", timeout=120.0)
     if not success:
         raise RuntimeError(f"~/reidentify: {result['error']}")
     print(f"   refitted to {result['samples']} samples in {result['seconds']:.1f} s, in a process "
