@@ -9,7 +9,6 @@ usually lie; and only if such samples are few, because many together are a narro
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,11 +65,12 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         base = refit(base.hypothesis, base.observed.select(spread_out(base.observed, LARGE)),
                      base.base)
     uneven = uneven_noise(base)
-    for channel, shape in zip(base.observed.channels, uneven, strict=True):
-        if (most := float(shape.max() / shape.min())) > 1.0:
-            notes.append(f"the scatter of {channel.name} is not the same everywhere but changes "
-                         f"{most:.1f}-fold: nobody stated it, and it is taken as it is seen")
-    if np.ptp(uneven) > 0.0:
+    changing = np.flatnonzero(np.ptp(uneven, axis=1))
+    notes += [f"the scatter of {base.observed.channels[i].name} seems to change "
+              f"{uneven[i].max() / uneven[i].min():.1f}-fold over the operating points, or a gap "
+              "is narrow; samples count by it, and a column of standard deviations would state it"
+              for i in changing]
+    if len(changing):
         observed = base.observed
         base = refit(base.hypothesis, replace(
             observed, deviation=observed.deviation * uneven), base.base)
@@ -142,15 +142,17 @@ def _check(system: System, observed: Observations) -> None:
 def uneven_noise(fit: Fit) -> Array:
     """How the noise that nobody states changes over the operating points, shape (channels, n).
 
-    Its variance is the exponential of a linear function of the place (Harvey 1976, Econometrica 44,
-    461), by what a refit and anything smooth, a gap above all, leave of the residuals; 1 where
-    they do not show that by the criterion of Akaike, are too few, or pass what was assumed.
+    Its logarithm is linear in the place, or in the logarithm of what is positive, as for a meter
+    that errs by a constant (Harvey 1976, Econometrica 44, 461), by what a refit and anything
+    smooth, a gap above all, leave of the residuals. 1 where they do not show that (Akaike's
+    criterion), are too few, or pass what was assumed; else of mean square 1.
     """
     from scipy.optimize import minimize
 
     observed, shape = fit.observed, np.ones_like(fit.whitened)
-    place = scaled_to_extent(observed.place)
-    place = np.vstack([np.ones(len(observed)), place - place.mean(axis=1, keepdims=True)])
+    place = scaled_to_extent(np.stack([
+        np.log(row) if row.min() > 0.0 else row for row in observed.place]))
+    place = np.vstack([np.ones(len(observed)), place])
     for i, channel in enumerate(observed.channels):
         columns = np.hstack([observed.smooth[0], fit.jacobian[i]])
         # What is propagated from its meters, sample by sample, has the shape that it has.
@@ -164,17 +166,21 @@ def uneven_noise(fit: Fit) -> Array:
             free = 1.0 - np.sum(taken**2, axis=1)  # of each residual, what is not taken
             flat = np.log(np.sum(left**2) / free.sum())
 
-            def deviance(slopes: Array, free: Array = free, left: Array = left) -> Any:
-                log = slopes @ place
-                ratio = left**2 * np.exp(-log)
-                return np.sum(free * log + ratio), place @ (free - ratio)
-
-            found = minimize(deviance, np.append(flat, np.zeros(len(place) - 1)), jac=True)
+            found = minimize(_deviance, np.append(flat, np.zeros(len(place) - 1)),
+                             (place, free, left**2), jac=True)
             # Scatter beyond what was assumed is hardly noise.
             if flat > 0.0 or not free.sum() * (flat + 1.0) - found.fun > 2.0 * (len(place) - 1):
                 break
-            shape[i] *= np.exp(0.5 * found.x[1:] @ place[1:])
+            shape[i] *= np.exp(0.5 * found.x @ place)
+        shape[i] /= np.sqrt(np.mean(shape[i] ** 2))
     return shape
+
+
+def _deviance(slopes: Array, place: Array, free: Array, squares: Array) -> tuple[float, Array]:
+    """-2 log likelihood of variances exp(slopes @ place), and its gradient."""
+    log = slopes @ place
+    ratio = squares * np.exp(-log)
+    return float(np.sum(free * log + ratio)), place @ (free - ratio)
 
 
 def listed_samples(observed: Observations, rows: NDArray[np.intp]) -> str:

@@ -374,5 +374,7 @@ def _on_noise(study: _Study) -> list[str]:
     if not observed.assumed:
         return [f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
                 "check the statement"]
+    if np.ptp(observed.deviation[0] / channel.deviation(observed.measured[0])) > 1e-9:
+        return []  # uneven: no one number states it
     return [f"nobody stated the noise; it looks like {channel.factor * found:.2g} {channel.unit}, "
             f"{ratio:.2f} times what is assumed: --noise {found:.2g} states that"]

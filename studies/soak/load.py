@@ -214,7 +214,8 @@ class Target:
             return (all(publisher.get_subscription_count() for publisher in self.inputs)
                     and all(output.get_publisher_count() for output in self._outputs))
 
-        if not self.ear.listen_until(lambda: connected() or not self.process.running, 20.0) \
+        if not self.ear.listen_until(lambda: connected() or not self.process.running,
+                                     20.0 + self._patience) \
                 or not connected():
             raise TimeoutError(f"a process under test did not come up:\n{self.process.log}")
         self.ear.listen_for(0.5)  # the other side connects a little later
@@ -276,12 +277,13 @@ class Target:
         finally:
             gc.enable()
         spent = time.monotonic() - start
-        used = (self._usage() - before) / spent
-        self.ear.listen_until(lambda: settled(len(sent)), self._patience)
+        self.ear.listen_until(lambda: (
+            settled(len(sent)) and len(self.optimum.values) >= len(sent)), self._patience)
         self.ear.listen_for(_SETTLE)
         # Not between the two of an answer: a new model may come just then.
         self.ear.listen_until(
             lambda: len(self.efficiency.values) == len(self.optimum.values), _SETTLE)
+        used = (self._usage() - before) / spent  # late answers have been worked for too
         return Segment(
             rate=rate, seconds=spent, sent=len(sent),
             cpu=used[0], generator_cpu=used[1], other_cpu=used[2] - used[0] - used[1],

@@ -12,7 +12,7 @@ from studies.soak import processes, report, trial
 
 pytestmark = pytest.mark.timeout(600)  # on a machine that stalls
 
-PLAN = trial.Plan(rate=100.0, seconds=0.5, turns=2, refit_turns=1, samples=20, rates=(100.0,),
+PLAN = trial.Plan(rate=100.0, seconds=1.5, turns=2, refit_turns=1, samples=20, rates=(100.0,),
                   rising_seconds=0.5, cycle=300, lossless=True)
 
 
@@ -29,8 +29,10 @@ def test_every_arrival_is_answered_rightly(loaded, when):
         segment = turn.node
         assert segment.right == segment.accepted == segment.sent
         # A new model answers once more, also shortly after the load.
-        assert segment.answers == segment.right + segment.repeats <= segment.answered
-        assert when == "refitting" or segment.repeats == 0
+        assert segment.answers == segment.right + segment.repeats
+        # The last set is still fresh when the next one begins: all three of it are answered.
+        assert when == "refitting" or (segment.repeats, segment.answered - segment.answers) in (
+            (0, 0), (0, 2))
 
 
 def test_node_works_hardly_more_than_a_bare_relay(loaded):
