@@ -165,7 +165,6 @@ def uneven_noise(fit: Fit) -> Array:
             left = left - taken @ (taken.T @ left)
             free = 1.0 - np.sum(taken**2, axis=1)  # of each residual, what is not taken
             flat = np.log(np.sum(left**2) / free.sum())
-
             found = minimize(_deviance, np.append(flat, np.zeros(len(place) - 1)),
                              (place, free, left**2), jac=True)
             # Scatter beyond what was assumed is hardly noise.

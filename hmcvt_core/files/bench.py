@@ -20,6 +20,8 @@ from .atomic import write_atomically
 from .guess import holds_units
 from .table import Table, csv_text, read_plain
 
+_NAMES = frozenset(column.name for column in BENCH_COLUMNS)
+
 
 @dataclass(frozen=True, eq=False)
 class BenchSamples:
@@ -157,4 +159,4 @@ def read_columns(
 def column_name(cell: str) -> str:
     """Return the name of a column that hmcvt knows also where it is spelled another way."""
     plain = re.sub("[ -]+", "_", cell.strip().lower())
-    return plain if any(plain == column.name for column in BENCH_COLUMNS) else cell.strip()
+    return plain if plain in _NAMES else cell.strip()

@@ -118,7 +118,8 @@ class Fuzzed:
 def under_load(plan: Plan, folder: Path, say: Say = print) -> Loaded:
     """Run the trials under load."""
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    given, *sender = ((overrides("/node"), _LOSSLESS, _PATIENCE) if plan.lossless else ({},))
+    given = overrides("/node") if plan.lossless else {}
+    sender = (_LOSSLESS, _PATIENCE) if plan.lossless else ()
     with (client() as here, processes.node("/node", folder, **given) as node,
           processes.relay("/relay", folder) as relay):
         served, bare = Target(here, node, "/node", *sender), Target(here, relay, "/relay")

@@ -45,8 +45,6 @@ def imported(tmp_path):
     return run
 
 
-# --- what is recovered ----------------------------------------------------------------------------
-
 def test_each_hold_gives_one_true_sample(campaign, model, plan):
     samples, report = campaign[1]
     assert len(samples) == len(plan)
@@ -101,8 +99,6 @@ def test_a_stroke_sensor_may_overshoot_at_full_stroke(imported, quiet):
     full = quiet._replace(displacement_ratio=np.full(len(quiet.time), 1.004))
     assert imported(bench_records(full)).samples.displacement_ratio == [1.0]
 
-
-# --- time -----------------------------------------------------------------------------------------
 
 def test_one_message_without_a_stamp_leaves_no_mixture_of_clocks(imported, quiet):
     records = bench_records(quiet, latency=100.0)
@@ -206,8 +202,6 @@ def test_a_stale_displacement_ratio_refuses_the_message(imported, model):
     assert report.refused["/bench_sample"] == {
         "no displacement_ratio in time": pytest.approx(8.5 * RATE, abs=2)}
 
-
-# --- what is refused ------------------------------------------------------------------------------
 
 def test_messages_are_refused_by_reason(imported, quiet):
     """The counts add up, and the sample is that of the good messages."""

@@ -236,8 +236,6 @@ def test_no_answer_within_the_bounds(hm4):
         hmcvt.identify(samples, stage=leaky, schedule=QUICK)
 
 
-# --- report and file ------------------------------------------------------------------------------
-
 
 def flat(value):
     """Lists and mappings of a file as one mapping from place to value."""

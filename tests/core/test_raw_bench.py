@@ -6,6 +6,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core import read_raw_bench
+from hmcvt_core.files.guess import UNITS
 from hmcvt_core.files.raw import _guesses, choose_columns
 from hmcvt_core.transmission.ranges import RPM
 
@@ -116,6 +117,11 @@ def test_points_and_commas_are_told_apart(tmp_path, rows, load):
             hmcvt.read_bench(path)
     else:
         assert hmcvt.read_bench(path).load_torque.tolist() == load
+
+
+def test_the_first_unit_is_the_one_that_is_kept():
+    for units in UNITS.values():
+        assert next(iter(units.values())) == 1.0
 
 
 @pytest.mark.parametrize(("header", "text", "expected"), [

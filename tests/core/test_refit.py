@@ -151,6 +151,13 @@ def test_a_model_without_errors_is_refitted(new):
     assert told.drift == found.drift > 0.01 and not told.refused
 
 
+def test_a_refit_can_be_repeated(known):
+    samples = campaign(worn(known), 25, seed=6)
+    one, other = (refit(samples, known, known, seed=7) for _ in range(2))
+    assert one.model.parameters == other.model.parameters
+    assert one.held_back == other.held_back and one.held_back.samples == 25
+
+
 # --- against the model in service -----------------------------------------------------------------
 
 

@@ -149,8 +149,6 @@ def test_wrong_field_is_named(tmp_path, old, new, message):
     assert str(caught.value).startswith(f"{tmp_path / 'transmission.yaml'}: ")
 
 
-# --- HM4 ------------------------------------------------------------------------------------------
-
 # Table 1, typed here a second time so that a typing error in either place shows.
 TABLE_1 = {
     "i1": "1.439", "i2": "0.969", "i3": "1.484", "i4": "0.678", "i5": "1.96", "i6": "0.982",

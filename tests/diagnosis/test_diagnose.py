@@ -162,8 +162,6 @@ def test_residuals_are_of_samples_left_out():
     assert found.gap.rmse == pytest.approx(np.sqrt(np.mean(found.residuals_before**2)))
 
 
-# --- the contract ---------------------------------------------------------------------------------
-
 AXES = ("displacement_ratio", "engine_speed", "load_torque")
 
 

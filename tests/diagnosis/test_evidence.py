@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hmcvt_core.diagnosis.evidence import evidence, gram, respread
+from hmcvt_core.diagnosis.evidence import evidence, gram, log_mean, respread
 from hmcvt_core.diagnosis.rivals import Foretold
 
 CERTAIN = 1e8
@@ -113,6 +113,12 @@ def test_other_priors_are_weighed_as_if_from_the_start():
 def test_one_sided_stays_finite_far_on_the_wrong_side(far):
     factor = _as_size(np.ones((1, 50, 1)), np.full((1, 50), -far), np.array([10.0]), index=0)
     assert -1e15 < factor < -1000.0
+
+
+def test_log_mean():
+    values = np.array([-1.0, 0.5, 2.0])
+    assert log_mean(values) == pytest.approx(np.log(np.exp(values).mean()))
+    assert log_mean(values - 5000.0) == pytest.approx(log_mean(values) - 5000.0)
 
 
 def test_a_point_that_was_read_makes_another_surer():

@@ -21,8 +21,6 @@ from hmcvt_ros.model_store import ModelStore
 pytestmark = [pytest.mark.slow,
               pytest.mark.skipif(shutil.which("cc") is None, reason="needs a compiler: cc")]
 
-# --- a slow disk ----------------------------------------------------------------------------------
-
 
 @pytest.fixture(scope="module")
 def slow(start_node, paper_file, tmp_path_factory):

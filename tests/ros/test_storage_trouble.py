@@ -18,8 +18,6 @@ from hmcvt_ros.state_folder import StateFolder
 
 pytestmark = pytest.mark.slow
 
-# --- the node -------------------------------------------------------------------------------------
-
 
 def serves(node, paper_file):
     expected = hmcvt.load_model(paper_file).efficiency(*GOOD)
