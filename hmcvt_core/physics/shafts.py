@@ -4,8 +4,8 @@ r"""The whole power flow with effects, shaft by shaft, solved for the motor spee
 .. math:: u = \varepsilon\omega_p V_p/V_m - q(\Delta p)/V_m \;(13), \qquad
           \Delta p = \Delta p(u, T_{out}) \;(14), \quad T_{out} = P_{out}/\omega_{out}(u) \;(4)
 
-`steady_state` solves it with the losses of the equations alone. Effects bend the terms; secant
-steps from that solution then find u, in each regime of the motor.
+`steady_state` solves it with the losses of the equations alone. Effects bend the terms; steps of
+Broyden's method from that solution then find u and the pressure, in each regime of the motor.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from .effects.base import Effect, ShaftState, Value
 from .steady_state import Quadrant, Ways
 
 _ITERATIONS = 40
-_HOLDING_STEPS = 5  # the flow is nearly linear in the friction
+_MEMORY = 8  # steps that are remembered
 _TOLERANCE = 1e-12  # of the unknown, relative to its scale
+_PRESSURE = 2e7  # Pa, its scale
+_LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
 
 
@@ -87,13 +89,13 @@ class Shafts(Quadrant):
 
     def power_flow(self) -> PowerFlow:
         """Return the whole power flow."""
-        speed, direction = self._motor_speed()
-        found = self.torques(speed, direction, self.stroke)
+        speed, direction, pressure = self._motor_speed()
+        found = self.torques(speed, direction, self.stroke, pressure)
         for _ in range(_ITERATIONS if self.effects or self.braced else 0):
             # Friction that an effect ties to the pressure settles in a few passes.
             before = found.state.pressure
             found = self.torques(speed, direction, self.stroke, self.sense * before)
-            if not (np.abs(found.state.pressure - before) > _TOLERANCE * np.abs(before)).any():
+            if not (np.abs(found.state.pressure - before) > _TOLERANCE * _PRESSURE).any():
                 break
         state, torques = found.state, found.torques
         pump = torques.get("pump") or self._pump(state)
@@ -105,76 +107,85 @@ class Shafts(Quadrant):
 
     # --- the unknown -------------------------------------------------------------------------
 
-    def _motor_speed(self) -> tuple[Array, Array]:
-        """Return motor speed and direction (the part of friction in use where it stands)."""
+    def _motor_speed(self) -> tuple[Array, Array, Array | None]:
+        """Return motor speed, direction (the part of friction where it stands) and pressure."""
         ratio, load = self.full * self.stroke, self.points.load_torque / self.engine_speed
+        pressure = None
         if self.braced:
             speed = self.output(ratio, load) * self.engine_speed / self.hydraulic_ratio
-            return (self._settled(speed, np.sign(speed)) if self.effects else speed), np.sign(speed)
+            if self.effects:
+                speed, pressure = self._settled(speed, np.sign(speed))
+            return speed, np.sign(speed), pressure
         motoring, pumping = (
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
             for output in self.output_speeds(ratio, load))
         if self.effects:
-            motoring, pumping = self._with_effects(motoring, pumping)
+            (motoring, high), (pumping, low) = self._with_effects(motoring, pumping)
+            pressure = np.where(motoring > 0.0, high, low)
         speed = self.selected(motoring, pumping, 0.0, load)
-        standing = speed == 0.0
-        held = self._holding(speed) if standing.any() else 0.0
-        return speed, np.where(standing, held, np.sign(speed))
+        direction, standing = np.sign(speed), speed == 0.0
+        if standing.any():
+            part, leaking = self._held(np.where(standing, speed, np.nan))
+            direction = np.where(standing, part, direction)
+            pressure = None if pressure is None else np.where(standing, leaking, pressure)
+        return speed, direction, pressure
 
-    def _holding(self, speed: Array) -> Array:
-        """Part of the friction, -1 to 1, that holds a standing motor in balance with the flow."""
-        part, before = -np.ones_like(speed), np.ones_like(speed)
-        surplus = self._surplus_at(before)(speed, self.stroke)
-        for _ in range(_HOLDING_STEPS):
-            flow = self._surplus_at(part)(speed, self.stroke)
-            step = np.nan_to_num(flow * (part - before) / (flow - surplus))  # 0 / 0: settled
-            before, surplus = part, flow
-            part = np.clip(part - step, -1.0, 1.0)
-        return part
+    def _held(self, speed: Array) -> Array:
+        """Part of the friction, -1 to 1, that balances a standing motor; its pressure; (2, n)."""
+        whole = np.ones_like(speed)
+        (ahead, first), (back, _) = (self._surplus(speed, way, self.stroke)
+                                     for way in (whole, -whole))
+        share = 0.5 * (back - ahead)
+
+        def held(part: Array, pressure: Array) -> Array:
+            surplus, pressure = self._surplus(speed, part, self.stroke, pressure)
+            return np.stack([part + np.nan_to_num(surplus / share), pressure])  # 0 / 0: settled
+
+        part, pressure = _fixed_point(held, np.stack([0.0 * whole, first]), 1.0)
+        return np.stack([np.clip(part, -1.0, 1.0), pressure])
 
     def _with_effects(self, motoring: Array, pumping: Array) -> tuple[Array, Array]:
         likely = np.where(motoring + pumping >= 0.0, 1.0, -1.0)
-        speed = self._settled(np.where(likely > 0.0, motoring, pumping), likely)
-        other = speed
-        if (speed * likely <= 0.0).any():
+        found = other = self._settled(np.where(likely > 0.0, motoring, pumping), likely)
+        if (found[0] * likely <= 0.0).any():
             other = self._settled(np.where(likely > 0.0, pumping, motoring), -likely)
-        return (np.where(likely > 0.0, speed, other), np.where(likely > 0.0, other, speed))
+        return np.where(likely > 0.0, found, other), np.where(likely > 0.0, other, found)
 
     def _settled(self, speed: Array, direction: Array) -> Array:
-        """Motor speed with every effect, from a first estimate."""
-        surplus, share = self._surplus_at(direction), 1.0 - self._row_share(self.stroke)
-        return _fixed_point(lambda speed: speed + surplus(speed, self.stroke) / share, speed,
-                            self.pump_ratios[0] * self.engine_speed)
+        """Motor speed and pressure with every effect, from an estimate of the speed, (2, n)."""
+        share = 1.0 - self._row_share(self.stroke)
+
+        def settled(speed: Array, pressure: Array | None = None) -> Array:
+            surplus, pressure = self._surplus(speed, direction, self.stroke, pressure)
+            return np.stack([speed + surplus / share, pressure])
+
+        return _fixed_point(settled, settled(speed), self.pump_ratios[0] * self.engine_speed)
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
         turned = self.reflection * output_speed
         speed = (turned - self.mechanical_ratio * self.engine_speed) / self.hydraulic_ratio  # (4)
-        surplus = self._surplus_at(np.where(speed > 0.0, 1.0, -1.0))
+        direction = np.where(speed > 0.0, 1.0, -1.0)
         flow = self.full * self._pump_speed(turned)
 
-        def corrected(commanded: Array) -> Array:
-            return np.asarray(commanded - surplus(speed, self.true_stroke(commanded)) / flow)
+        def corrected(commanded: Array, pressure: Array | None = None) -> Array:
+            surplus, pressure = self._surplus(
+                speed, direction, self.true_stroke(commanded), pressure)
+            return np.stack([commanded - surplus / flow, pressure])
 
-        return _fixed_point(corrected, self.points.displacement_ratio, 1.0)
+        return np.asarray(_fixed_point(
+            corrected, corrected(self.points.displacement_ratio), 1.0)[0])
 
-    def _surplus_at(self, direction: Array) -> Callable[[Array, Array], Array]:
-        """Motor speed that the flow gives, eq. (13), above an assumed one, for a true stroke.
-
-        Each pass begins with the pressure that the last one found.
-        """
-        pressure = None
-
-        def surplus(speed: Array, stroke: Array) -> Array:
-            nonlocal pressure
-            found = self.torques(speed, direction, stroke, pressure)
-            pressure = self.sense * found.state.pressure
-            delivered = (abs(self.full) * self.sense * found.state.displacement_ratio
-                         * found.state.pump_speed)
-            return np.asarray(delivered - self.sense * found.leakage_flow
-                              / self.stage.pump_motor.motor_displacement - speed)
-
-        return surplus
+    def _surplus(
+        self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Motor speed that the flow gives, eq. (13), above one assumed; and the pressure."""
+        found = self.torques(speed, direction, stroke, pressure)
+        delivered = (abs(self.full) * self.sense * found.state.displacement_ratio
+                     * found.state.pump_speed)
+        return (np.asarray(delivered - self.sense * found.leakage_flow
+                           / self.stage.pump_motor.motor_displacement - speed),
+                self.sense * found.state.pressure)
 
     def _pump_speed(self, turned: Array) -> Array:
         engine, output = self.pump_ratios
@@ -332,18 +343,41 @@ class Shafts(Quadrant):
                      for member in (other, self.stage.mechanical_member))
 
 
-def _fixed_point(function: Callable[[Array], Array], first: Array, scale: Value) -> Array:
-    """Solve x = function(x) by secant steps, element by element; NaN where they do not settle."""
-    previous, value = first, function(first)
-    shortfall, x = value - first, value
+def _fixed_point(function: Callable[..., Array], first: Array, scale: Value) -> Array:
+    """Solve x, p = function(x, p), a pressure, point by point; NaN where that does not settle.
+
+    Steps of Broyden's method, from what each has shown (Kelley 1995, Iterative Methods, brsol).
+
+    Args:
+        function: gives shape (2, n) for two arrays (n,).
+        first: where to start, shape (2, n).
+        scale: of x.
+    """
+    size = np.stack(np.broadcast_arrays(scale, np.full(first.shape[1:], _PRESSURE)))
+    x, steps, along = first / size, list[Array](), list[Array]()
     for _ in range(_ITERATIONS):
-        error = function(x) - x
-        open_ = np.abs(error) > _TOLERANCE * scale
+        step = error = function(*(x * size)) / size - x
+        open_ = np.abs(error) > _TOLERANCE
         if not open_.any():
-            return x
-        slope = (error - shortfall) / (x - previous)
-        # The function answers x weakly: a slope far from -1 is noise of the last digits.
-        slope = np.where((slope < -0.2) & (slope > -5.0), slope, -1.0)
-        previous, shortfall = x, error
-        x = np.where(open_, x - error / slope, x)
-    return np.where(open_ & (np.abs(error) > _SETTLED * scale), np.nan, x)
+            break
+        if len(steps) == _MEMORY:
+            steps, along = [], []
+        for way, after in zip(along, steps[1:], strict=False):
+            step = step + after * _along(step, way)
+        if steps:
+            slope = 1.0 - _along(step, along[-1])
+            # The function answers x weakly: a slope far from 1 is noise of the last digits, or a
+            # bend behind which nothing holds that earlier steps have shown.
+            bent = ~((slope > 0.05) & (slope < 20.0))
+            step = step / slope
+            if bent.any():
+                step = np.where(bent, error, step)
+                along = [np.where(bent, 0.0, way) for way in along]
+        steps.append(np.where(open_.any(axis=0), step, 0.0))
+        along.append(steps[-1] / np.maximum(_along(steps[-1], steps[-1]), _LEAST))
+        x = x + steps[-1]
+    return np.where((np.abs(error) <= _SETTLED).all(axis=0), x * size, np.nan)
+
+
+def _along(one: Array, other: Array) -> Array:
+    return np.asarray(np.einsum("k...,k...->...", one, other))

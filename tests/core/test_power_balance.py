@@ -10,7 +10,8 @@ from hypothesis import assume, given
 from hmcvt_core import EfficiencyModel, HydraulicParameters, PumpMotor
 from hmcvt_core.model.model import STALLED
 from hmcvt_core.physics.balance import BalanceSolver
-from hmcvt_core.physics.effects.mechanical import ChargePump
+from hmcvt_core.physics.effects.hydraulic import PressureFrictionStribeck
+from hmcvt_core.physics.effects.mechanical import ChargePump, GearMesh
 from hmcvt_core.transmission.ranges import OperatingPoints
 from hmcvt_core.transmission.stage import speed_ratio
 
@@ -151,6 +152,19 @@ def test_motor_driven_far_back_next_to_the_stall(hm4):
     assert flow.state.motor_speed[0] == pytest.approx(-130.8, abs=0.2)  # from the scan
     state = max(steady_states(hm4, model.parameters, *point, [model.output_speed(*point)]))
     assert point[2] / model.efficiency(*point) == pytest.approx(state.engine_torque, rel=1e-8)
+
+
+@pytest.mark.parametrize("effect", [
+    GearMesh(0.0214, -0.4, 0.5), PressureFrictionStribeck(0.2, 15.0)])
+def test_the_flow_closes_at_standstill_and_next_to_it(hm4, effect):
+    """Friction of an effect holds the motor too; what rises steeply towards rest is solved."""
+    model = EfficiencyModel(hm4, TYPICAL, effects=(effect,))
+    flow, units = flow_along(model, np.linspace(-1.0, 1.0, 4001), 107.7, 386.4), hm4.pump_motor
+    state = flow.state
+    delivered = units.pump_displacement * state.pump_speed * state.displacement_ratio
+    np.testing.assert_allclose(
+        units.motor_displacement * state.motor_speed, delivered - flow.leakage_flow, atol=1e-12)
+    assert np.isfinite(flow.engine_power).all()
 
 
 def test_forward_motor_that_stalls_does_not_jump_to_rest(hm4):
