@@ -91,12 +91,6 @@ class Shafts(Quadrant):
         """Return the whole power flow."""
         speed, direction, pressure = self._motor_speed()
         found = self.torques(speed, direction, self.stroke, pressure)
-        for _ in range(_ITERATIONS if self.effects or self.braced else 0):
-            # Friction that an effect ties to the pressure settles in a few passes.
-            before = found.state.pressure
-            found = self.torques(speed, direction, self.stroke, self.sense * before)
-            if not (np.abs(found.state.pressure - before) > _TOLERANCE * _PRESSURE).any():
-                break
         state, torques = found.state, found.torques
         pump = torques.get("pump") or self._pump(state)
         torque = self._sum("engine_drag", state) + torques["mechanical"][-1]
@@ -113,8 +107,7 @@ class Shafts(Quadrant):
         pressure = None
         if self.braced:
             speed = self.output(ratio, load) * self.engine_speed / self.hydraulic_ratio
-            if self.effects:
-                speed, pressure = self._settled(speed, np.sign(speed))
+            speed, pressure = self._settled(speed, np.sign(speed))
             return speed, np.sign(speed), pressure
         motoring, pumping = (
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)

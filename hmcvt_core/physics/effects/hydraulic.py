@@ -7,6 +7,7 @@ Those that are `unit_only` the bench of a transmission shows under other names.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -267,15 +268,23 @@ class PressureFrictionStroke(Effect):
     summary = "parts pressed together rub: friction torque grows with pressure"
     source = "eqs (14), (15) with other c_fm, c_fp"
     remedy = "measure the loop pressure"
+    with_stroke: ClassVar[bool] = True
 
     coefficient: float = size("-", 0.02, 0.0, 0.15, "further friction torque / pressure torque")
 
     def pump_drag(self, state: ShaftState) -> Value:
-        torque = np.abs(state.pressure * state.displacement_ratio) * state.displacement
-        return self.coefficient * torque
+        ratio = state.displacement_ratio if self.with_stroke else 1.0
+        return self._rubbing(state.pressure * ratio, state.pump_speed, state)
 
     def motor_drag(self, state: ShaftState) -> Value:
-        return self.coefficient * np.abs(state.pressure) * state.displacement
+        return self._rubbing(state.pressure, state.motor_speed, state)
+
+    def _rubbing(self, pressure: Array, speed: Array, state: ShaftState) -> Value:
+        return self.coefficient * self._part(speed) * np.abs(pressure) * state.displacement
+
+    def _part(self, speed: Array) -> Value:
+        """Friction at a speed / `coefficient`."""
+        return 1.0
 
 
 @dataclass(frozen=True)
@@ -286,9 +295,7 @@ class PressureFrictionFull(PressureFrictionStroke):
     summary = ("parts pressed together rub: friction torque grows with pressure, in the pump also "
                "at no stroke")
     source = "McCandlish & Dorey 1984: C_f dp D_max"
-
-    def pump_drag(self, state: ShaftState) -> Value:
-        return self.coefficient * np.abs(state.pressure) * state.displacement
+    with_stroke = False
 
 
 @dataclass(frozen=True)
@@ -300,17 +307,13 @@ class PressureFrictionStribeck(PressureFrictionStroke):
     summary = "at low motor speed the oil film is thin and friction under pressure is high"
     source = "Stribeck curve; mixed film at low speed: SAE 2012-01-2041"
     remedy = "measure the loop pressure near motor standstill"
+    with_stroke = False
 
     coefficient: float = size("-", 0.06, 0.0, 0.4, "friction torque / pressure torque at rest")
     fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
 
-    def pump_drag(self, state: ShaftState) -> Value:
-        fade = np.exp(-np.abs(state.pump_speed) / self.fade_speed)
-        return self.coefficient * fade * np.abs(state.pressure) * state.displacement
-
-    def motor_drag(self, state: ShaftState) -> Value:
-        fade = np.exp(-np.abs(state.motor_speed) / self.fade_speed)
-        return self.coefficient * fade * np.abs(state.pressure) * state.displacement
+    def _part(self, speed: Array) -> Array:
+        return np.exp(-np.abs(speed) / self.fade_speed)
 
 
 @dataclass(frozen=True)
@@ -325,12 +328,6 @@ class CoulombStribeck(PressureFrictionStroke):
     rise: float = shape("-", (1.0, 4.0), "friction at standstill / friction at speed - 1")
     fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
 
-    def pump_drag(self, state: ShaftState) -> Value:
-        return super().pump_drag(state) * self._part(state.pump_speed)
-
-    def motor_drag(self, state: ShaftState) -> Value:
-        return super().motor_drag(state) * self._part(state.motor_speed)
-
     def _part(self, speed: Array) -> Array:
         return np.asarray(1.0 + self.rise * np.exp(-np.abs(speed) / self.fade_speed))
 
@@ -341,10 +338,7 @@ class CoulombStribeckFull(CoulombStribeck):
 
     unit_only = False
     form = "Coulomb and Stribeck at full stroke"
-
-    def pump_drag(self, state: ShaftState) -> Value:
-        torque = self.coefficient * np.abs(state.pressure) * state.displacement
-        return torque * self._part(state.pump_speed)
+    with_stroke = False
 
 
 @dataclass(frozen=True)
