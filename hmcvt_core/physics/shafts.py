@@ -106,8 +106,12 @@ class Shafts(Quadrant):
         ratio, load = self.full * self.stroke, self.points.load_torque / self.engine_speed
         pressure = None
         if self.braced:
-            speed = self.output(ratio, load) * self.engine_speed / self.hydraulic_ratio
-            speed, pressure = self._settled(speed, np.sign(speed))
+            output = self.output(ratio, load)
+            speed = output * self.engine_speed / self.hydraulic_ratio
+            pressure = (self.pressure(ratio, output) * self.engine_speed
+                        / self.stage.pump_motor.motor_displacement)  # (13)
+            if self.effects:
+                speed, pressure = self._settled(speed, np.sign(speed))
             return speed, np.sign(speed), pressure
         motoring, pumping = (
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)

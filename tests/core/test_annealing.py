@@ -97,9 +97,6 @@ def test_threshold_stops_early():
     assert states[-1].evaluations == found.evaluations
 
 
-# --- eqs (19) and (20) ----------------------------------------------------------------------------
-
-
 def flat(points):
     """Never improves."""
     return np.zeros(len(points))
@@ -175,9 +172,6 @@ def test_worse_points_are_accepted_by_metropolis_rule(temperature):
     # 20,000 chains know the share to 0.0034.
     assert (second == first).all(axis=1).mean() == pytest.approx(
         math.exp(-1.0 / temperature), abs=0.015)
-
-
-# --- bounds and answers ---------------------------------------------------------------------------
 
 
 def test_bounds_reflect():

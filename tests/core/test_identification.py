@@ -32,9 +32,6 @@ def synthetic(stage, n, seed, noise=NOISE):
                               efficiency_std=np.full(n, max(noise, 1e-6)))
 
 
-# --- Table 2 --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("formulation", "fit", "prediction"), [
     # goal: at or below 2.05 % (fit) and 1.65 % (prediction); docs/theory.md found these.
     ("power_balance", 0.0202, 0.0160),
@@ -119,9 +116,6 @@ def test_a_leakage_at_its_bound_is_found_there(hm4, leakage):
     assert any(side in sentence for sentence in found.warnings)
 
 
-# --- part 1 of the paper's method: two roots ------------------------------------------------------
-
-
 def roots_of_equation_18(displacement_ratio, efficiency, gear=0.98):
     """eta_H from eqs (8), (11), (12), (18) made one cubic, solved by the companion matrix.
 
@@ -165,9 +159,6 @@ def test_rejected_roots_are_reported(fitted_published):
     assert "3 samples have a second root for eta_H, beyond the pole" in fitted_published.report()
 
 
-# --- a known truth --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_truth_is_recovered_from_noisy_samples(hm4, seed):
     found = hmcvt.identify(synthetic(hm4, 60, seed), stage=hm4, schedule=QUICK, seed=seed)
@@ -200,9 +191,6 @@ def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
     # 100 repetitions know the scatter to 7 %, one bench its own noise to 12 %.
     np.testing.assert_allclose(list(stated.standard_errors.values()), scatter, rtol=0.3)
     np.testing.assert_allclose(stated.correlation, np.corrcoef(fitted.T), atol=0.2)
-
-
-# --- what the samples leave open ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("sign", "missing", "present"), [

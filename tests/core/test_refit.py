@@ -158,9 +158,6 @@ def test_a_refit_can_be_repeated(known):
     assert one.held_back == other.held_back and one.held_back.samples == 25
 
 
-# --- against the model in service -----------------------------------------------------------------
-
-
 COARSE = 0.011  # relative, about that of the paper's bench
 
 

@@ -91,8 +91,6 @@ def test_the_p_values_follow_the_statistics_and_the_seed():
     assert (found.region_p != other.region_p).any()
 
 
-# --- regions: all different, none too small, narrow where the data allow --------------------------
-
 PLACES = {name: observe(samples).place for name, samples in {
     "random 96": campaign(seed=1),
     "random 24": campaign(seed=2, n=24),
