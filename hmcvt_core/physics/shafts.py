@@ -25,7 +25,7 @@ from .steady_state import Quadrant, Ways
 
 _ITERATIONS = 40
 _MEMORY = 8  # steps that are remembered
-_TOLERANCE = 1e-12  # of the unknown, relative to its scale
+_TOLERANCE = 1e-9  # of the unknown, relative to its scale: the step from there is the last
 _PRESSURE = 2e7  # Pa, its scale
 _LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
@@ -101,10 +101,9 @@ class Shafts(Quadrant):
 
     # --- the unknown -------------------------------------------------------------------------
 
-    def _motor_speed(self) -> tuple[Array, Array, Array | None]:
+    def _motor_speed(self) -> tuple[Array, Array, Array]:
         """Return motor speed, direction (the part of friction where it stands) and pressure."""
         ratio, load = self.full * self.stroke, self.points.load_torque / self.engine_speed
-        pressure = None
         if self.braced:
             output = self.output(ratio, load)
             speed = output * self.engine_speed / self.hydraulic_ratio
@@ -121,17 +120,20 @@ class Shafts(Quadrant):
             pressure = np.where(motoring > 0.0, high, low)
         speed = self.selected(motoring, pumping, 0.0, load)
         direction, standing = np.sign(speed), speed == 0.0
+        if not self.effects:
+            pressure = self._estimate(speed, direction, self.stroke)
         if standing.any():
             part, leaking = self._held(np.where(standing, speed, np.nan))
             direction = np.where(standing, part, direction)
-            pressure = None if pressure is None else np.where(standing, leaking, pressure)
+            pressure = np.where(standing, leaking, pressure)
         return speed, direction, pressure
 
     def _held(self, speed: Array) -> Array:
         """Part of the friction, -1 to 1, that balances a standing motor; its pressure; (2, n)."""
         whole = np.ones_like(speed)
-        (ahead, first), (back, _) = (self._surplus(speed, way, self.stroke)
-                                     for way in (whole, -whole))
+        (ahead, first), (back, _) = (
+            self._surplus(speed, way, self.stroke, self._estimate(speed, way, self.stroke))
+            for way in (whole, -whole))
         share = 0.5 * (back - ahead)
 
         def held(part: Array, pressure: Array) -> Array:
@@ -152,11 +154,12 @@ class Shafts(Quadrant):
         """Motor speed and pressure with every effect, from an estimate of the speed, (2, n)."""
         share = 1.0 - self._row_share(self.stroke)
 
-        def settled(speed: Array, pressure: Array | None = None) -> Array:
+        def settled(speed: Array, pressure: Array) -> Array:
             surplus, pressure = self._surplus(speed, direction, self.stroke, pressure)
             return np.stack([speed + surplus / share, pressure])
 
-        return _fixed_point(settled, settled(speed), self.pump_ratios[0] * self.engine_speed)
+        first = np.stack([speed, self._estimate(speed, direction, self.stroke)])
+        return _fixed_point(settled, first, self.pump_ratios[0] * self.engine_speed)
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
@@ -165,16 +168,23 @@ class Shafts(Quadrant):
         direction = np.where(speed > 0.0, 1.0, -1.0)
         flow = self.full * self._pump_speed(turned)
 
-        def corrected(commanded: Array, pressure: Array | None = None) -> Array:
+        def corrected(commanded: Array, pressure: Array) -> Array:
             surplus, pressure = self._surplus(
                 speed, direction, self.true_stroke(commanded), pressure)
             return np.stack([commanded - surplus / flow, pressure])
 
-        return np.asarray(_fixed_point(
-            corrected, corrected(self.points.displacement_ratio), 1.0)[0])
+        first = np.stack([self.points.displacement_ratio,
+                          self._estimate(speed, direction, self.stroke)])
+        return np.asarray(_fixed_point(corrected, first, 1.0)[0])
+
+    def _estimate(self, speed: Array, direction: Array, stroke: Array) -> Array:
+        """Pressure without effects, eq. (14)."""
+        output_speed = self.mechanical_ratio * self.engine_speed + self.hydraulic_ratio * speed
+        torque = self.load_power / output_speed * self.hydraulic_ratio
+        return self._pressure(torque / (1.0 - self._row_share(stroke)), speed, direction)
 
     def _surplus(
-        self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
+        self, speed: Array, direction: Array, stroke: Array, pressure: Array
     ) -> tuple[Array, Array]:
         """Motor speed that the flow gives, eq. (13), above one assumed; and the pressure."""
         found = self.torques(speed, direction, stroke, pressure)
@@ -195,9 +205,9 @@ class Shafts(Quadrant):
     # --- the shafts ---------------------------------------------------------------------------
 
     def torques(
-        self, speed: Array, direction: Array, stroke: Array, pressure: Array | None = None
+        self, speed: Array, direction: Array, stroke: Array, pressure: Array
     ) -> PowerFlow:
-        """Go from the load back to the pressure and from it to the leakage."""
+        """Go from the load back to the pressure, from one assumed, and from it to the leakage."""
         ratio, hydraulic = self.mechanical_ratio, self.hydraulic_ratio
         output_speed = ratio * self.engine_speed + hydraulic * speed  # (4)
         idle = self.load_power == 0.0
@@ -206,9 +216,6 @@ class Shafts(Quadrant):
         for effect in self.effects:
             power = effect.true_load_power(power, np.abs(output_speed))
         load = np.where(idle & (power == 0.0), 0.0, power / output_speed)
-        if pressure is None:
-            pressure = self._pressure(load * hydraulic / (1.0 - self._row_share(stroke)), speed,
-                                      direction)
         state = self._state(speed, output_speed, stroke, pressure)
         load = load + self.sense * self._sum("output_drag", state)
         drag = self._sum("motor_drag", state)
@@ -354,25 +361,24 @@ def _fixed_point(function: Callable[..., Array], first: Array, scale: Value) -> 
     x, steps, along = first / size, list[Array](), list[Array]()
     for _ in range(_ITERATIONS):
         step = error = function(*(x * size)) / size - x
-        open_ = np.abs(error) > _TOLERANCE
-        if not open_.any():
-            break
         if len(steps) == _MEMORY:
             steps, along = [], []
         for way, after in zip(along, steps[1:], strict=False):
             step = step + after * _along(step, way)
         if steps:
             slope = 1.0 - _along(step, along[-1])
+            step = step / slope
             # The function answers x weakly: a slope far from 1 is noise of the last digits, or a
             # bend behind which nothing holds that earlier steps have shown.
-            bent = ~((slope > 0.05) & (slope < 20.0))
-            step = step / slope
+            bent = (slope < 0.05) | (slope > 20.0)
             if bent.any():
                 step = np.where(bent, error, step)
                 along = [np.where(bent, 0.0, way) for way in along]
-        steps.append(np.where(open_.any(axis=0), step, 0.0))
-        along.append(steps[-1] / np.maximum(_along(steps[-1], steps[-1]), _LEAST))
-        x = x + steps[-1]
+        x = x + step
+        if not (np.abs(error) > _TOLERANCE).any():
+            break
+        steps.append(step)
+        along.append(step / np.maximum(_along(step, step), _LEAST))
     return np.where((np.abs(error) <= _SETTLED).all(axis=0), x * size, np.nan)
 
 
