@@ -240,6 +240,13 @@ def point_from(given: Mapping[str, Any], model: EfficiencyModel) -> Point:
     return Point(stroke, given["engine_speed"], load, given["oil_temperature"])
 
 
+def one_of(what: str, **given: Any) -> None:
+    """Raise a usage error where several options are given that do the same."""
+    names = [f"--{name.replace('_', '-')}" for name, value in given.items() if value is not None]
+    if len(names) > 1:
+        raise click.UsageError(f"{' and '.join(names)} both {what}: give one")
+
+
 def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> None:
     """Raise a usage error where a command would write over a file that it reads."""
     read = [Path(name).resolve() for name in inputs if name is not None]
@@ -267,6 +274,8 @@ def gear_train(
     """Return the stages of a parameter file and its effects, or the one of a transmission file."""
     if params is None:
         return [load_stage(transmission or data_path("params/transmission.yaml"), stage)], ()
+    if transmission is not None or stage is not None:
+        raise click.UsageError("--params holds a gear train: leave --transmission and --stage out")
     model = load_model(params)
     return [each.stage for each in model.stages.values()], model.effects
 

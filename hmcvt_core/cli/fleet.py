@@ -46,11 +46,7 @@ def command(
     Finished logs are skipped when the command is run again; a broken log does not stop the rest.
     """
     # Refused: options that would be ignored or contradict each other.
-    if processes is not None and scheduler is not None:
-        raise click.UsageError("--processes is for this machine, --scheduler for a cluster: "
-                               "give one")
-    if params is not None and (transmission is not None or stage is not None):
-        raise click.UsageError("--params holds a gear train: leave --transmission and --stage out")
+    common.one_of("say where to work", processes=processes, scheduler=scheduler)
     if no_diagnose and noise is not None:
         raise click.UsageError("--noise is for the diagnosis, --no-diagnose leaves it out")
     (train, *_), effects = common.gear_train(params, transmission, stage)

@@ -167,8 +167,7 @@ def unit(
     torque_loss or volumetric_efficiency and mechanical_efficiency. In SI, or with the unit behind
     the name: pressure_bar, speed_rpm, displacement_cm3.
     """
-    if holdout is not None and above is not None:
-        raise click.UsageError("--holdout and --above both choose what is held out: give one")
+    common.one_of("choose what is held out", holdout=holdout, above=above)
     common.keep_inputs([table, holdout], [report, into])
     samples = read_unit(table, kind=kind, unit=name, noise=noise)
     held = None if holdout is None else read_unit(

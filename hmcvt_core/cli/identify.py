@@ -66,15 +66,11 @@ def command(
 
     Improved simulated annealing looks for the valley, a local search finishes it.
     """
-    if fit is not None and hold_back is not None:
-        raise click.UsageError("--fit and --hold-back both choose the samples: give one")
-    if params is not None and (transmission is not None or stage is not None):
-        raise click.UsageError("--params and --transmission, --stage both choose the gear train: "
-                               "give one")
+    common.one_of("choose the samples", fit=fit, hold_back=hold_back)
     common.keep_inputs([bench, transmission, params], [out, picture])
     samples = read_bench(bench)
     if refine:
-        if params is None or fit or hold_back or gears or picture is not None:
+        if params is None or any((fit, hold_back, gears, picture, transmission, stage)):
             raise click.UsageError("--refine goes with --params, --out, --seed and --json alone")
         return _refined(samples, common.model_from(params), out, seed)
     if fit is None:

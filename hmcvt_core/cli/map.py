@@ -94,11 +94,9 @@ def command(
     found = model.efficiency_map(
         np.linspace(-1.0, 1.0, steps[0]), np.linspace(*engine_speed_limits, steps[1]),
         np.linspace(*load_torque_limits, steps[2]))
-    axes = found.displacement_ratio, found.engine_speed, found.load_torque
-    value = dict(zip(AXES, axes, strict=True)) | {
-        "efficiency": found.efficiency, "inside_domain": found.inside_domain}
+    value = asdict(found)
     columns = {name: [f"{each:.6g}" for each in grid.ravel()] for name, grid in zip(
-        AXES, np.meshgrid(*axes, indexing="ij"), strict=True)}
+        AXES, np.meshgrid(*(value[axis] for axis in AXES), indexing="ij"), strict=True)}
     # An empty cell: the load cannot be carried there.
     columns["efficiency"] = [f"{each:.6f}" if np.isfinite(each) else ""
                              for each in found.efficiency.ravel()]

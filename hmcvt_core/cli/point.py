@@ -185,9 +185,7 @@ def _of_one_stage(
     if hold == "engine_speed" and (held is not None or given["engine_speed_limits"] is not None):
         raise click.UsageError(
             "--output-speed and --engine-speed-limits need --hold output_speed")
-    if stroke is not None and held is not None:
-        raise click.UsageError("--displacement-ratio (now) and --output-speed both tell the "
-                               "output speed to hold: give one")
+    common.one_of("tell the output speed to hold", displacement_ratio=stroke, output_speed=held)
     engine_speed, load_torque = given["engine_speed"], given["load_torque"]
     if all(given[name] is None for name in LOADS):
         raise click.UsageError("--load-torque is needed, or another of what tells the load: "
