@@ -39,12 +39,7 @@ def read_tree(path: str | os.PathLike[str], schema: str) -> tuple[dict[str, Any]
         kind = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         text = path.read_text(encoding="utf-8")
         _require_plain(yaml.parse(text, kind))
-        loader = kind(text)
-        try:
-            tree = loader.get_single_node()
-            data = loader.construct_document(tree) if tree else None
-        finally:
-            loader.dispose()
+        tree, data = yaml.compose(text, kind), yaml.load(text, kind)
     except InputError:
         raise
     except OSError as error:
