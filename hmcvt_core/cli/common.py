@@ -17,8 +17,6 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
-from ..benches.unit import UnitDiagnosis
-from ..diagnosis import Diagnosis
 from ..files import data_path, plain
 from ..files.bench import BenchSamples
 from ..files.guess import UNITS
@@ -29,7 +27,6 @@ from ..model.model import FORMULATIONS, EfficiencyModel
 from ..model.parameter_file import load_model, load_stage
 from ..physics.effects import Effect, load_effects
 from ..physics.effects.base import OIL_HOOKS
-from ..report import write_html
 from ..report.style import check_drawable, picture_format
 from ..transmission.stage import Stage
 
@@ -303,14 +300,6 @@ def domain_told(
     left = [f"  {departure}" for departure in model.domain.departures(*point[:3])]
     return not left, left and [
         f"{which}outside the range of the data that the model was identified from:", *left]
-
-
-def report_written(found: Diagnosis | UnitDiagnosis, path: str | None) -> list[str]:
-    """Write the page of a diagnosis where asked, and say so."""
-    if path is None:
-        return []
-    write_html(found, path)
-    return [f"report written to {path}"]
 
 
 def print_json(value: Any) -> None:

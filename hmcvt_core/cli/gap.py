@@ -10,13 +10,14 @@ from pathlib import Path
 import click
 
 from ..benches import transmission
-from ..benches.unit import diagnose_unit, put_into
+from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
 from ..benches.watch import FALSE_ALARMS
 from ..benches.watch import watch as watch_samples
 from ..diagnosis import Diagnosis, words
 from ..files.bench import BenchSamples, read_bench
 from ..files.units import AXES, KINDS, read_unit
 from ..model.parameter_file import save_model
+from ..report import write_html
 from . import common
 from .common import Answer
 
@@ -49,11 +50,19 @@ def diagnose(
     with common.Progress("diagnosis") as progress:
         found = transmission.diagnose(model, samples, held, noise=noise, seed=seed,
                                       progress=progress)
-    lines = [found.report()]
+    lines = []
     if saved is not None:
         save_model(found.model, saved)
         lines.append(f"model{_added(found)} written to {saved}")
-    return Answer(found.to_dict(), lines + common.report_written(found, report))
+    return _told(found, report, lines)
+
+
+def _told(found: Diagnosis | UnitDiagnosis, report: str | None, lines: list[str]) -> Answer:
+    """Tell a diagnosis, and write its page where asked."""
+    if report is not None:
+        write_html(found, report)
+        lines = [*lines, f"report written to {report}"]
+    return Answer(found.to_dict(), [found.report(), *lines])
 
 
 def _added(found: Diagnosis) -> str:
@@ -177,8 +186,8 @@ def unit(
     model = None if into is None else common.model_from(into)
     with common.Progress("diagnosis") as progress:
         found = diagnose_unit(samples, held, seed=seed, progress=progress)
-    lines = [found.report()]
+    lines = []
     if into is not None and model is not None:
         save_model(put_into(model, found), into)
         lines.append(f"{samples.kind} written into {into}")
-    return Answer(found.to_dict(), lines + common.report_written(found, report))
+    return _told(found, report, lines)
