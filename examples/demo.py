@@ -106,7 +106,7 @@ def main(folder: Path) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):  # a shell's background jobs ignore SIGINT
         signal.signal(number, signal.default_int_handler)
     os.environ.update(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_LOG_DIR=str(folder),
-                      ROS_DOMAIN_ID=str(1 + os.getpid() % 101))
+                      ROS_DOMAIN_ID=str(51 + os.getpid() % 51))
     log = folder / "node.log"
     with log.open("w") as output, subprocess.Popen(
             [sys.executable, "-m", "hmcvt_ros.efficiency_node", "--ros-args",
