@@ -34,7 +34,7 @@ _FAR, _FURTHER = 5.0, 10.0
 _MOST = 0.03  # part of the samples
 _CHANCE = 0.01
 _ROUNDS = 5
-_ROOM = 2.0  # samples for each function that a refit or smoothness takes
+_ROOM = 2.0  # points for each function that a refit or smoothness takes
 _MAD_TO_DEVIATION = 1.4826
 
 
@@ -145,7 +145,7 @@ def uneven_noise(fit: Fit) -> Array:
     Its logarithm is linear in the place, or in the logarithm of what is positive, as for a meter
     that errs by a constant (Harvey 1976, Econometrica 44, 461), by what a refit and anything
     smooth, a gap above all, leave of the residuals. 1 where they do not show that (Akaike's
-    criterion), are too few, or pass what was assumed; else of mean square 1.
+    criterion), lie at too few points, or pass what was assumed; else of mean square 1.
     """
     from scipy.optimize import minimize
 
@@ -153,11 +153,12 @@ def uneven_noise(fit: Fit) -> Array:
     place = scaled_to_extent(np.stack([
         np.log(row) if row.min() > 0.0 else row for row in observed.place]))
     place = np.vstack([np.ones(len(observed)), place])
+    points = replicate_groups(observed.axes, observed.points).max() + 1
     for i, channel in enumerate(observed.channels):
         columns = np.hstack([observed.smooth[0], fit.jacobian[i]])
         # What is propagated from its meters, sample by sample, has the shape that it has.
         if (observed.trust[i] > TRUST_ASSUMED or channel.uncertainty == 0.0
-                or len(observed) < _ROOM * columns.shape[1]):
+                or points < _ROOM * columns.shape[1]):
             continue
         for _ in range(_ROUNDS):  # noise that is large somewhere bends what is taken elsewhere
             taken, _ = np.linalg.qr(columns / shape[i, :, None])

@@ -63,12 +63,16 @@ def _require_plain(events: Iterable[yaml.Event]) -> None:
 
     depth = 0
     for event in events:
-        name = getattr(event, "anchor", None)
         depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        if name or depth > _DEEPEST:
-            what = (f"{name!r} is an alias or the anchor of one: write the values out" if name
-                    else f"more than {_DEEPEST} levels")
-            raise InputError(f"not YAML of a parameter file{_line_of(event)}: {what}")
+        anchor, tag = (getattr(event, mark, None) for mark in ("anchor", "tag"))
+        for found, what in (
+            (anchor, f"{anchor!r} is an alias or the anchor of one: write the values out"),
+            (tag, f"{tag!r} is a tag: write the value alone"),
+            (getattr(event, "value", None) == "<<", "'<<' merges mappings: write the values out"),
+            (depth > _DEEPEST, f"more than {_DEEPEST} levels"),
+        ):
+            if found:
+                raise InputError(f"not YAML of a parameter file{_line_of(event)}: {what}")
 
 
 def _line_of(item: object, mark: str = "start_mark") -> str:

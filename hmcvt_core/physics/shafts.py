@@ -27,6 +27,7 @@ _ITERATIONS = 40
 _MEMORY = 8  # steps that are remembered
 _TOLERANCE = 1e-9  # of the unknown, relative to its scale: the step from there is the last
 _PRESSURE = 2e7  # Pa, its scale
+_SHORT = 0.5  # of the scales, where longer steps lead nowhere
 _LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
 
@@ -146,7 +147,7 @@ class Shafts(Quadrant):
     def _with_effects(self, motoring: Array, pumping: Array) -> tuple[Array, Array]:
         likely = np.where(motoring + pumping >= 0.0, 1.0, -1.0)
         found = other = self._settled(np.where(likely > 0.0, motoring, pumping), likely)
-        if (found[0] * likely <= 0.0).any():
+        if not (found[0] * likely > 0.0).all():  # NaN says nothing of the other regime
             other = self._settled(np.where(likely > 0.0, pumping, motoring), -likely)
         return np.where(likely > 0.0, found, other), np.where(likely > 0.0, other, found)
 
@@ -180,7 +181,8 @@ class Shafts(Quadrant):
     def _estimate(self, speed: Array, direction: Array, stroke: Array) -> Array:
         """Pressure without effects, eq. (14)."""
         output_speed = self.mechanical_ratio * self.engine_speed + self.hydraulic_ratio * speed
-        torque = self.load_power / output_speed * self.hydraulic_ratio
+        idle = self.load_power == 0.0  # also where the output stands
+        torque = np.where(idle, 0.0, self.load_power / output_speed) * self.hydraulic_ratio
         return self._pressure(torque / (1.0 - self._row_share(stroke)), speed, direction)
 
     def _surplus(
@@ -350,12 +352,21 @@ class Shafts(Quadrant):
 def _fixed_point(function: Callable[..., Array], first: Array, scale: Value) -> Array:
     """Solve x, p = function(x, p), a pressure, point by point; NaN where that does not settle.
 
-    Steps of Broyden's method, from what each has shown (Kelley 1995, Iterative Methods, brsol).
-
     Args:
         function: gives shape (2, n) for two arrays (n,).
         first: where to start, shape (2, n).
         scale: of x.
+    """
+    found = _stepped(function, first, scale, np.inf)
+    if np.isnan(found).any():  # a step may have led where the output turns backwards
+        found = np.where(np.isnan(found), _stepped(function, first, scale, _SHORT), found)
+    return found
+
+
+def _stepped(function: Callable[..., Array], first: Array, scale: Value, longest: float) -> Array:
+    """Make steps that change nothing by more than `longest` of its scale.
+
+    Steps of Broyden's method, from what each has shown (Kelley 1995, Iterative Methods, brsol).
     """
     size = np.stack(np.broadcast_arrays(scale, np.full(first.shape[1:], _PRESSURE)))
     x, steps, along = first / size, list[Array](), list[Array]()
@@ -374,6 +385,7 @@ def _fixed_point(function: Callable[..., Array], first: Array, scale: Value) -> 
             if bent.any():
                 step = np.where(bent, error, step)
                 along = [np.where(bent, 0.0, way) for way in along]
+        step = step / np.maximum(1.0, np.abs(step).max(axis=0) / longest)
         x = x + step
         if not (np.abs(error) > _TOLERANCE).any():
             break

@@ -137,7 +137,6 @@ def test_python_of_the_readme(workplace):
     assert 0.0 < names["fit"].fit_error < 0.05 and names["found"].verdict
 
 
-
 def blocks(page):
     """Indented blocks of a page, as lists of lines."""
     text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)

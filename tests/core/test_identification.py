@@ -224,7 +224,6 @@ def test_no_answer_within_the_bounds(hm4):
         hmcvt.identify(samples, stage=leaky, schedule=QUICK)
 
 
-
 def flat(value):
     """Lists and mappings of a file as one mapping from place to value."""
     if not isinstance(value, (dict, list, tuple)):

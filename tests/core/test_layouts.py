@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.physics.effects.hydraulic import CompressibilityStroke, PressureLeakage
 from hmcvt_core.physics.effects.mechanical import ChargePump, ClutchDrag, PlanetaryMesh
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
@@ -183,3 +184,26 @@ def test_a_leaky_pair_that_its_pump_drags_on_has_an_answer_at_one_point_as_at_ma
     strokes = np.linspace(-1.0, 1.0, 41)
     one = [model.efficiency(stroke, 150.0, 200.0) for stroke in strokes.tolist()]
     np.testing.assert_array_equal(model.efficiency(strokes, 150.0, 200.0), one)
+
+
+@pytest.mark.parametrize(("name", "parameters", "effects", "point"), [
+    ("hydrostatic H", None, (), (0.0, 150.0, 0.0)),  # in neutral
+    ("hydrostatic H", None, (ChargePump(4.0),), (0.0, 150.0, 0.0)),
+    ("tractor H0", None, (ChargePump(4.0),), (0.0, 80.0, 0.0)),
+    # A long step would turn the output back, where nothing drives the load.
+    ("hydrostatic H", None, (PressureLeakage(3.75e-11, 2.0),), (0.0529, 94.7, -144.06)),
+    ("hydrostatic H", None, (CompressibilityStroke(3.75, 0.5, 0.0, 5.0),),
+     (0.0842, 69.34, -163.9)),
+    # Its motor balances in the regime that is less likely.
+    ("tractor HM2", HydraulicParameters(1e-14, 0.0, 0.0), (PressureLeakage(3.75e-11, 2.0),),
+     (0.197600971, 80.04830837, 689.75722296)),
+])
+def test_states_next_to_rest(name, parameters, effects, point):
+    """Each was refused by mistake once."""
+    model = replace(STAGES[name], effects=effects, standard_errors={}, correlation=None)
+    model = replace(model, parameters=parameters or model.parameters)
+    loss = model.power_loss(*point)
+    assert loss > 0.0
+    assert sum(model.breakdown(*point).losses.values()) == pytest.approx(loss, rel=1e-6)
+    with_another = np.transpose([point, (0.5, 80.0, 300.0)])
+    assert model.power_loss(*with_another)[0] == loss

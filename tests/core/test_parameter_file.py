@@ -105,6 +105,7 @@ def test_changed_text_is_noticed(saved, old, new):
     ("  leakage: {", "  leakage: {vlaue: 1.0, ",
      r"parameters\.leakage\.vlaue at line 4 is not known; there is value, unit, standard_error"),
     ("  leakage: {", "  leakage: {value: 1.0e-12, ", r"value at line 4 stands there twice"),
+    ("  leakage: {", "  leakage: {<<: {value: 1.0e-12}, ", r"at line 4: '<<' merges mappings"),
     ("        member: carrier", "        member: carrier\n        ratio: 2",
      r"transmission\.stages\.HM4\.mechanical\.ratio at line \d+ is not known; there is gear"),
 ])
@@ -188,7 +189,8 @@ def test_number_for_the_name_of_a_gear_pair_is_the_same_file(saved, model):
     (b"schema: 2020-13-45", r"not YAML: month must be in 1\.\.12"),
     (b"schema: " + b"9" * 5000, r"not YAML: Exceeds the limit"),
     (b"[" * 5000, r"not YAML"),
-    (b"!!python/object:os.system {}", r"not YAML at line 1: could not determine a constructor"),
+    (b"!!python/object:os.system {}", r"at line 1: 'tag:.*:os\.system' is a tag"),
+    (b"schema: !!bool x", r"file at line 1: 'tag:yaml.org,2002:bool' is a tag: write the value"),
     (b"schema: " + b"x" * 5000, r"schema = 'x+ \.\.\.$"),
     (b"#" * 5_000_000, r"wrong\.yaml: larger than 4 MiB, not a parameter file"),
 ])

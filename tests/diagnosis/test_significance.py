@@ -9,6 +9,8 @@ from hmcvt_core.benches.transmission import observe
 from hmcvt_core.diagnosis.intake import uneven_noise
 from hmcvt_core.diagnosis.observations import scaled_to_extent, smooth_functions
 from hmcvt_core.diagnosis.regions import regions, significance
+from hmcvt_core.physics.effects.hydraulic import PressureLeakage
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import NOISE, campaign, factorial_points, fitted, measure, random_points
 
@@ -82,6 +84,16 @@ def test_uneven_noise_is_taken_as_it_is_seen_where_nobody_states_it():
     # A statement is believed, and so few tell nothing.
     for even in (fitted(samples), fitted(samples.select(np.arange(40)), None)):
         assert np.ptp(uneven_noise(even)[0]) == 0.0
+
+
+def test_one_test_made_many_times_does_not_pass_for_uneven_noise():
+    """Once every other point was interpolated, and its noise called nil."""
+    few = random_points(1, 24)
+    crowd = [np.append(axis, np.full(30, value)) for axis, value in zip(
+        (few.displacement_ratio, few.engine_speed, few.load_torque), (-1.0, 78.5, 424.5),
+        strict=True)]
+    fit = fitted(measure(OperatingPoints(*crowd), (PressureLeakage(3e-12, 2.0),), 1))
+    np.testing.assert_array_equal(uneven_noise(fit), 1.0)
 
 
 def test_the_p_values_follow_the_statistics_and_the_seed():
