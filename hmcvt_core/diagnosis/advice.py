@@ -29,7 +29,6 @@ SETTLED = 0.95
 _NO_TEST = "cannot be settled by tests"
 
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
-_DECISIVE = 9.0  # squared deviations: three standard deviations
 _MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
 _WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
 
@@ -142,9 +141,10 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     # A larger set of the same effects gives way to more samples, and so does an unlisted loss.
     twin = next((i for i in others if names[i] and not set(names[first]) < set(names[i])),
                 None) if names[first] else None
+    short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
     if twin is not None and max(
             rivals[first].against(rivals[twin]),
-            rivals[twin].against(rivals[first])) * _MANY / able.sum() < _DECISIVE:
+            rivals[twin].against(rivals[first])) * _MANY / able.sum() < 2.0 * short:
         remedy = [effect.remedy for i in (first, twin)
                   for effect in labels[names[i]][0].fit.effects if effect.remedy]
         if remedy:
@@ -162,7 +162,6 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
             setting={axis.name: axis.labels[int(place[axis.name][best])]
                      for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
-    short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
     expected = math.ceil(max(1.0, short / max(2.0 * tests[0].gain, _WORTH)))
     return answer(tests=tuple(tests), tests_expected=expected)
 

@@ -37,7 +37,6 @@ PRIOR_UNLISTED = 0.10
 _KINDS = 12  # single effects refitted, and sets refitted exactly at the end
 _HOPELESS = 10.0  # nats behind the best
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
-_SAMPLES_EACH = 16  # for each cause of a set: three causes need about 48
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 # A form stays in the race whose gain is so near the best, in part and in nats.
 _NEAR, _BEHIND = 0.7, 4.0
@@ -198,12 +197,10 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
     for names in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item.effects[0].name in names
                              and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS])
-    largest = len(base.observed) // _SAMPLES_EACH
-    if largest > 1:  # two that hold the leader are found from it, below
-        (first,), = leaders(1, 1)
-        refitted([item for item in _promising(_distinct(screen(base, library, 2)))
-                  if first not in {effect.name for effect in item.effects}][:_SETS])
-    for size in range(1, min(largest, max(PRIOR_OF_SIZE))):
+    (first,), = leaders(1, 1)  # two that hold the leader are found from it, below
+    refitted([item for item in _promising(_distinct(screen(base, library, 2)))
+              if first not in {effect.name for effect in item.effects}][:_SETS])
+    for size in range(1, max(PRIOR_OF_SIZE)):
         refitted(_distinct(sorted((
             each._replace(gain=rival.log + each.gain, price=each.price + price)
             for rival, price in map(refine, leaders(size, _LEADERS))
