@@ -358,7 +358,8 @@ def _fixed_point(function: Callable[..., Array], first: Array, scale: Value) -> 
         scale: of x.
     """
     found = _stepped(function, first, scale, np.inf)
-    if np.isnan(found).any():  # a step may have led where the output turns backwards
+    # Where an answer was in sight a step may have turned the output back.
+    if (np.isnan(found[0]) & np.isfinite(first).all(axis=0)).any():
         found = np.where(np.isnan(found), _stepped(function, first, scale, _SHORT), found)
     return found
 
