@@ -178,14 +178,6 @@ def test_files_of_several_stages_survive_saving(tmp_path, file):
         model.efficiency(0.6, 170.0, 40.0, stage="HM9")
 
 
-def test_a_leaky_pair_that_its_pump_drags_on_has_an_answer_at_one_point_as_at_many():
-    model = hmcvt.load_model(hmcvt.data_path("params/output_coupled.yaml"))
-    model = replace(model, parameters=HydraulicParameters(1e-9, 0.1, 0.5))
-    strokes = np.linspace(-1.0, 1.0, 41)
-    one = [model.efficiency(stroke, 150.0, 200.0) for stroke in strokes.tolist()]
-    np.testing.assert_array_equal(model.efficiency(strokes, 150.0, 200.0), one)
-
-
 @pytest.mark.parametrize(("name", "parameters", "effects", "point"), [
     ("hydrostatic H", None, (), (0.0, 150.0, 0.0)),  # in neutral
     ("hydrostatic H", None, (ChargePump(4.0),), (0.0, 150.0, 0.0)),

@@ -89,9 +89,8 @@ def test_uneven_noise_is_taken_as_it_is_seen_where_nobody_states_it():
 def test_one_test_made_many_times_does_not_pass_for_uneven_noise():
     """Once every other point was interpolated, and its noise called nil."""
     few = random_points(1, 24)
-    crowd = [np.append(axis, np.full(30, value)) for axis, value in zip(
-        (few.displacement_ratio, few.engine_speed, few.load_torque), (-1.0, 78.5, 424.5),
-        strict=True)]
+    crowd = [np.append(getattr(few, name), np.full(30, value)) for name, value in (
+        ("displacement_ratio", -1.0), ("engine_speed", 78.5), ("load_torque", 424.5))]
     fit = fitted(measure(OperatingPoints(*crowd), (PressureLeakage(3e-12, 2.0),), 1))
     np.testing.assert_array_equal(uneven_noise(fit), 1.0)
 

@@ -4,8 +4,6 @@
 Without rclpy these tests fail; on purpose they are left out with HMCVT_CORE_ONLY=1 only.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

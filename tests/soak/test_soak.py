@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The endurance trial in seconds: counts and processor time, which a machine that stalls leaves."""
 
-from __future__ import annotations
-
 from subprocess import CompletedProcess
 
 import pytest
