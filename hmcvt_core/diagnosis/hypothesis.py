@@ -33,9 +33,9 @@ More than any misfit, or refits to a large gap would hide the worst points where
 
 _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
-_PASSES = 20
+_PASSES = 60
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
-_SMALL = 0.3  # standard deviations: a last step
+_SMALL = 0.1  # standard deviations: a step that is not worth making
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 # Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
 _MIDDLE, _ANYWHERE = 0.5, (2.0 * np.pi) ** -0.5
@@ -246,8 +246,8 @@ def refit(
         hypothesis: what is assumed.
         observed: the bench.
         start: theta to start from, or its base part; None for the middle of the prior.
-        slopes: `Fit.jacobian` there, nearly; the steps mend it (Broyden 1965), and it is taken anew
-            only where they lead nowhere. None: at every step.
+        slopes: `Fit.jacobian` there, nearly. The steps mend it (Broyden 1965); it is taken anew
+            where they lead nowhere and at the end.
         rough: whether to end there instead.
     """
     from scipy.optimize import lsq_linear
@@ -258,6 +258,7 @@ def refit(
         theta[:len(start)] = start
     theta = theta.clip(*bounds)
     here = _whitened(hypothesis, observed, theta)
+    exact = slopes is None
     jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
     prior = np.diag(1.0 / hypothesis.spread(np.inf))
     for _ in range(_PASSES):
@@ -269,22 +270,21 @@ def refit(
         columns = np.concatenate([(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
         left, before, whitened = missed(here, theta), theta, here
         aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
-        for part in _PARTS:
+        small = np.linalg.norm(columns @ (aim - theta)) < _SMALL
+        for part in (0.0,) if small else _PARTS:
             theta = (before + part * (aim - before)).clip(*bounds)  # `aim` may miss by rounding
             here = _whitened(hypothesis, observed, theta) if part else whitened
             if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
                 break
-        # A step cut short says nothing of how far it is still: the whole one has to be small.
-        stuck, small = part == 0.0, np.linalg.norm(columns @ (aim - before)) < _SMALL
-        if (stuck and (slopes is None or rough)) or (small and not stuck):  # the slopes still hold
-            break
-        if slopes is None or stuck:
-            slopes, jacobian = None, _jacobian(hypothesis, observed, theta, here)
-        else:
+        if part:
             step = theta - before
             along = columns.T @ columns @ step
-            jacobian = jacobian + (whitened - here - jacobian @ step)[..., None] * along / (
-                step @ along)
+            exact, jacobian = False, jacobian + (
+                whitened - here - jacobian @ step)[..., None] * along / (step @ along)
+        elif exact or rough:
+            break
+        else:
+            exact, jacobian = True, _jacobian(hypothesis, observed, theta, here)
     return Fit(hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta)))
 
 

@@ -251,8 +251,7 @@ def exact(rival: Rival) -> Rival:
 
 def bend(rival: Rival) -> Rival:
     """Refit a rival with its shapes free as well, and weigh it with slopes taken there."""
-    fit = freed(rival.fit)
-    return explanation(linearise(fit.hypothesis, fit.observed, fit.theta, fit.noise))
+    return explanation(freed(rival.fit))
 
 
 @dataclass(frozen=True, eq=False)

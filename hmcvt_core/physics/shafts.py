@@ -30,6 +30,8 @@ _PRESSURE = 2e7  # Pa, its scale
 _SHORT = 0.5  # of the scales, where longer steps lead nowhere
 _LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
+_HOOKS = ("stroke_lag", "output_drag", "engine_drag", "pump_drag", "motor_drag", "gear_loss",
+          "planetary_loss", "leakage_flow", "pressure_drop")
 
 
 class PowerFlow(NamedTuple):
@@ -68,6 +70,7 @@ class Shafts(Quadrant):
         points: OperatingPoints, ways: Ways,
     ) -> None:
         self.stage, self.effects, self.points = stage, effects, points
+        self.acting = {hook: [each for each in effects if each.acts_at(hook)] for hook in _HOOKS}
         film: Value = 1.0
         self.viscosity: Value = 1.0
         if (warm := points.oil_temperature) is not None:
@@ -117,7 +120,9 @@ class Shafts(Quadrant):
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
             for output in self.output_speeds(ratio, load))
         if self.effects:
-            (motoring, high), (pumping, low) = self._with_effects(motoring, pumping)
+            forward = np.ones_like(motoring)
+            (motoring, pumping), (high, low) = self._settled(
+                np.stack([motoring, pumping]), np.stack([forward, -forward]))
             pressure = np.where(motoring > 0.0, high, low)
         speed = self.selected(motoring, pumping, 0.0, load)
         direction, standing = np.sign(speed), speed == 0.0
@@ -131,25 +136,17 @@ class Shafts(Quadrant):
 
     def _held(self, speed: Array) -> Array:
         """Part of the friction, -1 to 1, that balances a standing motor; its pressure; (2, n)."""
-        whole = np.ones_like(speed)
-        (ahead, first), (back, _) = (
-            self._surplus(speed, way, self.stroke, self._estimate(speed, way, self.stroke))
-            for way in (whole, -whole))
+        whole = np.stack([np.ones_like(speed), -np.ones_like(speed)])
+        (ahead, back), (first, _) = self._surplus(
+            speed, whole, self.stroke, self._estimate(speed, whole, self.stroke))
         share = 0.5 * (back - ahead)
 
         def held(part: Array, pressure: Array) -> Array:
             surplus, pressure = self._surplus(speed, part, self.stroke, pressure)
             return np.stack([part + np.nan_to_num(surplus / share), pressure])  # 0 / 0: settled
 
-        part, pressure = _fixed_point(held, np.stack([0.0 * whole, first]), 1.0)
+        part, pressure = _fixed_point(held, np.stack([0.0 * first, first]), 1.0)
         return np.stack([np.clip(part, -1.0, 1.0), pressure])
-
-    def _with_effects(self, motoring: Array, pumping: Array) -> tuple[Array, Array]:
-        likely = np.where(motoring + pumping >= 0.0, 1.0, -1.0)
-        found = other = self._settled(np.where(likely > 0.0, motoring, pumping), likely)
-        if not (found[0] * likely > 0.0).all():  # NaN says nothing of the other regime
-            other = self._settled(np.where(likely > 0.0, pumping, motoring), -likely)
-        return np.where(likely > 0.0, found, other), np.where(likely > 0.0, other, found)
 
     def _settled(self, speed: Array, direction: Array) -> Array:
         """Motor speed and pressure with every effect, from an estimate of the speed, (2, n)."""
@@ -312,7 +309,7 @@ class Shafts(Quadrant):
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 
     def _sum(self, hook: str, state: ShaftState) -> Value:
-        return sum((effect.at(hook, state) for effect in self.effects), 0.0)
+        return sum((effect.at(hook, state) for effect in self.acting[hook]), 0.0)
 
     def _geared(
         self, path: str, torque: Array, speed: Array, direction: Value, from_row: bool = False
@@ -324,7 +321,7 @@ class Shafts(Quadrant):
         torques, pairs = [torque], getattr(self.stage, path).gear_pairs
         for pair in pairs if from_row else reversed(pairs):
             passed: Value = pair.efficiency
-            for effect in self.effects:
+            for effect in self.acting["gear_loss"]:
                 passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
             torques.append(np.asarray(torques[-1] / passed**direction))
         return torques
