@@ -10,8 +10,6 @@ diagnosed, the report page is written. Without a bag one is made from data/simul
 that holds each of its 96 tests for seven seconds. Needs rosbags: pip install '.[bag]'.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

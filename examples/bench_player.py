@@ -4,8 +4,6 @@
 For the demonstration and the tests; also the shortest example of how to talk to the node.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import time

@@ -13,8 +13,6 @@ It sends `cvt_command`: velocity of joint `engine` [rad/s], position of joint `d
 `examples/field_cycle_ros.py` drives over a field cycle so, stages included.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import signal

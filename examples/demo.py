@@ -7,8 +7,6 @@ tractor's control stack would reach it over its network.
     python examples/demo.py
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

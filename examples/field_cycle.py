@@ -14,8 +14,6 @@ Stages H0 to HM3 are a reading of the paper, engine and cycle are made up: what 
 example of the method, not a promise.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable

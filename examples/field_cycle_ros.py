@@ -9,8 +9,6 @@ The tractor begins each part of the cycle as the rule of the engine alone drives
 where it is, and changes to the stage and the engine speed of the answer. Compared is the fuel.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 

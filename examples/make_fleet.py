@@ -11,8 +11,6 @@ effect that the fitted model does not know. Logs go to FOLDER/logs; FOLDER/hidde
 in them.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

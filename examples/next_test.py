@@ -7,8 +7,6 @@ The plant is the shipped model with an effect that the diagnosis is not told. On
 `hmcvt next bench.csv` tells which test to add to the file.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -16,8 +16,6 @@ part saved is the part of the fuel saved. A real engine also burns less per kWh 
 high torque: multiply by its fuel map before you publish the figure.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 

@@ -8,8 +8,6 @@ All that waits for a disk has a thread of its own: bench samples, and changes of
 come while the disk is busy are written together, with one wait for all of them.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """When a message came, on a clock that nobody can set."""
 
-from __future__ import annotations
-
 import time
 
 from rclpy.clock import Clock

@@ -5,8 +5,6 @@ The process for heavy work is given this module too, as every process that Pytho
 the main module of its parent; so nothing that takes time to load is loaded before `main`.
 """
 
-from __future__ import annotations
-
 import gc
 import math
 import os

@@ -5,8 +5,6 @@ rclpy answers some services and topics itself: parameters, type descriptions, /c
 in one of its callbacks would end the process, and a long request would hold up every answer.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import time

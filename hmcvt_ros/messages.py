@@ -5,8 +5,6 @@ Every number goes through `float`: the generated message classes send a NumPy sc
 garbage without a word.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Mapping
 from typing import Any

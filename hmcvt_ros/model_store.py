@@ -9,8 +9,6 @@ the one after in service. It has a checksum and tells the fingerprints of the mo
 not what was put into service is not served, but the one before it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from datetime import datetime, timezone

@@ -6,8 +6,6 @@ It computes nothing itself. It takes messages, checks ages and ranges, asks the 
 a millisecond, and the rest runs in a process of its own.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

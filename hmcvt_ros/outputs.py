@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The outputs: what is published for an operating point, and what where there is no answer."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Quality of service of every topic; reliability and depth can be overridden by parameter."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The services of the node: each answers with a JSON object in `message`."""
 
-from __future__ import annotations
-
 import json
 import re
 import types

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a bench message says of the shafts: one reader for live messages and for those in bags."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

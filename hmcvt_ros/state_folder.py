@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The folder in which a node keeps, for itself alone, what must outlive it; numbered files."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

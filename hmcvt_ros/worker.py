@@ -6,8 +6,6 @@ than a refit. It can be killed, and it does not outlive a node that was. This mo
 that the process loads, and at full priority: nothing but the standard library.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

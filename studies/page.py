@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a measured page says: goals and what was reached, how it was run, on which machine."""
 
-from __future__ import annotations
-
 import os
 import platform
 import time

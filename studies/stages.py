@@ -10,8 +10,6 @@ open is the set of pairs behind the row. Prints every set that meets within 3 %,
 shipped in params/tractor.yaml the misses and what the clutches of the others slip in each.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from itertools import combinations, pairwise

@@ -7,8 +7,6 @@ The unit of a stream differs from its model as the model's standard errors say, 
 error of the form of 0.12 points. A gap is one of three physical losses, sized to a mean.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from dataclasses import replace

@@ -16,8 +16,6 @@ faster than their argument keep the inequality (Gaussian concentration; Bouchero
 2013).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass

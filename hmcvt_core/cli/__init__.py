@@ -8,8 +8,6 @@ Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failu
 3 when a fleet is done but some of its logs are broken, 4 when `watch` sees a gap.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from importlib.metadata import EntryPoint, entry_points

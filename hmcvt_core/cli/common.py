@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What the commands share: options, answers, progress."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt fleet`."""
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path

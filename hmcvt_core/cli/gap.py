@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt diagnose`, `next`, `separable`, `watch` and `unit`: the gap between model and bench."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from importlib.metadata import entry_points
 from pathlib import Path

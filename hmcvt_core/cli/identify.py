@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt identify`."""
 
-from __future__ import annotations
-
 import click
 import numpy as np
 

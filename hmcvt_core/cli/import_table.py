@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt import`, and `hmcvt import-csv`, its older name."""
 
-from __future__ import annotations
-
 import shlex
 
 import click

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt predict`, `hmcvt breakdown` and `hmcvt optimum`: answers at one operating point."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
 from typing import Any

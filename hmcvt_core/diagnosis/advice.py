@@ -10,8 +10,6 @@ information that a mixture of Gaussians holds on its component is bounded from b
 B_kj being the Bhattacharyya distance of two components (Kolchinsky & Tracey 2017, Entropy 19, 361).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

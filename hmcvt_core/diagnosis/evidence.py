@@ -13,8 +13,6 @@ to their posterior mode; everything else is integrated out:
 the same samples cost one product each. See MacKay, *Bayesian interpolation* (1992).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

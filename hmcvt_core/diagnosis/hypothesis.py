@@ -8,8 +8,6 @@ Parameters are theta: scaled base parameters, then of every effect its size, in 
 its shapes where they are free, as parts of their range.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ when its residual lies far from the median of its nearest neighbours', measured 
 usually lie; and only if such samples are few, because many together are a narrow gap.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

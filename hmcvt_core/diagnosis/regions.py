@@ -8,8 +8,6 @@ from the residuals in each of them, as it is in the real one, so that noise stat
 raise alarms.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from typing import Any, NamedTuple

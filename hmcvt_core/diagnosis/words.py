@@ -4,8 +4,6 @@
 Nothing is computed here, and nothing is escaped.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import textwrap

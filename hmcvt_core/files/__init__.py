@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Files on disk: bench tables, row-exact errors, atomic writes, shipped data, strict JSON."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Files that are written whole or not at all, and what it takes that they stay."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

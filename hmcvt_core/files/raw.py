@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Bench samples from a table with names and units of its own, of tests or of a recording."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace

@@ -5,8 +5,6 @@
 the titles, units, footers and gaps of any bench.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

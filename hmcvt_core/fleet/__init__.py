@@ -6,8 +6,6 @@ run         from a folder of logs to their results; one run at a time in a folde
 summary     the table over the fleet, with robust z scores
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

@@ -6,8 +6,6 @@ result last. A result that names the SHA-256 of the log, of the settings and of 
 beside it proves that the log is finished.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Iterator

@@ -6,8 +6,6 @@ temperature falls (`cooling`) and when to stop (`threshold`). Independent chains
 together, as rows of one array; chain count 1 is the paper's algorithm.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

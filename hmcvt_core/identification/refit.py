@@ -19,8 +19,6 @@
    predicts samples that it has not seen as well as the model in service does (`cross_validate`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What meters show beside a model: the operating point; how well samples and gear train agree."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The engine before the transmission: full-load curve and fuel map, from a table."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Parameter files: a model as YAML that a person can read, with units and provenance."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

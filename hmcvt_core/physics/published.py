@@ -13,8 +13,6 @@ eps of small size. They are therefore never served unguarded: where their own qu
 each other (a share a_1 against the sign of e_H, an efficiency outside (0, 1)) the answer is NaN.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -8,8 +8,6 @@ r"""The whole power flow with effects, shaft by shaft, solved for the motor spee
 Broyden's method from that solution then find u and the pressure, in each regime of the motor.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from operator import methodcaller

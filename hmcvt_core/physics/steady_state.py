@@ -35,8 +35,6 @@ constants.
 Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; here it takes torque.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cached_property

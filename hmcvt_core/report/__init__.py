@@ -5,8 +5,6 @@ The page is one self-contained HTML file. It loads nothing, and says all without
 sorts, marks and saves.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import os

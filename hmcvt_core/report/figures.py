@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Figures and tables of the page: where the gap lies, residuals and watts before and after."""
 
-from __future__ import annotations
-
 import itertools
 from functools import partial
 from operator import methodcaller

@@ -5,8 +5,6 @@ Readable in grey and on a projector: large letters, dark lines, and marks or hat
 tells things apart.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import io
 import re

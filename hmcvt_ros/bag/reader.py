@@ -6,8 +6,6 @@ Definitions in the bag are not compiled: one that cannot be, on a topic nobody a
 otherwise close the whole bag (`AnyReader` of rosbags does).
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import re

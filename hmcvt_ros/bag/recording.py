@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The messages of a bag as time series on one clock, and counts of what is refused."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections import Counter

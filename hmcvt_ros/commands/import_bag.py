@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt import-bag`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt node`."""
 
-from __future__ import annotations
-
 import click
 
 from ..efficiency_node import main

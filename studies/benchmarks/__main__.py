@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.benchmarks`: time everything and write docs/benchmarks.md."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

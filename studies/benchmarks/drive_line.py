@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The optimum of the drive line beside brute force: stage, engine speed, displacement ratio."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

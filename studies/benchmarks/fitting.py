@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Identification, and the annealing by itself."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

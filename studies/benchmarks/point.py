@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """One lookup, many at once and the optimum, beside a table of SciPy and brute force."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

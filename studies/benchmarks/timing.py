@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Calls that take turns, so that whatever else the machine does meets them all."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Mapping, Sequence

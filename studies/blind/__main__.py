@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.blind`."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

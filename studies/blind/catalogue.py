@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects by name, drawn with random shape, and scaled to a wanted shift of efficiency."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Drag of charge pump, oil, bearings, seals and open clutches; friction of units and gears."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import pi
 from typing import ClassVar

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Flow effects of pump, motor and loop, and their oil."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

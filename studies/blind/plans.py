@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Operating points of a campaign, and the reference plan on which effects are sized."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

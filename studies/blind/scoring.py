@@ -5,8 +5,6 @@ Counted strictly: a case that is refused is not first, a set longer than three d
 is right when it is exactly what was hidden.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import pairwise

@@ -6,8 +6,6 @@ Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998) 508): it follows the transient 
 into Newton's method at the end, so the steady state is met to rounding.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ The diagnosis is handed the contract columns of the campaign and nothing else, a
 that is the blinding.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

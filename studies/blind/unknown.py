@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What is in nobody's library: effects confined to a region, and a base that is a little off."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

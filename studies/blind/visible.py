@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What of the effects in a campaign can be seen, whatever is made of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

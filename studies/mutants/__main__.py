@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.mutants`: try random mutants of the core on the tests."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import random

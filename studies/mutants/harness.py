@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Copies of the project in which mutants live, and the trial of one mutant."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import os

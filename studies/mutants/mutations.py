@@ -6,8 +6,6 @@ Left alone are words (docstrings, messages, keys), annotations, decorators, what
 `__all__`: a mutant there says nothing about an answer.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ A mutant that leaves all of them as they are changes no answer. Everything goes 
 line, so that what is asked stays the same however the core is built.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.poisoning`: refits to a worn unit, with and without bad samples."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

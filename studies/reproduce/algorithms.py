@@ -10,8 +10,6 @@ The four improvements of section 4.1 are the threshold, the disturbance and the 
 `annealing.Schedule`, and the start that part 1 gives: each can be left out alone.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import time

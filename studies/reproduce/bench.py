@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The paper's bench and its split, and the search that finds the lowest point of a fit."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 

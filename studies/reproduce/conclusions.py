@@ -6,8 +6,6 @@ repeated for both formulations, three objectives and three boxes of parameters, 
 one objective and no box. Whether five tests are enough, the first, `subsets` asks as well.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass

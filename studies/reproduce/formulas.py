@@ -5,8 +5,6 @@ For the ratios the paper prints formulas, not values: the published side is the 
 line from Table 1; ours is the gear train of `params/transmission.yaml`.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 

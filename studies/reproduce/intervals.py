@@ -7,8 +7,6 @@ the sum of squares stays below S_min (1 + F / (n - 3)), F the 95 % point of the 
 linear in the parameters.
 """
 
-from __future__ import annotations
-
 import functools
 
 from scipy.optimize import brentq

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """One published thing beside ours, judged by the first of the rules in `rules.txt`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What the paper prints, in the units it prints; nothing of ours."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 FITTED_TESTS = (1, 2, 4, 5, 6)

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Are five tests enough? Every subset of Table 2 with at least three, fitted and predicted."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

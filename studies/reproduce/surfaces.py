@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Figures 3 to 5: efficiency over engine speed and transmission ratio at a load power."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

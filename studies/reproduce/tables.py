@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Tables 3 and 4: identification on five tests, prediction of the other three."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.soak`: run the whole endurance trial and write the document."""
 
-from __future__ import annotations
-
 import argparse
 import signal
 import subprocess

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Nonsense on `bench_sample`: every message is either logged as it is or refused, and counted."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

@@ -4,8 +4,6 @@
 Reliable subscriptions that hold a whole burst, so that nothing is lost and every count is exact.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections import Counter

@@ -4,8 +4,6 @@
 Random moments rarely meet the short ones, such as that between two renames; this meets them all.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import shutil

@@ -5,8 +5,6 @@ The trials follow each other in one state folder: each start is the restart that
 before has left.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

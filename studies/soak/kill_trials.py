@@ -4,8 +4,6 @@
 Exits with 1 when anything acknowledged was lost, or a file cannot be read.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys

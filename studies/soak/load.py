@@ -6,8 +6,6 @@ process has received the answer; that stamp is set by a thread of the middleware
 Python does here meanwhile does not count.
 """
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Iterator, Mapping

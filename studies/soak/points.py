@@ -7,8 +7,6 @@ was never sent as such. So an answer belongs to the arrival that, after those an
 the inputs a point with exactly this answer.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

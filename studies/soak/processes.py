@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The processes under test, and what they use of the machine."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -5,8 +5,6 @@ The inputs, outputs, qualities of service and executor of the node `hmcvt`, and 
 every value that arrives is published twice. Run as a module, with ROS arguments.
 """
 
-from __future__ import annotations
-
 import contextlib
 
 import rclpy

@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What is found on one unit, real or simulated."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

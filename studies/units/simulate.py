@@ -4,8 +4,6 @@
 Sizes are parts of the ideal flow or torque at rated pressure and 70 % of the highest speed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -6,8 +6,6 @@ module is imported: by your program, by `load_effects`, or, in an installed pack
 entry-point group `hmcvt.effects`, name = module.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os

@@ -4,8 +4,6 @@
 Those that are `unit_only` the bench of a transmission shows under other names.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

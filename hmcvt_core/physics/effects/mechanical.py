@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Drag on shafts whatever the load, and mesh losses beyond the assumed gear efficiency."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

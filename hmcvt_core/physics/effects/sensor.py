@@ -1,8 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Errors of the bench itself: zero and gain of the torque meters and of the pressure gauge."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from .base import Array, Effect, ShaftState, size
