@@ -4,6 +4,8 @@
 #   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
 #   make test    all tests, the ones over ROS 2 included
 #   make lint types    what CI checks besides
+#   make oldest  the tests without ROS on the oldest versions that pyproject.toml allows, about those
+#                of the robot's own packages
 #   make colcon  build and test the package as a ROS workspace does; in build/
 #   make soak    the endurance trial of the node; writes docs/soak.md (a quarter of an hour;
 #                the machine should do nothing else meanwhile)
@@ -31,7 +33,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint types colcon soak bench blind reproduce mutants docs lock system clean
+.PHONY: demo test lint types oldest colcon soak bench blind reproduce mutants docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -104,6 +106,14 @@ lint: $(VENV)/.dev
 
 types: $(VENV)/.dev
 	$(BIN)/mypy
+
+# Packages of the same time that these lean on: pyparsing of later years scolds matplotlib.
+oldest: $(VENV)/.dev
+	@$(INSTALL) uv
+	$(BIN)/uv --quiet venv --clear build/oldest
+	$(BIN)/uv --quiet pip install --python build/oldest/bin/python --resolution lowest-direct \
+		--editable '.[report,table,test]' 'pyparsing==3.0.9' 'import-linter>=2.7'
+	build/oldest/bin/python -m pytest $(SHARED) auto tests/core tests/diagnosis tests/units tests/cli
 
 # The newest setuptools that `colcon build --symlink-install` works with.
 COLCON = PATH=$(CURDIR)/$(BIN):$$PATH colcon --log-base build/log

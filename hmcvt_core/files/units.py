@@ -233,7 +233,7 @@ def _require_in_place(samples: UnitSamples, volumetric: Array, mechanical: Array
     told = samples.pressure > TELLING
     drivers = [driver[told] / driver.max() for driver in (samples.pressure, samples.speed)]
     columns = np.stack([np.ones(int(told.sum())), *drivers], axis=1)
-    _, gained, lost = np.linalg.lstsq(columns, (mechanical - volumetric)[told])[0]
+    _, gained, lost = np.linalg.lstsq(columns, (mechanical - volumetric)[told], rcond=None)[0]
     if gained < lost:
         raise InputError(f"{samples.source}: volumetric_efficiency gains on mechanical_efficiency "
                          "with pressure, and loses with speed: are the two columns swapped?")

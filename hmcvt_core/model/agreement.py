@@ -110,7 +110,9 @@ def gear_train_remark(stage: Stage, samples: BenchSamples) -> str | None:
         np.stack([np.ones_like(slip), samples.displacement_ratio, -slip], axis=1) / (_BENT * size),
         np.diag(1.0 / width)])
     target = np.append(measured / samples.engine_speed / (_BENT * size), known / width)
-    line = least_squares(lambda at: rows @ at - target, known, lambda at: rows, loss="soft_l1")
+    # SciPy up to 1.15 weighs the slopes in place.
+    line = least_squares(lambda at: rows @ at - target, known, lambda at: rows.copy(),
+                         loss="soft_l1")
     doubt = 3.0 * np.sqrt(np.diagonal(np.linalg.inv(line.jac.T @ line.jac)))
     off = np.abs(line.x - known)[:2] - doubt[:2]
     if off[0] <= _BENT * size + _OFFSET * abs(change) and off[1] <= _GAIN * abs(change):

@@ -20,6 +20,7 @@ from .mutations import Mutation, mutations
 
 GOAL = 0.85
 _say = partial(print, file=sys.stderr, flush=True)
+_TESTS = "tests/core", "tests/diagnosis", "tests/units", "tests/cli"
 _ROOMS = ("physics", "model", "identification", "diagnosis", "benches", "transmission")
 
 
@@ -30,7 +31,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="that draws them (%(default)s)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="side by side")
     parser.add_argument("--rooms", nargs="+", default=_ROOMS, help="folders of hmcvt_core")
-    parser.add_argument("--tests", nargs="+", default=("tests/core", "tests/diagnosis"))
+    parser.add_argument("--tests", nargs="+", default=_TESTS)
     parser.add_argument("--folder", type=Path, default=Path("build/mutants"),
                         help="copies and results; an interrupted run goes on from here")
     parser.add_argument("--out", type=Path, default=Path(os.devnull),

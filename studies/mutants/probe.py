@@ -22,6 +22,7 @@ from hmcvt_core.cli import cli
 from hmcvt_core.files.bench import write_bench
 from hmcvt_core.physics.effects import library
 from studies.blind.campaign import make_campaign
+from studies.units.simulate import simulated
 
 _POINT = "--engine-speed {} --load-torque {} --displacement-ratio {}"
 OF_A_MODEL = (
@@ -40,9 +41,20 @@ OF_A_BENCH = (
     "identify --json simulated.csv --gear-efficiency 0.97",
     "identify simulated.csv --fit 1",
     "diagnose simulated.csv",
+    "next --json simulated.csv",
+    "watch --json simulated.csv",
     "separable --json simulated.csv",
     "separable simulated.csv --matrix",
 )
+OF_A_TRACTOR = (
+    "optimum --json --output-speed 250 --output-power 40kW --engine engine.yaml",
+    "identify --json simulated.csv --refine",
+    "map --json --output-speed 350 --steps 9 5 4 --engine engine.yaml",
+    "predict --json --stage HM3 --engine-speed 190 --output-speed 125 --engine-torque 180",
+    "predict --json --stage HM1 --engine-speed 150 --displacement-ratio 0.4 --output-torque -400",
+)
+OF_A_UNIT = (
+    "unit --json {0} --kind {1} --above pressure=0.7 --into tractor.yaml", "unit {0} --kind {1}")
 TWINS = ("charge_pump", "stroke_leakage", "oil_temperature", "torque_sensor")
 
 
@@ -59,8 +71,20 @@ def commands() -> Iterator[str]:
     for name, model in models.items():
         hmcvt.save_model(model, f"{name}.yaml")
         yield from (f"{each} --params {name}.yaml" for each in OF_A_MODEL)
+    for name in ("params/tractor.yaml", "params/engine.yaml", "params/engine.csv"):
+        Path(Path(name).name).write_bytes(hmcvt.data_path(name).read_bytes())
+    yield from (f"{each} --params tractor.yaml" for each in OF_A_TRACTOR)
+    for names in ((), ("orifice_leakage",), ("barrel_churning", "compressibility")):
+        unit = vars(simulated(names, 1))
+        table = {each: unit[each] + 0.0 * unit["speed"] for each in (
+            "displacement", "displacement_ratio", "speed", "pressure", "flow_loss", "torque_loss")}
+        name = f"unit{len(names)}.csv"
+        np.savetxt(name, np.stack([*table.values()], 1), delimiter=",", header=",".join(table),
+                   comments="")
+        yield from (each.format(name, unit["kind"]) for each in OF_A_UNIT)
     for seed, name in enumerate(TWINS):
         found = make_campaign(seed, ((name, 0.015),), samples=32,
+                              pressure_gauge=(0.0, 0.0) if seed % 2 else None,
                               temperature_swing=25.0 if name == "oil_temperature" else None)
         write_bench(f"{name}.csv", hmcvt.BenchSamples(**found.samples))
         yield f"diagnose --json {name}.csv"
