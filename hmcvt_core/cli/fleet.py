@@ -47,9 +47,9 @@ def command(
     common.one_of("say where to work", processes=processes, scheduler=scheduler)
     if no_diagnose and noise is not None:
         raise click.UsageError("--noise is for the diagnosis, --no-diagnose leaves it out")
-    (train, *_), effects = common.gear_train(params, transmission, stage)
-    trains = tuple(train.with_gear_efficiency(value) for value in gears) or (train,)
-    settings = Settings(trains, formulation, effects, not no_diagnose, noise, seed)
+    stages, effects = common.gear_train(params, transmission, stage)
+    settings = Settings(tuple(stages), formulation, effects, not no_diagnose, noise, seed,
+                        tuple(gears) or (None,))
     place = Processes(processes or _cores()) if scheduler is None else on_cluster(scheduler)
     counter = _Counter("fleet", _REPORT_EVERY)
     with counter:

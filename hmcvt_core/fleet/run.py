@@ -42,12 +42,14 @@ class Settings:
     """Settings of `identify` and `diagnose`, the same for every log.
 
     Attributes:
-        stages: gear trains to compare; the one with the lowest objective is kept.
+        stages: of the gear train; of several each sample names its own in column `stage`.
         formulation: `power_balance` or `published`.
         effects: effects with fixed parameters that act besides.
         diagnosed: whether the gap is diagnosed too.
         noise: standard deviation of the efficiency [-]; None for what the log states.
         seed: of every random number.
+        gear_efficiencies: of every pair [-], to compare: the one with the lowest objective is kept;
+            None for that of the stages.
 
     Raises:
         InputError: a setting is out of range, or two do not go together.
@@ -59,11 +61,15 @@ class Settings:
     diagnosed: bool = True
     noise: float | None = None
     seed: int = 0
+    gear_efficiencies: tuple[float | None, ...] = (None,)
 
     def __post_init__(self) -> None:
         # Told once, before the work, not by every log.
-        for stage in self.stages:
-            model = EfficiencyModel(stage, PAPER_PARAMETERS[0.98], self.formulation, self.effects)
+        for value in self.gear_efficiencies:
+            first, *others = (each if value is None else each.with_gear_efficiency(value)
+                              for each in self.stages)
+            model = EfficiencyModel(first, PAPER_PARAMETERS[0.98], self.formulation, self.effects,
+                                    other_stages=tuple(others))
             if self.diagnosed:
                 Transmission(model)
         if self.noise is not None:
@@ -84,8 +90,9 @@ class Study(NamedTuple):
 
 def study(settings: Settings, samples: BenchSamples) -> Study:
     """Identify the parameters of a log and diagnose its gap; equal input gives equal output."""
-    tried = [identify(samples, stage=stage, formulation=settings.formulation,
-                      effects=settings.effects, seed=settings.seed) for stage in settings.stages]
+    tried = [identify(samples, stage=settings.stages, formulation=settings.formulation,
+                      gear_efficiency=value, effects=settings.effects, seed=settings.seed)
+             for value in settings.gear_efficiencies]
     found = min(tried, key=lambda item: item.objective)
     diagnosis = None if not settings.diagnosed else diagnose(
         found.model, samples, noise=settings.noise, seed=settings.seed).to_dict()

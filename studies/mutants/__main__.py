@@ -20,7 +20,7 @@ from .mutations import Mutation, mutations
 
 GOAL = 0.85
 _say = partial(print, file=sys.stderr, flush=True)
-_TESTS = "tests/core", "tests/diagnosis", "tests/units", "tests/cli"
+_TESTS = "tests/core", "tests/diagnosis", "tests/units"
 _ROOMS = ("physics", "model", "identification", "diagnosis", "benches", "transmission")
 
 

@@ -128,6 +128,16 @@ def test_changed_setting_is_done_again(one, tmp_path, option):
     assert made.provenance["seed"] == (1 if "--seed" in option else 0)
 
 
+def test_logs_of_several_stages(hmcvt, logs, tmp_path):
+    (tmp_path / "logs").mkdir()
+    head, *rows = (logs / "00000.csv").read_text().splitlines()
+    staged = (f"{row},{'HM4' if i % 2 else 'HM3'}" for i, row in enumerate(rows))
+    (tmp_path / "logs" / "a.csv").write_text("\n".join([f"{head},stage", *staged]))
+    assert hmcvt("fleet", tmp_path / "logs", "--out", tmp_path, "--no-diagnose", "--params",
+                 ROOT / "params" / "tractor.yaml").code == 0
+    assert list(core.load_model(tmp_path / "a.yaml").stages) == ["H0", "HM1", "HM2", "HM3", "HM4"]
+
+
 def test_edited_parameter_file_is_kept_aside(one):
     _, out, run = one
     text = (out / "00000.yaml").read_text().replace("samples: 12", "samples: 13")
