@@ -161,7 +161,7 @@ class Transmission:
         return replace(
             self._refitted(base, effects), standard_errors={}, correlation=None,
             domain=Domain.of(samples),
-            provenance={"source": "hmcvt diagnose", "data": samples.source.rsplit("/", 1)[-1],
+            provenance={"source": "hmcvt diagnose", "data": os.path.basename(samples.source),
                         "data_sha256": samples.sha256, "samples": len(samples)})
 
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:

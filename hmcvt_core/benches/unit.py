@@ -12,6 +12,7 @@ three coefficients of Wilson 1950). Effects act through their hooks in the pump-
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -365,7 +366,7 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
     decades, error = unit.errors
     tested = {**dict(model.provenance.get("units", {})), kind: {
         "leakage_per_displacement": leakage / system.displacement, "decades": decades,
-        "data": samples.source.rsplit("/", 1)[-1], "data_sha256": samples.sha256}}
+        "data": os.path.basename(samples.source), "data_sha256": samples.sha256}}
     like = {**tested[kind], "decades": float(PRIOR_SPREAD[0])}
     leaks, decade = np.array([
         (size[name] * one["leakage_per_displacement"], np.log(10.0) * one["decades"])

@@ -52,6 +52,7 @@ Ways = tuple[Any, Any]
 _ROUNDED = 1e-14  # x that is none but for rounding
 STANDING = math.ulp(0.0)  # y of an output at rest without load: no torque over no speed is none
 DRIVEN, REVERSED, MOTORED = 1, 2, 3  # regimes after the first, in which the motor drives
+_SIGNS = (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (-1, -1, -1)  # of motor, pressure and pump torque
 
 
 class Regime(NamedTuple):
@@ -130,7 +131,7 @@ class Quadrant:
         self.pump_gears = 0.5 * a * (1.0 / pump_gears + pump_gears), (
             0.5 * a * (1.0 / pump_gears - pump_gears))
         self.regimes = []
-        for drives, pressure, takes in (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (-1, -1, -1):
+        for drives, pressure, takes in _SIGNS if self.braced else _SIGNS[:MOTORED]:
             gear, brace, brace_drag = stage.motor.efficiency**drives / h, 0.0, 0.0
             if self.braced:
                 # The row drives the output while the pump brakes it; driven by it, it drives on.
@@ -147,8 +148,6 @@ class Quadrant:
                 gear * (1.0 - friction), drag, brace, brace_drag,
                 1.0 + units.pump_friction * pressure,
                 (stiff + drag) / h - brace_drag * c, 0.5 * level, 0.5 * stiff * a))
-        if not self.braced:
-            del self.regimes[MOTORED]
         self.stall_load = -math.inf if self.braced else np.where(
             m >= 0.0, m**2 * self.regimes[0].square, -math.inf)
 
