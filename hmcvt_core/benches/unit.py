@@ -376,7 +376,6 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
               **model.standard_errors, own: error * larger,
               "leakage": float(np.linalg.norm(leaks * decade))}
     new: dict[str, Any] = {"leakage": float(leaks.sum()), own: damping * larger}
-    part = size[kind] / max(size.values())  # effects reckon by the larger of the two
     before = {effect.name for effect in model.effects if effect.part != kind}
 
     def inside(effect: Effect) -> bool:
@@ -386,9 +385,9 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
                     or (effect.acts_at(*OIL_HOOKS) and effect.name in before))
 
     def scaled(effect: Effect, item: EffectParameter) -> float:
-        # What acts on stroke or oil reckons by no displacement.
+        # What acts on stroke or oil reckons by no displacement, others by the larger of the two.
         factor = (1.0 if effect.acts_at(*_STROKE_HOOKS, *OIL_HOOKS) else
-                  larger if item.grows else part)
+                  larger if item.grows else size[kind] / max(size.values()))
         return factor * effect.values()[item.name]
 
     new_effects = [replace(effect, part=kind, **{
