@@ -79,7 +79,7 @@ class Services:
 
     def close(self) -> None:
         """Kill a running job."""
-        self._worker.kill()
+        self._worker.kill(wait=True)
 
     # --- services -----------------------------------------------------------------------------
 

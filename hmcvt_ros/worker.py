@@ -64,12 +64,16 @@ class Worker:
                 for process in self._processes if process.pid and process.is_alive())
         return False
 
-    def kill(self) -> None:
-        """Kill the process, and a running job with it."""
+    def kill(self, wait: bool = False) -> None:
+        """Kill the process, and a running job with it.
+
+        Wait for the thread of the pool before Python ends, which would wake it without its lock and
+        may meet a pipe just closed (CPython's `_python_exit`).
+        """
         for process in self._processes:
             process.kill()
         if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool.shutdown(wait, cancel_futures=True)
         self._pool, self._processes = None, []
 
 
