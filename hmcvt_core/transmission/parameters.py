@@ -82,7 +82,7 @@ def to_scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def from_scaled(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return parameters (leakage, f_m, f_p) of scaled variables, shape (..., 3)."""
     values = np.array(scaled, dtype=float)
-    values[..., 0] = 10.0 ** values[..., 0]
+    values[..., 0] = np.float_power(10.0, values[..., 0])  # not **: NumPy 1.26 rounds 1e-10 down
     return values
 
 PAPER_PARAMETERS = {

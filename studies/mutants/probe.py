@@ -60,8 +60,9 @@ TWINS = ("charge_pump", "stroke_leakage", "oil_temperature", "torque_sensor")
 
 def commands() -> Iterator[str]:
     """What is asked, of files written into the folder where one stands."""
-    for name in ("table2.csv", "simulated.csv"):
-        Path(name).write_bytes(hmcvt.data_path(f"data/{name}").read_bytes())
+    for name in ("data/table2.csv", "data/simulated.csv", "params/tractor.yaml",
+                 "params/engine.yaml", "params/engine.csv"):
+        Path(Path(name).name).write_bytes(hmcvt.data_path(name).read_bytes())
     yield from OF_A_BENCH
     models = {name: hmcvt.load_model(hmcvt.data_path(f"params/{name}.yaml"))
               for name in ("hm4", "paper", "hydrostatic", "output_coupled")}
@@ -71,8 +72,6 @@ def commands() -> Iterator[str]:
     for name, model in models.items():
         hmcvt.save_model(model, f"{name}.yaml")
         yield from (f"{each} --params {name}.yaml" for each in OF_A_MODEL)
-    for name in ("params/tractor.yaml", "params/engine.yaml", "params/engine.csv"):
-        Path(Path(name).name).write_bytes(hmcvt.data_path(name).read_bytes())
     yield from (f"{each} --params tractor.yaml" for each in OF_A_TRACTOR)
     for names in ((), ("orifice_leakage",), ("barrel_churning", "compressibility")):
         unit = vars(simulated(names, 1))
