@@ -180,6 +180,18 @@ class Linear:
     covariance: Array
     noise: Array
 
+    @property
+    def likelihoods(self) -> Array:
+        """Posterior mean of the log likelihood of each sample, up to a constant, shape (n,).
+
+        So the log evidence changes with the weight of a sample, the noise being where it is
+        largest.
+        """
+        squares = (self.target - self.columns @ self.mean) ** 2 + np.sum(
+            (self.columns @ self.covariance) * self.columns, axis=-1)
+        noise = self.noise[:, None]
+        return np.asarray(-0.5 * np.sum(squares / noise + np.log(noise), axis=0))
+
 
 def weigh(
     observed: Observations, columns: Array, target: Array, spreads: Array, signs: Array

@@ -119,7 +119,7 @@ def diagnose_system(
     tell("step 1 of 3, is there a gap")
     found = significance(base, boxes, seed)
     tell("step 2 of 3, refits with sets of effects")
-    study = _Study(rank(base, boxes), boxes, found, seed)
+    study = _Study(rank(base, boxes, seed), boxes, found, seed)
     tell("step 3 of 3, how far the gap shrinks")
     ranking, residuals, real = study.ranking, study.before, study.significant
     verdict, why = _verdict(study)
@@ -148,18 +148,18 @@ def diagnose_system(
 
 
 def next_test(
-    system: System, observed: Observations, possible: Points | None = None
+    system: System, observed: Observations, possible: Points | None = None, seed: int = 0
 ) -> Advice:
     """Choose the next test of a campaign; arguments and errors as of `diagnose_system`.
 
     Args:
-        system, observed: as there.
+        system, observed, seed: as there.
         possible: the tests that can be run; None for those that the system knows.
     """
     base, _ = admitted(system, observed)
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)
-    return advise(rank(base, regions(base.observed.place)), possible)
+    return advise(rank(base, regions(base.observed.place), seed), possible)
 
 
 def shrinkage(

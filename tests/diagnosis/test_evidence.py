@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hmcvt_core.diagnosis.evidence import evidence, gram, log_mean, respread
+from hmcvt_core.diagnosis.evidence import Linear, evidence, gram, log_mean, respread
 from hmcvt_core.diagnosis.rivals import Foretold
 
 CERTAIN = 1e8
@@ -70,6 +70,22 @@ def test_noise_follows_the_data_when_the_statement_is_worth_little():
     np.testing.assert_allclose(found.mean[0], coefficients, atol=0.2)
     stated = _weigh(columns, target, np.array([5.0, 5.0]), trust=1e4)
     assert 1.0 < stated.noise[0, 0] < 2.0, "a statement worth more pulls towards itself"
+
+
+def test_log_evidence_changes_with_the_weight_of_a_sample_by_its_likelihood():
+    columns, target, spread = _problem(4, n=30)
+    signs, trust = np.full(3, np.nan), np.array([8.0, 1.0])
+    found = evidence(gram(columns, target)[None], 30, spread[None], trust)
+    linear = Linear(columns, target, spread, signs, *(each[0] for each in found))
+
+    def log(step):
+        root = np.sqrt(np.append(1.0 + step, np.ones(29)))
+        return evidence(gram(columns * root[:, None], target * root)[None],
+                        np.array([[30.0 + step]]), spread[None], trust).log[0]
+
+    slope = (log(0.01) - log(-0.01)) / 0.02
+    assert linear.likelihoods[0] == pytest.approx(slope, abs=0.01)
+    assert np.ptp(linear.likelihoods) > 1.0
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0, 0.0])
