@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 
 PATIENCE = 10.0  # seconds, a hundred times the period of the node's timer
+_TURN = 2e-4  # seconds; about what an answer takes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from .parameters import usage
 
     os.environ.update(ONE_BLAS_THREAD)  # for the worker process, which computes with one thread
+    # The thread that waits for disks reads and maps models too: an answer waits for it no longer.
+    sys.setswitchinterval(_TURN)
     try:
         other = remove_ros_args(given)[1:]
         if other[:1] in (["-h"], ["--help"]):

@@ -68,12 +68,13 @@ class Worker:
         """Kill the process, and a running job with it.
 
         Wait for the thread of the pool before Python ends, which would wake it without its lock and
-        may meet a pipe just closed (CPython's `_python_exit`).
+        may meet a pipe just closed (CPython's `_python_exit`). A process that a dead disk holds
+        does not even die of a kill, and its thread is not waited for.
         """
         for process in self._processes:
             process.kill()
         if self._pool is not None:
-            self._pool.shutdown(wait, cancel_futures=True)
+            self._pool.shutdown(wait and self.exit_status is not None, cancel_futures=True)
         self._pool, self._processes = None, []
 
 

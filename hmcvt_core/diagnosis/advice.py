@@ -136,9 +136,9 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     p /= p.sum()
     names = list(labels)
     first, *others = np.argsort(-p).tolist()
-    # A larger set of the same effects gives way to more samples, and so does an unlisted loss.
-    twin = next((i for i in others if names[i] and not set(names[first]) < set(names[i])),
-                None) if names[first] else None
+    # Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
+    twin = next((i for i in others if names[i] and len({*names[first], *names[i]}) > max(
+        len(names[first]), len(names[i]))), None) if names[first] else None
     short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
     if twin is not None and max(
             rivals[first].against(rivals[twin]),

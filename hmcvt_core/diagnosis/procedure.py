@@ -276,7 +276,7 @@ def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
     leading = study.leading[0].names
     probability = dict(sorted(study.ranking.effects.items(),
                               key=lambda item: (item[0] not in leading, -item[1])))
-    names = [name for name, p in probability.items() if p >= 0.01] or list(probability)[:1]
+    names = [name for name, p in probability.items() if p >= 0.01 or name in leading]
     return tuple(_cause(study, name) for name in names[:3 if verdict == "unexplained" else 6])
 
 

@@ -154,18 +154,16 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
               for each in wrong[:_OPPOSITE] if each.gain > 0.0]
     for family, count in ((fields(bare), 0), (local(bare, boxes), 0), (turned, len(wrong))):
         found += _shared(family, math.log(PRIOR_UNLISTED / 3.0), count)
+    logs = np.array([log for _, log in found])
+    odds = math.log(PRIOR_NO_GAP / (1.0 - PRIOR_NO_GAP)) + bare.log - logsumexp(logs)
     observed, n = base.observed, len(base.observed)
     drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), _CAMPAIGNS) - 1.0
     # The same draw whatever the order of the rows.
     drawn[:, np.lexsort([*observed.measured, *observed.place])] = drawn.copy()
-    logs = np.array([log for _, log in found]) + drawn @ np.stack(
-        [rival.weighed.likelihoods for rival, _ in found], axis=1)
-    odds = math.log(PRIOR_NO_GAP / (1.0 - PRIOR_NO_GAP)) + (
-        bare.log + drawn @ bare.weighed.likelihoods - logsumexp(logs, axis=1))
-    entries = zip((rival for rival, _ in found), softmax(logs, axis=1).mean(axis=0).tolist(),
-                  strict=True)
-    return Ranking(tuple(sorted(entries, key=lambda item: -item[1])), bare,
-                   float(expit(odds).mean()))
+    likelihoods = np.stack([rival.weighed.likelihoods for rival, _ in found], axis=1)
+    entries = zip((rival for rival, _ in found),
+                  softmax(logs + drawn @ likelihoods, axis=1).mean(axis=0).tolist(), strict=True)
+    return Ranking(tuple(sorted(entries, key=lambda item: -item[1])), bare, float(expit(odds)))
 
 
 def _shared(rivals: Sequence[Rival], prior: float, count: int = 0) -> list[tuple[Rival, float]]:
