@@ -107,25 +107,17 @@ class Shafts(Quadrant):
         """Return motor speed, direction (the part of friction where it stands) and pressure."""
         ratio, load = self.full * self.stroke, self.points.load_torque / self.engine_speed
         if self.braced:
-            output = self.output(ratio, load)
-            speed = output * self.engine_speed / self.hydraulic_ratio
-            pressure = (self.pressure(ratio, output) * self.engine_speed
-                        / self.stage.pump_motor.motor_displacement)  # (13)
-            if self.effects:
-                speed, pressure = self._settled(speed, np.sign(speed))
+            speed = self.output(ratio, load) * self.engine_speed / self.hydraulic_ratio
+            speed, pressure = self._settled(speed, np.sign(speed))
             return speed, np.sign(speed), pressure
-        motoring, pumping = (
+        first = np.stack([
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
-            for output in self.output_speeds(ratio, load))
-        if self.effects:
-            forward = np.ones_like(motoring)
-            (motoring, pumping), (high, low) = self._settled(
-                np.stack([motoring, pumping]), np.stack([forward, -forward]))
-            pressure = np.where(motoring > 0.0, high, low)
+            for output in self.output_speeds(ratio, load)])
+        (motoring, pumping), (high, low) = self._settled(
+            first, np.stack([np.ones_like(load), -np.ones_like(load)]))
         speed = self.selected(motoring, pumping, 0.0, load)
         direction, standing = np.sign(speed), speed == 0.0
-        if not self.effects:
-            pressure = self._estimate(speed, direction, self.stroke)
+        pressure = np.where(motoring > 0.0, high, low)
         if standing.any():
             part, leaking = self._held(np.where(standing, speed, np.nan))
             direction = np.where(standing, part, direction)
