@@ -114,7 +114,7 @@ class Shafts(Quadrant):
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
             for output in self.output_speeds(ratio, load)])
         (motoring, pumping), (high, low) = self._settled(
-            first, np.stack([np.ones_like(load), -np.ones_like(load)]))
+            first, np.stack([np.ones_like(first[0]), -np.ones_like(first[0])]))
         speed = self.selected(motoring, pumping, 0.0, load)
         direction, standing = np.sign(speed), speed == 0.0
         pressure = np.where(motoring > 0.0, high, low)
