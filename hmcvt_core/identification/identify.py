@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import IdentificationError, InputError
 from ..files import data_path, picture, preformatted
@@ -27,6 +26,7 @@ from ..transmission.parameters import (
     HydraulicParameters,
     from_scaled,
 )
+from ..transmission.ranges import Array
 from ..transmission.stage import Stage
 from ..version import __version__
 from . import annealing
@@ -41,8 +41,6 @@ from .problem import (
     starting_points,
     unchecked,
 )
-
-Array = NDArray[np.float64]
 
 SCHEDULES = {
     # Ends within 1 % of the lowest objective by itself (docs/theory.md).
@@ -251,7 +249,11 @@ def identify(
     start = None
     if formulation == "published":
         roots = hydraulic_roots(model.stage, samples)
-        start = _filled(starting_points(problem, roots), schedule.chains, seed)
+        # For half of the chains; the others begin at random.
+        starts = starting_points(problem, roots)[:max(1, schedule.chains // 2)]
+        low, high = SEARCH_BOUNDS.T
+        fill = np.random.default_rng(seed).uniform(low, high, (schedule.chains, len(low)))
+        start = np.concatenate([starts, fill])[:schedule.chains]
     annealed = annealing.minimise(
         replace(problem, samples=thinned(samples)).objective, SEARCH_BOUNDS, schedule=schedule,
         start=start, seed=seed, progress=progress)
@@ -310,10 +312,3 @@ def thinned(samples: BenchSamples) -> BenchSamples:
         return samples
     order = np.argsort(samples.displacement_ratio, kind="stable")
     return samples.select(order[np.linspace(0, len(order) - 1, _MOST_ANNEALED).astype(int)])
-
-
-def _filled(starts: Array, chains: int, seed: int | None) -> Array:
-    """One row per chain: starts for half of them, then random points."""
-    low, high = SEARCH_BOUNDS.T
-    fill = np.random.default_rng(seed).uniform(low, high, (chains, len(low)))
-    return np.concatenate([starts[: max(1, chains // 2)], fill])[:chains]

@@ -27,12 +27,7 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import (
-    carried_at,
-    gear_train_remarks,
-    mean_error,
-    relative_errors,
-)
+from ..model.agreement import carried_at, gear_train_remarks, mean_error, relative_errors
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
