@@ -18,14 +18,7 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
 from ..physics.effects.base import Effect
-from ..transmission.parameters import (
-    PAPER_PARAMETERS,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    SEARCH_BOUNDS,
-    HydraulicParameters,
-    from_scaled,
-)
+from ..transmission.parameters import PAPER_PARAMETERS, SEARCH_BOUNDS, HydraulicParameters
 from ..transmission.ranges import Array
 from ..transmission.stage import Stage
 from ..version import __version__
@@ -162,11 +155,11 @@ class Identification:
                f"samples, {self.objective_name} = {self.objective:.6g}")
         yield (f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
                "search finished it)")
-        for name in PARAMETER_NAMES:
-            yield (f"  {name:<14} {getattr(self.parameters, name):10.4g} +- "
-                   f"{self.standard_errors[name]:.2g} {PARAMETER_UNITS[name]}")
+        for name, entry in self.parameters.to_mapping(self.standard_errors).items():
+            yield (f"  {name:<14} {entry['value']:10.4g} +- "
+                   f"{entry['standard_error']:.2g} {entry['unit']}")
         for stage, errors in self.alone.items():
-            told = ", ".join(f"{errors[name]:.2g}" for name in PARAMETER_NAMES)
+            told = ", ".join(f"{error:.2g}" for error in errors.values())
             yield f"  (samples of {stage} alone would leave standard errors of {told})"
         yield ("  (leakage holds for a displacement of "
                f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)")
@@ -264,7 +257,7 @@ def identify(
             f"sample: {'; '.join([*told, 'check stage, units and load torque'])}")
     standard_errors, correlation = precision(problem, scaled)
     model = replace(
-        model, parameters=HydraulicParameters(*from_scaled(scaled).tolist()),
+        model, parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
         standard_errors=standard_errors, correlation=correlation, domain=Domain.of(samples))
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, samples.efficiency)
