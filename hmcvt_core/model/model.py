@@ -189,11 +189,10 @@ class EfficiencyModel:
 
         The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
         """
-        here, *there = (model.efficiency(*point)
-                        for model in (self, *(model for _, model in self._neighbours)))
-        slopes = np.empty((*np.shape(here), len(there)))
-        for i, ((steps, _), answer) in enumerate(zip(self._neighbours, there, strict=True)):
-            slopes[..., i] = (answer - here) * steps
+        here = self.efficiency(*point)
+        slopes = np.empty((*np.shape(here), len(self._neighbours)))
+        for i, (steps, model) in enumerate(self._neighbours):
+            slopes[..., i] = (model.efficiency(*point) - here) * steps
         return here, slopes
 
     @cached_property
