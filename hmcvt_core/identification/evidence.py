@@ -191,15 +191,12 @@ class Campaign(Problem):
             lambda scaled: loss(self.prior.change(from_scaled(scaled))), SEARCH_BOUNDS,
             schedule=QUICK, seed=seed)
         starts = self.prior.change(from_scaled(annealed.ends[:_STARTS]))
-        ends = [few.concentrated(start) for start in [*starts, np.zeros(len(PARAMETER_NAMES))]]
+        ends = [*starts, np.zeros(len(PARAMETER_NAMES))]
+        for _ in range(_CONCENTRATIONS):  # fit the better half, and again that of the fit
+            for i, end in enumerate(ends):
+                half = few.votes * few.better_half(residuals := few.residuals(end))
+                ends[i] = few.least_squares(end, half / few.scatter(residuals, half)**2)
         return ends[int(np.argmin([loss(end) for end in ends]))]
-
-    def concentrated(self, change: Array) -> Array:
-        """Fit the better half, and again that of the fit."""
-        for _ in range(_CONCENTRATIONS):
-            half = self.votes * self.better_half(residuals := self.residuals(change))
-            change = self.least_squares(change, half / self.scatter(residuals, half)**2)
-        return change
 
     def least_squares(self, start: Array, weights: Array) -> Array:
         """Weighted least squares with the prior."""

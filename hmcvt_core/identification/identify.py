@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import IdentificationError, InputError
 from ..files import data_path, picture, preformatted
@@ -19,14 +18,8 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
 from ..physics.effects.base import Effect
-from ..transmission.parameters import (
-    PAPER_PARAMETERS,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    SEARCH_BOUNDS,
-    HydraulicParameters,
-    from_scaled,
-)
+from ..transmission.parameters import PAPER_PARAMETERS, SEARCH_BOUNDS, HydraulicParameters
+from ..transmission.ranges import Array
 from ..transmission.stage import Stage
 from ..version import __version__
 from . import annealing
@@ -41,8 +34,6 @@ from .problem import (
     starting_points,
     unchecked,
 )
-
-Array = NDArray[np.float64]
 
 SCHEDULES = {
     # Ends within 1 % of the lowest objective by itself (docs/theory.md).
@@ -164,11 +155,11 @@ class Identification:
                f"samples, {self.objective_name} = {self.objective:.6g}")
         yield (f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
                "search finished it)")
-        for name in PARAMETER_NAMES:
-            yield (f"  {name:<14} {getattr(self.parameters, name):10.4g} +- "
-                   f"{self.standard_errors[name]:.2g} {PARAMETER_UNITS[name]}")
+        for name, entry in self.parameters.to_mapping(self.standard_errors).items():
+            yield (f"  {name:<14} {entry['value']:10.4g} +- "
+                   f"{entry['standard_error']:.2g} {entry['unit']}")
         for stage, errors in self.alone.items():
-            told = ", ".join(f"{errors[name]:.2g}" for name in PARAMETER_NAMES)
+            told = ", ".join(f"{error:.2g}" for error in errors.values())
             yield f"  (samples of {stage} alone would leave standard errors of {told})"
         yield ("  (leakage holds for a displacement of "
                f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)")
@@ -251,7 +242,11 @@ def identify(
     start = None
     if formulation == "published":
         roots = hydraulic_roots(model.stage, samples)
-        start = _filled(starting_points(problem, roots), schedule.chains, seed)
+        # For half of the chains; the others begin at random.
+        starts = starting_points(problem, roots)[:max(1, schedule.chains // 2)]
+        low, high = SEARCH_BOUNDS.T
+        fill = np.random.default_rng(seed).uniform(low, high, (schedule.chains, len(low)))
+        start = np.concatenate([starts, fill])[:schedule.chains]
     annealed = annealing.minimise(
         replace(problem, samples=thinned(samples)).objective, SEARCH_BOUNDS, schedule=schedule,
         start=start, seed=seed, progress=progress)
@@ -262,7 +257,7 @@ def identify(
             f"sample: {'; '.join([*told, 'check stage, units and load torque'])}")
     standard_errors, correlation = precision(problem, scaled)
     model = replace(
-        model, parameters=HydraulicParameters(*from_scaled(scaled).tolist()),
+        model, parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
         standard_errors=standard_errors, correlation=correlation, domain=Domain.of(samples))
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, samples.efficiency)
@@ -310,10 +305,3 @@ def thinned(samples: BenchSamples) -> BenchSamples:
         return samples
     order = np.argsort(samples.displacement_ratio, kind="stable")
     return samples.select(order[np.linspace(0, len(order) - 1, _MOST_ANNEALED).astype(int)])
-
-
-def _filled(starts: Array, chains: int, seed: int | None) -> Array:
-    """One row per chain: starts for half of them, then random points."""
-    low, high = SEARCH_BOUNDS.T
-    fill = np.random.default_rng(seed).uniform(low, high, (chains, len(low)))
-    return np.concatenate([starts[: max(1, chains // 2)], fill])[:chains]

@@ -27,16 +27,11 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import (
-    carried_at,
-    gear_train_remarks,
-    mean_error,
-    relative_errors,
-)
+from ..model.agreement import carried_at, gear_train_remarks, mean_error, relative_errors
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
-from ..transmission.ranges import Array, OperatingPoints
+from ..transmission.ranges import OperatingPoints
 from .evidence import MEDIAN_TO_DEVIATION, Campaign
 from .identify import origin
 from .problem import findings
@@ -153,16 +148,45 @@ def refit(
     others = [replace(used, samples=used.samples.select(fold != part)).follow(evidence)
               for part in range(fold.max() + 1)]
     held_back = cross_validate(used.samples, model, served, fold, others) if others else None
-    domain = _joined(Domain.of(used.samples), served.domain)
-    grid = _grid(domain)
+    # The smallest box that holds the samples and the domain of the model in service.
+    box = Domain.of(used.samples)
+    pairs = [getattr(box, axis) + getattr(served.domain or box, axis) for axis in AXES]
+    domain = Domain(*((min(ends), max(ends)) for ends in pairs))
+    axes = [np.linspace(min(ends), max(ends), number)
+            for ends, number in zip(pairs, _GRID, strict=True)]
+    grid = OperatingPoints(*map(np.ravel, np.meshgrid(*axes, indexing="ij")))
     after, before, first = (carried_at(each, grid) for each in (model, served, base))
-    drift, measured = float(np.abs(after - first).mean()), samples.efficiency
+    change, drift = after - before, float(np.abs(after - first).mean())
     limit = max_drift if base.standard_errors else np.inf
-    refused = next(_objections(
-        samples, belongs, held_back, after - before,
-        np.array([carried_at(each, grid) for each in others if campaign.prior.stated]), grid, drift,
-        limit), "")
-    expected, aside = campaign.predict(fit), np.flatnonzero(~belongs)
+    measured, aside = samples.efficiency, np.flatnonzero(~belongs)
+
+    def objections() -> Iterator[str]:
+        """Say what speaks against the refit."""
+        if len(aside) > _MOST_SET_ASIDE * len(samples):
+            yield (f"{len(aside)} of {len(samples)} samples disagree with the others, more than a "
+                   "third: none can be trusted")
+        if held_back is not None and held_back.worse:
+            yield ("the refit is worse on samples held back: mean error "
+                   f"{100 * held_back.error_refit:.2f} %, model in service "
+                   f"{100 * held_back.error_in_service:.2f} %")
+        # One that does not state its errors is, once refuted, worth no more than the refit.
+        if others and campaign.prior.stated:
+            # Jackknife of groups.
+            parts = np.array([carried_at(each, grid) for each in others])
+            doubt = _CERTAIN * np.sqrt((len(parts) - 1) * parts.var(axis=0))
+            excess = np.where(np.abs(change) > _NOTICED, doubt - np.abs(change), -np.inf)
+            worst = int(excess.argmax())
+            if excess[worst] > 0.0:
+                stroke, speed, load = (axis[worst] for axis in grid[:3])
+                yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points "
+                       f"at displacement ratio {stroke:.2f}, {speed:.1f} rad/s, {load:.0f} N m, "
+                       f"where the samples held back allow a doubt of {100 * doubt[worst]:.1f} "
+                       "points")
+        if drift > limit:
+            yield (f"the refit would differ from the base model by {100 * drift:.1f} points on "
+                   f"average, more than the {100 * limit:.3g} points allowed")
+
+    expected = campaign.predict(fit)
     warnings = [
         *gear_train_remarks(served, samples),
         *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
@@ -184,8 +208,8 @@ def refit(
     }
     return Refit(
         replace(model, domain=domain, provenance=provenance),
-        tuple((aside + 1).tolist()), evidence.kept(campaign.prior), refused,
-        float(np.abs(after - before).max()), drift, tuple(warnings), held_back, *errors)
+        tuple((aside + 1).tolist()), evidence.kept(campaign.prior), next(objections(), ""),
+        float(np.abs(change).max()), drift, tuple(warnings), held_back, *errors)
 
 
 def cross_validate(
@@ -241,54 +265,3 @@ def folds(samples: BenchSamples, seed: int) -> NDArray[np.intp]:
         fold[np.argsort(samples.displacement_ratio, kind="stable")] = np.concatenate(
             [rng.permutation(number) for _ in range(0, count, number)])[:count]
     return fold
-
-
-def _joined(domain: Domain, other: Domain | None) -> Domain:
-    """Return the smallest box that holds two."""
-    pairs = [getattr(domain, axis) + getattr(other or domain, axis) for axis in AXES]
-    return Domain(*((min(ends), max(ends)) for ends in pairs))
-
-
-def _grid(domain: Domain) -> OperatingPoints:
-    axes = [np.linspace(low, high, number)
-            for (low, high), number in zip(domain.to_mapping().values(), _GRID, strict=True)]
-    return OperatingPoints(*(axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")))
-
-
-def _objections(
-    samples: BenchSamples, belongs: NDArray[np.bool_], held_back: CrossValidation | None,
-    change: Array, parts: Array, grid: OperatingPoints, drift: float, max_drift: float,
-) -> Iterator[str]:
-    """Say what speaks against a refit.
-
-    Args:
-        samples: all of them.
-        belongs: which were not set aside, shape (n,).
-        held_back: the comparison on samples held back.
-        change: of the efficiency against the model in service, at the points of `grid`.
-        parts: the same of refits without a fold, (folds, points); none where the model in service
-            does not state its own errors: once refuted it is worth no more than the refit.
-        drift: the mean of the same against the base model.
-        max_drift: limit of it.
-    """
-    lost = int(np.sum(~belongs))
-    if lost > _MOST_SET_ASIDE * len(samples):
-        yield (f"{lost} of {len(samples)} samples disagree with the others, more than a third: "
-               "none can be trusted")
-    if held_back is not None and held_back.worse:
-        yield ("the refit is worse on samples held back: mean error "
-               f"{100 * held_back.error_refit:.2f} %, model in service "
-               f"{100 * held_back.error_in_service:.2f} %")
-    if len(parts):
-        # Jackknife of groups.
-        doubt = _CERTAIN * np.sqrt((len(parts) - 1) * parts.var(axis=0))
-        excess = np.where(np.abs(change) > _NOTICED, doubt - np.abs(change), -np.inf)
-        worst = int(excess.argmax())
-        if excess[worst] > 0.0:
-            stroke, speed, load = (axis[worst] for axis in grid[:3])
-            yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points at "
-                   f"displacement ratio {stroke:.2f}, {speed:.1f} rad/s, {load:.0f} N m, where the "
-                   f"samples held back allow a doubt of {100 * doubt[worst]:.1f} points")
-    if drift > max_drift:
-        yield (f"the refit would differ from the base model by {100 * drift:.1f} points on "
-               f"average, more than the {100 * max_drift:.3g} points allowed")

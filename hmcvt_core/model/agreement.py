@@ -2,7 +2,7 @@
 """What meters show beside a model: the operating point; how well samples and gear train agree."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -149,8 +149,24 @@ def operating_point(
             return float(DISPLACEMENT_RATIO.check(known["displacement_ratio"]))
         return float(model.balance(NO_OPTIMUM).held(*np.array([[speed], [output], [load]]))[0][0])
 
-    if "load_torque" not in known:
-        known["load_torque"] = _load(model, speed, known, stroke_at)
+    def torque_at(load: float) -> float:
+        point = min(max(stroke_at(load), -1.0), 1.0), speed, load
+        if "engine_torque" in known:
+            found = load + model.power_loss(*point) / speed
+        else:
+            found = load * speed / abs(model.output_speed(*point))
+        return math.inf if math.isnan(found) else float(found)  # no load beyond a stall
+
+    if "load_torque" not in known:  # by halving, for the torque of a shaft rises with the load
+        name = "engine_torque" if "engine_torque" in known else "output_torque"
+        low, high = ANY_LOAD.low, ANY_LOAD.high
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if torque_at(middle) < known[name] else (low, middle)
+        if not abs(torque_at(low) - known[name]) <= 1e-6 * max(abs(known[name]), 1.0):
+            raise InputError(f"{name} = {known[name]:g} N m is more than stage {model.stage.name} "
+                             "can carry at this engine speed and displacement ratio")
+        known["load_torque"] = low
     load = float(ANY_LOAD.check(known["load_torque"]))
     stroke = stroke_at(load)
     if not abs(stroke) <= 1.0 + 1e-9:
@@ -158,28 +174,3 @@ def operating_point(
                          f"{model.stage.name} at this engine speed and load: it would take a "
                          f"displacement ratio of {stroke:.3g}")
     return min(max(stroke, -1.0), 1.0), load
-
-
-def _load(
-    model: EfficiencyModel, speed: float, known: Mapping[str, float],
-    stroke_at: Callable[[float], float],
-) -> float:
-    """Load torque that goes with the torque of a shaft: by halving, for it rises with the load."""
-    name = "engine_torque" if "engine_torque" in known else "output_torque"
-
-    def torque(load: float) -> float:
-        point = min(max(stroke_at(load), -1.0), 1.0), speed, load
-        if name == "engine_torque":
-            found = load + model.power_loss(*point) / speed
-        else:
-            found = load * speed / abs(model.output_speed(*point))
-        return math.inf if math.isnan(found) else float(found)  # no load beyond a stall
-
-    low, high = ANY_LOAD.low, ANY_LOAD.high
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if torque(middle) < known[name] else (low, middle)
-    if not abs(torque(low) - known[name]) <= 1e-6 * max(abs(known[name]), 1.0):
-        raise InputError(f"{name} = {known[name]:g} N m is more than stage {model.stage.name} can "
-                         "carry at this engine speed and displacement ratio")
-    return low

@@ -93,23 +93,6 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     cells.require_range(torque, _TORQUE)
     if any("g/kWh" in column for column in cells.columns):
         fuel = fuel * speed * torque
-    return _engine(cells, speed, torque, fuel)
-
-
-def _column(cells: Table, quantity: str) -> Array:
-    """Numbers of a column `quantity [unit]` in SI; g/kWh as kg/J."""
-    for column in cells.columns:
-        match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
-        if match and match[1] in _UNITS[quantity]:
-            return cells.numbers(column) * _UNITS[quantity][match[1]]
-        if match:
-            raise InputError(f"{cells.source}: {match[1]!r} is no unit of {quantity}; there is "
-                             f"{', '.join(_UNITS[quantity])}")
-    raise InputError(f"{cells.source}: column {quantity} [unit] is missing; there is "
-                     f"{', '.join(cells.columns)}")
-
-
-def _engine(cells: Table, speed: Array, torque: Array, fuel: Array) -> Engine:
     speeds = np.unique(speed)
     if len(speeds) < 2:
         raise InputError(f"{cells.source}: one engine speed is no map; needs two or more")
@@ -136,3 +119,16 @@ def _engine(cells: Table, speed: Array, torque: Array, fuel: Array) -> Engine:
     load = np.unique(np.concatenate([here / here[-1] for here, _ in curves]).round(9))
     grid = np.array([np.interp(load * here[-1], here, rates) for here, rates in curves])
     return Engine(speeds, full, load, grid)
+
+
+def _column(cells: Table, quantity: str) -> Array:
+    """Numbers of a column `quantity [unit]` in SI; g/kWh as kg/J."""
+    for column in cells.columns:
+        match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
+        if match and match[1] in _UNITS[quantity]:
+            return cells.numbers(column) * _UNITS[quantity][match[1]]
+        if match:
+            raise InputError(f"{cells.source}: {match[1]!r} is no unit of {quantity}; there is "
+                             f"{', '.join(_UNITS[quantity])}")
+    raise InputError(f"{cells.source}: column {quantity} [unit] is missing; there is "
+                     f"{', '.join(cells.columns)}")

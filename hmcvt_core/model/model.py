@@ -21,22 +21,9 @@ from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import Point
-from ..transmission.parameters import (
-    PARAMETER_NAMES,
-    PARAMETER_RANGES,
-    Candidates,
-    HydraulicParameters,
-    Parameters,
-)
-from ..transmission.ranges import (
-    ANY_LOAD,
-    CHUNK,
-    ENGINE_SPEED,
-    ENGINE_SPEED_LIMITS,
-    Array,
-    OperatingPoints,
-    Solution,
-)
+from ..transmission import ranges
+from ..transmission.parameters import PARAMETER_RANGES, Candidates, HydraulicParameters, Parameters
+from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
@@ -44,7 +31,8 @@ from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 
 SCHEMA = "hmcvt-model/1"
 FORMULATIONS = ("power_balance", "published")
-_SLOW, _FAST, _OVERRUN, _PULL = (ENGINE_SPEED.low, ENGINE_SPEED.high, ANY_LOAD.low, ANY_LOAD.high)
+_SLOW, _FAST = ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high
+_OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
 DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
@@ -201,11 +189,10 @@ class EfficiencyModel:
 
         The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
         """
-        here, *there = (model.efficiency(*point)
-                        for model in (self, *(model for _, model in self._neighbours)))
-        slopes = np.empty((*np.shape(here), len(there)))
-        for i, ((steps, _), answer) in enumerate(zip(self._neighbours, there, strict=True)):
-            slopes[..., i] = (answer - here) * steps
+        here = self.efficiency(*point)
+        slopes = np.empty((*np.shape(here), len(self._neighbours)))
+        for i, (steps, model) in enumerate(self._neighbours):
+            slopes[..., i] = (model.efficiency(*point) - here) * steps
         return here, slopes
 
     @cached_property
@@ -214,7 +201,7 @@ class EfficiencyModel:
         if not self.standard_errors or self.correlation is None:
             return []
         base = self.parameters.to_array()
-        errors = np.array([self.standard_errors[name] for name in PARAMETER_NAMES])
+        errors = np.array(Candidates(**self.standard_errors))
         # A step of a thousandth of the error stays in the linear range, also next to a bound.
         steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
         steps = np.where(base + steps <= [each.high for each in PARAMETER_RANGES], steps, -steps)
@@ -270,7 +257,7 @@ class EfficiencyModel:
         hold: str = "engine_speed",
         displacement_ratio: ArrayLike | None = None,
         output_speed: ArrayLike | None = None,
-        engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
+        engine_speed_limits: tuple[float, float] = ranges.ENGINE_SPEED_LIMITS,
     ) -> Optimum:
         """Displacement ratio (and engine speed) that wastes least.
 
@@ -296,7 +283,7 @@ class EfficiencyModel:
 
     def optimal_drive(
         self, output_speed: float, output_power: float, *, engine: Engine | None = None,
-        engine_speed_limits: tuple[float, float] = ENGINE_SPEED_LIMITS,
+        engine_speed_limits: tuple[float, float] = ranges.ENGINE_SPEED_LIMITS,
         torque_reserve: float = 0.0, stage: str | None = None, hysteresis: float = 0.0,
     ) -> DriveOptimum:
         """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`."""
@@ -352,7 +339,7 @@ class EfficiencyModel:
         rows = values.reshape(-1, values.shape[-1])
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
-            part = max(1, CHUNK // max(1, at.engine_speed.size))
+            part = max(1, ranges.CHUNK // max(1, at.engine_speed.size))
             solvers = (self.in_stage(name)._solver_of(Candidates(*rows[i:i + part].T[:, :, None]))
                        for i in range(0, len(rows), part))
             return [np.concatenate([solver.solve(at).efficiency for solver in solvers])]

@@ -20,15 +20,8 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..physics.balance import BalanceSolver
-from ..transmission.ranges import (
-    DISPLACEMENT_RATIO,
-    ENGINE_SPEED,
-    LOAD_TORQUE,
-    OUTPUT_SPEED,
-    Array,
-    OperatingPoints,
-    Range,
-)
+from ..transmission import ranges
+from ..transmission.ranges import Array, OperatingPoints, Range
 from ..transmission.stage import speed_ratio
 from .engine import Engine
 
@@ -110,18 +103,19 @@ def optimum(
     """See `EfficiencyModel.optimal_displacement_ratio`."""
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
-    given = [ENGINE_SPEED.check(engine_speed), LOAD_TORQUE.check(load_torque)]
+    given = [ranges.ENGINE_SPEED.check(engine_speed), ranges.LOAD_TORQUE.check(load_torque)]
     best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
-        low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+        low, high = ranges.ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
         if not low < high:
             raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
         best = partial(_at_output_speed, solver, (low, high))
         if output_speed is not None:
-            OUTPUT_SPEED.check(np.abs(output_speed))  # backward it is negative
+            ranges.OUTPUT_SPEED.check(np.abs(output_speed))  # backward it is negative
             given.append(np.asarray(output_speed, dtype=float))
         elif displacement_ratio is not None:
-            points = np.broadcast_arrays(DISPLACEMENT_RATIO.check(displacement_ratio), *given)
+            stroke = ranges.DISPLACEMENT_RATIO.check(displacement_ratio)
+            points = np.broadcast_arrays(stroke, *given)
             given.append(OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1])
         else:
             raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
@@ -323,9 +317,9 @@ def drive_optimum(
     Raises:
         InputError: input out of range, or there is no such stage.
     """
-    held = float(OUTPUT_SPEED.check(abs(output_speed))) * math.copysign(1.0, output_speed)
+    held = float(ranges.OUTPUT_SPEED.check(abs(output_speed))) * math.copysign(1.0, output_speed)
     power, reserve = float(OUTPUT_POWER.check(output_power)), float(_PART.check(torque_reserve))
-    low, high = ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+    low, high = ranges.ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
     if engine is not None:
         low, high = max(low, float(engine.speed[0])), min(high, float(engine.speed[-1]))
     if not low < high:

@@ -107,25 +107,17 @@ class Shafts(Quadrant):
         """Return motor speed, direction (the part of friction where it stands) and pressure."""
         ratio, load = self.full * self.stroke, self.points.load_torque / self.engine_speed
         if self.braced:
-            output = self.output(ratio, load)
-            speed = output * self.engine_speed / self.hydraulic_ratio
-            pressure = (self.pressure(ratio, output) * self.engine_speed
-                        / self.stage.pump_motor.motor_displacement)  # (13)
-            if self.effects:
-                speed, pressure = self._settled(speed, np.sign(speed))
+            speed = self.output(ratio, load) * self.engine_speed / self.hydraulic_ratio
+            speed, pressure = self._settled(speed, np.sign(speed))
             return speed, np.sign(speed), pressure
-        motoring, pumping = (
+        first = np.stack([
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
-            for output in self.output_speeds(ratio, load))
-        if self.effects:
-            forward = np.ones_like(motoring)
-            (motoring, pumping), (high, low) = self._settled(
-                np.stack([motoring, pumping]), np.stack([forward, -forward]))
-            pressure = np.where(motoring > 0.0, high, low)
+            for output in self.output_speeds(ratio, load)])
+        (motoring, pumping), (high, low) = self._settled(
+            first, np.stack([np.ones_like(first[0]), -np.ones_like(first[0])]))
         speed = self.selected(motoring, pumping, 0.0, load)
         direction, standing = np.sign(speed), speed == 0.0
-        if not self.effects:
-            pressure = self._estimate(speed, direction, self.stroke)
+        pressure = np.where(motoring > 0.0, high, low)
         if standing.any():
             part, leaking = self._held(np.where(standing, speed, np.nan))
             direction = np.where(standing, part, direction)
@@ -135,43 +127,52 @@ class Shafts(Quadrant):
     def _held(self, speed: Array) -> Array:
         """Part of the friction, -1 to 1, that balances a standing motor; its pressure; (2, n)."""
         whole = np.stack([np.ones_like(speed), -np.ones_like(speed)])
-        (ahead, back), (first, _) = self._surplus(
+        (ahead, back), _ = self._surplus(
             speed, whole, self.stroke, self._estimate(speed, whole, self.stroke))
         share = 0.5 * (back - ahead)
-
-        def held(part: Array, pressure: Array) -> Array:
-            surplus, pressure = self._surplus(speed, part, self.stroke, pressure)
-            return np.stack([part + np.nan_to_num(surplus / share), pressure])  # 0 / 0: settled
-
-        part, pressure = _fixed_point(held, np.stack([0.0 * first, first]), 1.0)
+        part, pressure = self._found(
+            0.0 * speed, 1.0, lambda part: (speed, part, self.stroke),
+            np.where(share == 0.0, np.inf, share))  # without friction there is nothing to find
         return np.stack([np.clip(part, -1.0, 1.0), pressure])
 
     def _settled(self, speed: Array, direction: Array) -> Array:
         """Motor speed and pressure with every effect, from an estimate of the speed, (2, n)."""
-        share = 1.0 - self._row_share(self.stroke)
-
-        def settled(speed: Array, pressure: Array) -> Array:
-            surplus, pressure = self._surplus(speed, direction, self.stroke, pressure)
-            return np.stack([speed + surplus / share, pressure])
-
-        first = np.stack([speed, self._estimate(speed, direction, self.stroke)])
-        return _fixed_point(settled, first, self.pump_ratios[0] * self.engine_speed)
+        return self._found(
+            speed, self.pump_ratios[0] * self.engine_speed,
+            lambda speed: (speed, direction, self.stroke), 1.0 - self._row_share(self.stroke))
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
         turned = self.reflection * output_speed
         speed = (turned - self.mechanical_ratio * self.engine_speed) / self.hydraulic_ratio  # (4)
         direction = np.where(speed > 0.0, 1.0, -1.0)
-        flow = self.full * self._pump_speed(turned)
+        return np.asarray(self._found(
+            self.points.displacement_ratio, 1.0,
+            lambda commanded: (speed, direction, self.true_stroke(commanded)),
+            -self.full * self._pump_speed(turned))[0])
 
-        def corrected(commanded: Array, pressure: Array) -> Array:
-            surplus, pressure = self._surplus(
-                speed, direction, self.true_stroke(commanded), pressure)
-            return np.stack([commanded - surplus / flow, pressure])
+    def _found(
+        self, first: Array, scale: Value, given: Callable[[Array], tuple[Array, Array, Array]],
+        gain: Array,
+    ) -> Array:
+        """Unknown and pressure, (2, n), with which flow and motor speed agree; NaN where none do.
 
-        first = np.stack([self.points.displacement_ratio,
-                          self._estimate(speed, direction, self.stroke)])
-        return np.asarray(_fixed_point(corrected, first, 1.0)[0])
+        Args:
+            first: where to start.
+            scale: of the unknown.
+            given: motor speed, direction and stroke for an unknown.
+            gain: what the unknown adds to the speed above the flow's, about.
+        """
+        def better(unknown: Array, pressure: Array) -> Array:
+            surplus, pressure = self._surplus(*given(unknown), pressure)
+            return np.stack([unknown + surplus / gain, pressure])
+
+        start = np.stack([first, self._estimate(*given(first))])
+        found = _stepped(better, start, scale, np.inf)
+        # Where an answer was in sight a step may have turned the output back.
+        if (np.isnan(found[0]) & np.isfinite(start).all(axis=0)).any():
+            found = np.where(np.isnan(found), _stepped(better, start, scale, _SHORT), found)
+        return found
 
     def _estimate(self, speed: Array, direction: Array, stroke: Array) -> Array:
         """Pressure without effects, eq. (14)."""
@@ -344,25 +345,11 @@ class Shafts(Quadrant):
                      for member in (other, self.stage.mechanical_member))
 
 
-def _fixed_point(function: Callable[..., Array], first: Array, scale: Value) -> Array:
-    """Solve x, p = function(x, p), a pressure, point by point; NaN where that does not settle.
-
-    Args:
-        function: gives shape (2, n) for two arrays (n,).
-        first: where to start, shape (2, n).
-        scale: of x.
-    """
-    found = _stepped(function, first, scale, np.inf)
-    # Where an answer was in sight a step may have turned the output back.
-    if (np.isnan(found[0]) & np.isfinite(first).all(axis=0)).any():
-        found = np.where(np.isnan(found), _stepped(function, first, scale, _SHORT), found)
-    return found
-
-
 def _stepped(function: Callable[..., Array], first: Array, scale: Value, longest: float) -> Array:
-    """Make steps that change nothing by more than `longest` of its scale.
+    """Solve x, p = function(x, p), p a pressure; NaN where that does not settle.
 
-    Steps of Broyden's method, from what each has shown (Kelley 1995, Iterative Methods, brsol).
+    No step changes either by more than `longest` of its scale. Steps of Broyden's method, from what
+    each has shown (Kelley 1995, Iterative Methods, brsol).
     """
     size = np.stack(np.broadcast_arrays(scale, np.full(first.shape[1:], _PRESSURE)))
     x, steps, along = first / size, list[Array](), list[Array]()

@@ -95,23 +95,13 @@ EFFICIENCY_STD = Range("efficiency_std", 1e-6, 0.2, "-", "a fraction, not percen
 STAMP = Range("stamp", 0.0, 1e12, "s")
 PRESSURE = Range("pressure", -6e7, 6e7, "Pa", "high less low side of the motor")
 
-BENCH_COLUMNS: Sequence[Range] = (
-    DISPLACEMENT_RATIO,
-    ENGINE_SPEED,
-    LOAD_TORQUE,
-    EFFICIENCY,
-    OUTPUT_SPEED,
-    OIL_TEMPERATURE,
-    EFFICIENCY_STD,
-    STAMP,
-    PRESSURE,
-)
-"""The columns of a bench file; the first four are required."""
-
 POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 """What makes an operating point, in the order in which it is given everywhere."""
 _ANY_POINT = (DISPLACEMENT_RATIO, ENGINE_SPEED, ANY_LOAD)
 
+BENCH_COLUMNS: Sequence[Range] = (
+    *POINT_RANGES, EFFICIENCY, OUTPUT_SPEED, OIL_TEMPERATURE, EFFICIENCY_STD, STAMP, PRESSURE)
+"""The columns of a bench file; the first four are required."""
 REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])
 
 ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)

@@ -7,7 +7,7 @@ Its dataclass fields, declared with `size` and `shape`, are its parameters.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -160,10 +160,9 @@ class Effect:
         """Return the parameters whose zero switches the effect off."""
         return tuple(parameter for parameter in cls.parameters() if parameter.is_size)
 
-    def with_values(self, values: dict[str, float]) -> Effect:
+    def with_values(self, values: Mapping[str, Any]) -> Effect:
         """Return a copy with other parameter values."""
-        changes: dict[str, Any] = {**values}
-        return replace(self, **changes)
+        return replace(self, **values)
 
     def values(self) -> dict[str, float]:
         """Return parameter values by name."""
@@ -196,18 +195,13 @@ class Effect:
             still = np.zeros_like(state.pressure)
             state = state._replace(motor_speed=still) if other == "motor" else state._replace(
                 pump_speed=still, displacement_ratio=still + 1.0)
-        value: Value = getattr(self, hook)(state)
-        return value
+        return getattr(self, hook)(state)
 
-    # Hooks, in the order in which the power balance meets them.
+    # Hooks, in the order in which the power balance meets them; those of a whole state together.
 
     def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
         """Stroke that the swash plate really has for the one commanded [-]."""
         return displacement_ratio
-
-    def stroke_lag(self, state: ShaftState) -> Value:
-        """Stroke that the load takes from the one the swash plate would have [-]."""
-        return 0.0
 
     def viscosity_ratio(self, oil_temperature: Array) -> Value:
         """Viscosity / viscosity at identification [-]; leakage ~ 1/mu."""
@@ -221,37 +215,30 @@ class Effect:
         """Output power that really flows when the bench reads `load_power` [W]."""
         return load_power
 
-    def output_drag(self, state: ShaftState) -> Value:
-        """Drag torque on the output shaft [N m]."""
-        return 0.0
-
-    def engine_drag(self, state: ShaftState) -> Value:
-        """Drag torque on the engine shaft [N m]."""
-        return 0.0
-
-    def pump_drag(self, state: ShaftState) -> Value:
-        """Drag torque on the pump shaft [N m]."""
-        return 0.0
-
-    def motor_drag(self, state: ShaftState) -> Value:
-        """Torque that opposes the motion of the motor shaft [N m], not negative."""
-        return 0.0
-
     def gear_loss(self, power: Array, speed: Array) -> Value:
         """Further part of `power` [W] that each gear pair loses [-]; `speed` in rad/s."""
         return 0.0
 
-    def planetary_loss(self, state: ShaftState) -> Value:
-        """Part of the rolling power lost in the mesh of the planetary row [-]."""
+    def _nothing(self, state: ShaftState) -> Value:
+        """What a hook of a state says that a class does not override."""
         return 0.0
 
-    def leakage_flow(self, state: ShaftState) -> Value:
-        """Further flow that does not reach the motor [m3/s]."""
-        return 0.0
-
-    def pressure_drop(self, state: ShaftState) -> Value:
-        """Pressure lost between pump and motor [Pa]; the sign follows the flow."""
-        return 0.0
+    stroke_lag = _nothing
+    """Stroke that the load takes from the one the swash plate would have [-]."""
+    output_drag = _nothing
+    """Drag torque on the output shaft [N m]."""
+    engine_drag = _nothing
+    """Drag torque on the engine shaft [N m]."""
+    pump_drag = _nothing
+    """Drag torque on the pump shaft [N m]."""
+    motor_drag = _nothing
+    """Torque that opposes the motion of the motor shaft [N m], not negative."""
+    planetary_loss = _nothing
+    """Part of the rolling power lost in the mesh of the planetary row [-]."""
+    leakage_flow = _nothing
+    """Further flow that does not reach the motor [m3/s]."""
+    pressure_drop = _nothing
+    """Pressure lost between pump and motor [Pa]; the sign follows the flow."""
 
     def reading(self, efficiency: Array, state: ShaftState) -> Array:
         """Efficiency that the bench reads where `efficiency` is true [-]."""

@@ -221,7 +221,6 @@ class Compressibility(Effect):
         return (1.0 + displacement_ratio) / 2.0
 
 
-@dataclass(frozen=True)
 class CompressibilityStroke(Compressibility):
     """As `Compressibility`, with a swept part that grows with the stroke on either side."""
 
@@ -285,7 +284,6 @@ class PressureFrictionStroke(Effect):
         return 1.0
 
 
-@dataclass(frozen=True)
 class PressureFrictionFull(PressureFrictionStroke):
     """c dp V at full displacement in pump and motor: it does not vanish at eps = 0."""
 
@@ -330,7 +328,6 @@ class CoulombStribeck(PressureFrictionStroke):
         return np.asarray(1.0 + self.rise * np.exp(-np.abs(speed) / self.fade_speed))
 
 
-@dataclass(frozen=True)
 class CoulombStribeckFull(CoulombStribeck):
     """The same at full displacement in pump and motor."""
 

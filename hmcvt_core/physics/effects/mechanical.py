@@ -209,7 +209,6 @@ class PlanetaryMesh(Effect):
         return self.loss
 
 
-@dataclass(frozen=True)
 class PlanetaryRolling(PlanetaryMesh):
     """The same loss paid by the member that the engine drives; the motor's torque stays."""
 
