@@ -16,7 +16,7 @@ from ..diagnosis.system import Array, Axis, BaseParameters, Channel, Points
 from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples, read_columns
-from ..model.agreement import gear_train_remarks, pressure_remark
+from ..model.agreement import gear_train_remarks, pressure_remark, stage_of_each
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
@@ -197,15 +197,9 @@ def observe(
         noise = float(ranges.EFFICIENCY_STD.check(noise, "noise"))
     axes = AXES if samples.oil_temperature is None else (*AXES, OIL_TEMPERATURE)
     points = {axis.name: getattr(samples, axis.name) for axis in axes}
-    if len(stages) > 1:
-        if samples.points.stage is None:
-            raise InputError(f"{samples.source}: column stage is missing; the model has "
-                             f"{', '.join(stages)}")
-        if unknown := sorted(set(samples.points.stage.tolist()) - set(stages)):
-            raise InputError(f"{samples.source}: stage {unknown[0]!r} is not known to the model; "
-                             f"there is {', '.join(stages)}")
+    if len(stages) > 1 and (names := stage_of_each(stages, samples)) is not None:
         axes = (*axes, replace(STAGE, labels=tuple(stages)))
-        points["stage"] = np.array([stages.index(name) for name in samples.points.stage], float)
+        points["stage"] = np.array([stages.index(name) for name in names], float)
     stated = samples.efficiency_std
     first, trust, source = noise_of(
         EFFICIENCY_CHANNEL, samples.efficiency, noise,

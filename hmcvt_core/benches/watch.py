@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..files.bench import BenchSamples
+from ..model.agreement import stage_of_each
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS, Array
@@ -222,7 +223,7 @@ class Watch:
         """Take samples in the order in which they were measured.
 
         Raises:
-            InputError: a sample names a stage that the model does not have.
+            InputError: as of `stage_of_each`.
         """
         for row in self._compared(samples):
             self._taken += 1
@@ -235,6 +236,7 @@ class Watch:
 
     def _compared(self, samples: BenchSamples) -> Array:
         model, points = self.model, samples.points
+        stage_of_each(model.stages, samples)
         here, unknown = model.sensitivity(*points)
         deviation = PAPER_EFFICIENCY_UNCERTAINTY * samples.efficiency
         if self._noise is not None:

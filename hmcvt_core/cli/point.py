@@ -9,7 +9,7 @@ import click
 
 from ..errors import HmcvtError
 from ..files.bench import read_bench
-from ..model.agreement import LOADS, mean_error
+from ..model.agreement import LOADS, mean_error, stage_of_each
 from ..model.engine import load_engine
 from ..model.model import DRAGGED, STALLED, EfficiencyModel
 from ..model.optimum import HOLDS
@@ -64,6 +64,7 @@ def _predicted(model: EfficiencyModel, point: Point, given: dict[str, Any]) -> A
 
 def _compared(model: EfficiencyModel, bench: str) -> Answer:
     samples = read_bench(bench)
+    stage_of_each(model.stages, samples)
     records = common.sample_records(model, samples)
     lines = [common.sample_table(records)]
     error = mean_error(model.efficiency(*samples.points), samples.efficiency)

@@ -2,9 +2,10 @@
 """What meters show beside a model: the operating point; how well samples and gear train agree."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.bench import BenchSamples
@@ -25,17 +26,31 @@ _LOADED = 1e6  # Pa
 _OTHER_MOTOR = 1.25  # losses that nobody modelled change the pressure by less
 
 
-def by_stage(model: EfficiencyModel, samples: BenchSamples) -> dict[str, BenchSamples]:
-    """Return the samples of each stage that occurs; all of them where they do not say.
+def stage_of_each(stages: Collection[str], samples: BenchSamples) -> NDArray[np.str_] | None:
+    """Return the stage of each sample, shape (n,); None where they need not say.
 
     Raises:
-        InputError: a sample names a stage that the model does not have.
+        InputError: of several stages a sample names none, or one that is not there.
     """
     names = samples.points.stage
     if names is None:
+        if len(stages) > 1:
+            raise InputError(f"{samples.source}: column stage is missing; the model has "
+                             f"{', '.join(stages)}")
+        return None
+    for i in np.flatnonzero(~np.isin(names, list(stages))):
+        place = f"row {samples.rows[i]}" if samples.rows else f"sample {i + 1}"
+        raise InputError(f"{samples.source}: {place}: stage {str(names[i])!r} is not known to the "
+                         f"model; there is {', '.join(stages)}")
+    return names
+
+
+def by_stage(model: EfficiencyModel, samples: BenchSamples) -> dict[str, BenchSamples]:
+    """Return the samples of each stage that occurs; errors as of `stage_of_each`."""
+    names = stage_of_each(model.stages, samples)
+    if names is None:
         return {model.stage.name: samples}
-    return {model.in_stage(name).stage.name: samples.select(names == name)
-            for name in dict.fromkeys(names.tolist())}
+    return {name: samples.select(names == name) for name in dict.fromkeys(names.tolist())}
 
 
 def carried_at(model: EfficiencyModel, points: OperatingPoints) -> Array:

@@ -212,7 +212,7 @@ class Shafts(Quadrant):
         output_speed = np.where((output_speed * self.sense > 0.0) | idle, output_speed, np.nan)
         power = self.load_power
         for effect in self.effects:
-            power = effect.true_load_power(power, np.abs(output_speed))
+            power = effect.true_load_power(*np.broadcast_arrays(power, np.abs(output_speed)))
         load = np.where(idle & (power == 0.0), 0.0, power / output_speed)
         state = self._state(speed, output_speed, stroke, pressure)
         load = load + self.sense * self._sum("output_drag", state)
@@ -293,13 +293,14 @@ class Shafts(Quadrant):
                 * row["sun"] / row[stage.motor_member] if self.braced else
                 self.load_power / output * row["sun"] / row[stage.output_member]
                 / stage.output.ratio)
-        return ShaftState(
-            self.engine_speed, self._pump_speed(output_speed), output, self.sense * speed,
-            self.sense * np.sign(self.full) * stroke, self.sense * pressure, self.viscosity,
-            rolling, sun_torque, self.load_power,
+        return ShaftState._make([
+            *np.broadcast_arrays(
+                self.engine_speed, self._pump_speed(output_speed), output, self.sense * speed,
+                self.sense * np.sign(self.full) * stroke, self.sense * pressure, self.viscosity,
+                rolling, sun_torque, self.load_power),
             max(units.pump_displacement, units.motor_displacement),
             [(engine, self.turning * output) for _, engine, output in stage.open_clutches]
-            or ((0.0, 1.0),))
+            or ((0.0, 1.0),)])
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
@@ -321,7 +322,8 @@ class Shafts(Quadrant):
         for pair in pairs if from_row else reversed(pairs):
             passed: Value = pair.efficiency
             for effect in self.acting["gear_loss"]:
-                passed = passed * (1.0 - effect.gear_loss(torques[-1] * speed, speed))
+                passed = passed * (1.0 - effect.gear_loss(
+                    *np.broadcast_arrays(torques[-1] * speed, speed)))
             torques.append(np.asarray(torques[-1] / passed**direction))
         return torques
 

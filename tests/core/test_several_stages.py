@@ -128,11 +128,12 @@ def test_gears_and_a_torque_meter_are_twins_in_one_stage_and_not_in_three():
 
 def test_a_sample_without_its_stage_is_named():
     samples = bench(("HM1", "HM4"), 6, 3)
-    with pytest.raises(hmcvt.InputError, match="column stage is missing; the model has H0, HM1"):
-        hmcvt.diagnose(TRACTOR, replace(samples, extra={}), noise=NOISE)
-    wrong = ("HM9", *samples.extra["stage"][1:])
-    with pytest.raises(hmcvt.InputError, match="stage 'HM9' is not known to the model"):
-        hmcvt.diagnose(TRACTOR, replace(samples, extra={"stage": wrong}), noise=NOISE)
+    wrong = (samples.extra["stage"][0], "HM9", *samples.extra["stage"][2:])
+    for ask in (hmcvt.diagnose, hmcvt.next_test, hmcvt.watch):
+        with pytest.raises(hmcvt.InputError, match="column stage is missing; the model has H0, HM"):
+            ask(TRACTOR, replace(samples, extra={}), noise=NOISE)
+        with pytest.raises(hmcvt.InputError, match="sample 2: stage 'HM9' is not known to the mode"):
+            ask(TRACTOR, replace(samples, extra={"stage": wrong}), noise=NOISE)
 
 
 def test_the_next_test_names_its_stage():

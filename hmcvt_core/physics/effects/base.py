@@ -23,7 +23,9 @@ _OF_ANY_SIZE = ("-", "1/GPa")  # units of sizes that are the same in small pumps
 
 
 class ShaftState(NamedTuple):
-    """Speeds, pressure and load at operating points; arrays of one shape, SI units.
+    """Speeds, pressure and load at operating points; arrays of one shape (..., n), SI units.
+
+    They may be views: make new ones instead of changing them.
 
     Attributes:
         engine_speed, pump_speed, output_speed: [rad/s], positive.
