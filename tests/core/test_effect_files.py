@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core import Effect
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
 from hmcvt_core.physics.effects.mechanical import ChargePump
@@ -94,17 +93,13 @@ def test_leakage_is_a_loss_also_behind_a_line_that_takes_pressure(model):
 def test_an_effect_may_fill_an_array_where_another_is_large():
     def filled(self, state):
         found = np.zeros_like(state.engine_speed)
-        found[state.pressure > 5e6] = self.torque
+        found[state.pressure > 7e6] = self.torque
         return found
 
+    own = dataclass(frozen=True)(type("Own", (ChargePump,), {"pump_drag": filled}))(20.0)
     shipped = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    same, own = (replace(shipped, effects=(dataclass(frozen=True)(
-        type("Own", (ChargePump,), {"engine_drag": drag, "pump_drag": Effect.pump_drag}))(20.0),))
-        for drag in (lambda self, state: self.torque * (state.pressure > 5e6), filled))
-    for point in ((0.4, 150.0, 300.0), (np.linspace(-1.0, 1.0, 9), 150.0, 300.0)):
-        found = own.efficiency(*point)
-        np.testing.assert_array_equal(found, same.efficiency(*point))
-        assert np.any(found < shipped.efficiency(*point))
-    assert own.optimal_displacement_ratio(150.0, 300.0).efficiency > 0.5
+    model, point = replace(shipped, effects=(own,)), (np.linspace(-1.0, 1.0, 9), 150.0, 300.0)
+    assert 0 < np.sum(model.efficiency(*point) < shipped.efficiency(*point)) < 9
+    assert model.optimal_displacement_ratio(*point[1:]).efficiency > 0.5
     samples = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
-    assert hmcvt.identify(samples, effects=own.effects).model.effects == own.effects
+    assert hmcvt.identify(samples, effects=(own,)).model.effects == (own,)

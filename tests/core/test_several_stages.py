@@ -132,7 +132,7 @@ def test_a_sample_without_its_stage_is_named():
     for ask in (hmcvt.diagnose, hmcvt.next_test, hmcvt.watch):
         with pytest.raises(hmcvt.InputError, match="column stage is missing; the model has H0, HM"):
             ask(TRACTOR, replace(samples, extra={}), noise=NOISE)
-        with pytest.raises(hmcvt.InputError, match="sample 2: stage 'HM9' is not known to the mode"):
+        with pytest.raises(hmcvt.InputError, match="sample 2: stage 'HM9' is not known to the"):
             ask(TRACTOR, replace(samples, extra={"stage": wrong}), noise=NOISE)
 
 
