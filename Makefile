@@ -4,8 +4,8 @@
 #   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
 #   make test    all tests, the ones over ROS 2 included
 #   make lint types    what CI checks besides
-#   make oldest  the tests without ROS on the oldest versions that pyproject.toml allows, about those
-#                of the robot's own packages
+#   make oldest  the tests of core, diagnosis, units and commands on the oldest versions that
+#                pyproject.toml allows, about those of the robot's own packages
 #   make colcon  build and test the package as a ROS workspace does; in build/
 #   make soak    the endurance trial of the node; writes docs/soak.md (a quarter of an hour;
 #                the machine should do nothing else meanwhile)
