@@ -33,7 +33,8 @@ _REPORT_EVERY = 60.0  # seconds between lines on a stderr that is no terminal
 @click.option("--no-diagnose", is_flag=True,
               help="Identify the parameters only; published needs it.")
 @click.option("--params", default=None, metavar="P.yaml",
-              help="Take gear train and effects from this parameter file.")
+              help="Take gear train and effects from this parameter file; of several stages each "
+                   "log has a column stage.")
 def command(
     logs: str, out: str, processes: int | None, scheduler: str | None, no_diagnose: bool,
     noise: float | None, params: str | None, transmission: str | None, stage: str | None,
