@@ -74,7 +74,8 @@ def workplace(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
     write_raw_bench(tmp_path / "raw.csv")
-    shutil.copy(ROOT / "data" / "simulated.csv", tmp_path / "bench.csv")
+    rows = (ROOT / "data" / "simulated.csv").read_text().replace("\n", ",HM4\n")
+    (tmp_path / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):
         shutil.copy(ROOT / "data" / "table2.csv", tmp_path / name)
     for name in ("mine.yaml", "served.yaml"):

@@ -73,8 +73,7 @@ def test_noise_follows_the_data_when_the_statement_is_worth_little():
 
 
 def test_log_evidence_changes_with_the_weight_of_a_sample_by_its_likelihood():
-    columns, target, spread = _problem(4, n=30)
-    trust = np.array([8.0, 1.0])
+    (columns, target, spread), trust = _problem(4, n=30), np.array([8.0, 1.0])
 
     def weighed(step):
         root = np.sqrt(np.append(1.0 + step, np.ones(29)))
