@@ -80,9 +80,10 @@ class Worker:
 
 def _begin() -> None:
     """Make the new process step back, and end with its parent."""
-    # Not SCHED_IDLE: Linux takes a processor with such a process for a free one and sends it those
-    # that answer, which then wait for each other; and on a busy machine that process never ends.
-    os.nice(19)
+    if hasattr(os, "SCHED_IDLE"):  # Linux: compute only while nobody else wants to
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    else:
+        os.nice(19)
     with suppress(OSError):  # Linux: where memory runs out, end this process and not the node
         Path("/proc/self/oom_score_adj").write_text("1000")
     # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.

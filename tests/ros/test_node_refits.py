@@ -237,7 +237,7 @@ def test_worker_is_kept_and_replaced_when_it_dies(node, table2):
 
     assert works()
     worker = node.worker()
-    assert os.getpriority(os.PRIO_PROCESS, worker) == 19
+    assert os.sched_getscheduler(worker) == os.SCHED_IDLE
     # Where memory runs out, the kernel ends the job and not the node.
     assert oom_score(worker) == 1000 and oom_score(node.process.pid) == oom_score("self") < 1000
     with open(f"/proc/{worker}/environ") as file:
