@@ -32,8 +32,8 @@ More than any misfit, or refits to a large gap would hide the worst points where
 _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _PASSES = 60
-_PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down
-_SMALL = 0.1  # standard deviations: a step that is not worth making
+_PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down; at last none
+_SMALL = 0.1  # standard deviations: a step that changes or gains less is not worth making
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 # Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
 _MIDDLE, _ANYWHERE = 0.5, (2.0 * np.pi) ** -0.5
@@ -272,7 +272,7 @@ def refit(
         for part in (0.0,) if small else _PARTS:
             theta = (before + part * (aim - before)).clip(*bounds)  # `aim` may miss by rounding
             here = _whitened(hypothesis, observed, theta) if part else whitened
-            if np.sum(missed(here, theta) ** 2) <= np.sum(left**2):
+            if np.sum(missed(here, theta) ** 2) <= np.sum(left**2) - _SMALL**2:
                 break
         if part:
             step = theta - before
