@@ -28,7 +28,7 @@ _PRESSURE = 2e7  # Pa, its scale
 _SHORT = 0.5  # of the scales, where longer steps lead nowhere
 _LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
-_HOOKS = ("stroke_lag", "output_drag", "engine_drag", "pump_drag", "motor_drag", "gear_loss",
+_HOOKS = ("true_load_power", "stroke_lag", "output_drag", "engine_drag", "pump_drag", "motor_drag", "gear_loss",
           "planetary_loss", "leakage_flow", "pressure_drop")
 
 
@@ -211,8 +211,8 @@ class Shafts(Quadrant):
         idle = self.load_power == 0.0
         output_speed = np.where((output_speed * self.sense > 0.0) | idle, output_speed, np.nan)
         power = self.load_power
-        for effect in self.effects:
-            power = effect.true_load_power(*np.broadcast_arrays(power, np.abs(output_speed)))
+        for effect in self.acting["true_load_power"]:
+            power = effect.true_load_power(_like(power, speed), np.abs(output_speed))
         load = np.where(idle & (power == 0.0), 0.0, power / output_speed)
         state = self._state(speed, output_speed, stroke, pressure)
         load = load + self.sense * self._sum("output_drag", state)
@@ -293,14 +293,13 @@ class Shafts(Quadrant):
                 * row["sun"] / row[stage.motor_member] if self.braced else
                 self.load_power / output * row["sun"] / row[stage.output_member]
                 / stage.output.ratio)
-        return ShaftState._make([
-            *np.broadcast_arrays(
-                self.engine_speed, self._pump_speed(output_speed), output, self.sense * speed,
-                self.sense * np.sign(self.full) * stroke, self.sense * pressure, self.viscosity,
-                rolling, sun_torque, self.load_power),
-            max(units.pump_displacement, units.motor_displacement),
+        return ShaftState(
+            _like(self.engine_speed, speed), self._pump_speed(output_speed), output,
+            self.sense * speed, _like(self.sense * np.sign(self.full) * stroke, speed),
+            self.sense * pressure, _like(self.viscosity, speed), rolling, sun_torque,
+            _like(self.load_power, speed), max(units.pump_displacement, units.motor_displacement),
             [(engine, self.turning * output) for _, engine, output in stage.open_clutches]
-            or ((0.0, 1.0),)])
+            or ((0.0, 1.0),))
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.
@@ -322,8 +321,8 @@ class Shafts(Quadrant):
         for pair in pairs if from_row else reversed(pairs):
             passed: Value = pair.efficiency
             for effect in self.acting["gear_loss"]:
-                passed = passed * (1.0 - effect.gear_loss(
-                    *np.broadcast_arrays(torques[-1] * speed, speed)))
+                power = torques[-1] * speed
+                passed = passed * (1.0 - effect.gear_loss(power, _like(speed, power)))
             torques.append(np.asarray(torques[-1] / passed**direction))
         return torques
 
@@ -377,6 +376,12 @@ def _stepped(function: Callable[..., Array], first: Array, scale: Value, longest
         steps.append(step)
         along.append(step / np.maximum(_along(step, step), _LEAST))
     return np.where((np.abs(error) <= _SETTLED).all(axis=0), x * size, np.nan)
+
+
+def _like(value: Value, other: Array) -> Array:
+    """A value in the shape of another; views, since effects may fill arrays in place."""
+    return np.asarray(value) if np.shape(value) == other.shape else np.broadcast_to(
+        value, other.shape)
 
 
 def _along(one: Array, other: Array) -> Array:
