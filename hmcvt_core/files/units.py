@@ -190,7 +190,7 @@ def _of_unit(cells: Table, unit: str | None) -> Table:
 
 
 def _numbers(cells: Table, factors: Mapping[str, float]) -> dict[str, Array]:
-    pair = _LOSSES if _LOSSES[0] in cells.columns else _EFFICIENCIES
+    pair = _LOSSES if {*_LOSSES} & cells.columns.keys() else _EFFICIENCIES
     needed = ("displacement", "speed", "pressure", *pair)
     missing = [name for name in needed if name not in cells.columns]
     if missing:
