@@ -28,8 +28,8 @@ _PRESSURE = 2e7  # Pa, its scale
 _SHORT = 0.5  # of the scales, where longer steps lead nowhere
 _LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
-_HOOKS = ("true_load_power", "stroke_lag", "output_drag", "engine_drag", "pump_drag", "motor_drag", "gear_loss",
-          "planetary_loss", "leakage_flow", "pressure_drop")
+_HOOKS = ("true_load_power", "stroke_lag", "output_drag", "engine_drag", "pump_drag",
+          "motor_drag", "gear_loss", "planetary_loss", "leakage_flow", "pressure_drop")
 
 
 class PowerFlow(NamedTuple):
