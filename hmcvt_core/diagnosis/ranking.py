@@ -140,7 +140,7 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
     from scipy.special import expit, logsumexp, softmax
 
     bare, library = nothing(base), base.signatures
-    sets, kinds = search(base, library)
+    sets, kinds = search(bare, library)
     found = [(rival, math.log(PRIOR_OF_SIZE[len(rival.names)]
                               / math.comb(kinds, len(rival.names))) + log) for rival, log in sets]
     found.sort(key=lambda item: -item[1])
@@ -171,7 +171,7 @@ def _shared(rivals: Sequence[Rival], prior: float, count: int = 0) -> list[tuple
     return [(rival, prior + rival.log - math.log(count or len(rivals))) for rival in rivals]
 
 
-def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, float]], int]:
+def search(bare: Rival, library: Sequence[Signature]) -> tuple[list[tuple[Rival, float]], int]:
     """Refit the sets of listed effects that may explain a gap.
 
     Returns:
@@ -200,16 +200,20 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
         return found[names]
 
     def leaders(size: int, count: int) -> list[Names]:
-        sized = [names for names in found if len(names) == size]
-        return sorted(sized, key=weight, reverse=True)[:count]
+        sized = sorted((names for names in found if len(names) == size), key=weight, reverse=True)
+        least = _least(max(map(weight, sized), default=bare.log) - bare.log)
+        return [names for names in sized[:count] if weight(names) - bare.log > least]
 
-    alone = screen(base, library)
-    refitted(_promising(_distinct(alone, by_form=True))[:_KINDS])
+    alone = screen(bare.fit, library)
+    # Where the base bends much the linear screen misleads: each effect is refitted once at least.
+    refitted(_distinct(alone))
+    refitted(item for item in _promising(_distinct(alone, by_form=True))[:_KINDS]
+             if item.effects != found[item.effects[0].name,][0].fit.hypothesis.effects)
     for names in leaders(1, _LEADERS):
         refitted(_promising([item for item in alone if item.effects[0].name in names
                              and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS])
     (first,), = leaders(1, 1)  # two that hold the leader are found from it, below
-    refitted([item for item in _promising(_distinct(screen(base, library, 2)))
+    refitted([item for item in _promising(_distinct(screen(bare.fit, library, 2)))
               if first not in {effect.name for effect in item.effects}][:_SETS])
     for size in range(1, max(PRIOR_OF_SIZE)):
         refitted(_distinct(sorted((
@@ -227,9 +231,13 @@ def search(base: Fit, library: Sequence[Signature]) -> tuple[list[tuple[Rival, f
 
 def _promising(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Leave out what the screen, which is linear, puts far behind the best."""
-    best = proposals[0].gain if proposals else 0.0
-    least = min(_NEAR * best, best) - _BEHIND
+    least = _least(proposals[0].gain if proposals else 0.0)
     return [proposal for proposal in proposals if proposal.gain > least]
+
+
+def _least(best: float) -> float:
+    """The gain above which a rival of the best stays in the race."""
+    return min(_NEAR * best, best) - _BEHIND
 
 
 def _distinct(proposals: Sequence[Proposal], by_form: bool = False) -> list[Proposal]:
