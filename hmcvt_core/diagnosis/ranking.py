@@ -39,7 +39,7 @@ PRIOR_UNLISTED = 0.10
 """Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
 
 _CAMPAIGNS = 400  # drawn
-_KINDS = 12  # single effects refitted, and sets refitted exactly at the end
+_KINDS = 12  # forms that may be refitted besides, and sets refitted exactly at the end
 _HOPELESS = 10.0  # nats behind the best
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
@@ -175,8 +175,8 @@ def search(bare: Rival, library: Sequence[Signature]) -> tuple[list[tuple[Rival,
     """Refit the sets of listed effects that may explain a gap.
 
     Returns:
-        The best refit of each set and its log evidence over all forms, and how many effects there
-        are to choose from.
+        The best refit of each set that is near the best and its log evidence over all forms, and
+        how many effects there are to choose from.
     """
     found: dict[Names, tuple[Rival, Array]] = {}  # and the price as it is, and with free shapes
     refined = set[Names]()
@@ -199,10 +199,15 @@ def search(bare: Rival, library: Sequence[Signature]) -> tuple[list[tuple[Rival,
             refined.add(names)
         return found[names]
 
+    def near(kept: Iterable[Names]) -> list[Names]:
+        # Without allowances: what a misfit of the base explains is not theirs.
+        gains = {names: found[names][0].plain.log - bare.log for names in kept}
+        least = _least(max(gains.values(), default=0.0))
+        return [names for names, gain in gains.items() if gain > least]
+
     def leaders(size: int, count: int) -> list[Names]:
-        sized = sorted((names for names in found if len(names) == size), key=weight, reverse=True)
-        least = _least(max(map(weight, sized), default=bare.log) - bare.log)
-        return [names for names in sized[:count] if weight(names) - bare.log > least]
+        sized = near(names for names in found if len(names) == size)
+        return sorted(sized, key=weight, reverse=True)[:count]
 
     alone = screen(bare.fit, library)
     # Where the base bends much the linear screen misleads: each effect is refitted once at least.
@@ -225,7 +230,7 @@ def search(bare: Rival, library: Sequence[Signature]) -> tuple[list[tuple[Rival,
     for names in sorted(found, key=weight, reverse=True)[:_KINDS]:
         if weight(names) > best - _HOPELESS:
             refine(names)
-    return [(rival, weight(names)) for names, (rival, _) in found.items()], len(
+    return [(found[names][0], weight(names)) for names in near(found)], len(
         {each.effects[0].name for each in alone})
 
 
