@@ -29,6 +29,7 @@ _FINER, _FINEST = 1.05, 250.0  # lattices: than the one before; parts of an axis
 _NAMED = 3  # samples that a note names one by one
 _NEIGHBOURS = 6
 _FAR, _FURTHER = 5.0, 10.0
+_EXACT = 0.01  # deviations: nearer than a refit comes, or a bench
 _MOST = 0.03  # part of the samples
 _CHANCE = 0.01
 _ROUNDS = 5
@@ -205,7 +206,7 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
     for row in whitened:
         apart = row - np.median(row[nearest], axis=1)
         usual = _MAD_TO_DEVIATION * np.median(np.abs(apart - np.median(apart)))
-        far = np.abs(apart) > _FAR * max(float(usual), 1e-12)
+        far = np.abs(apart) > _FAR * max(float(usual), _EXACT)
         if far.sum() > most:  # one that is far off bends the fit at the others
             far = np.abs(apart) > _FURTHER * np.sort(np.abs(apart))[-1 - most]
         if not _together(place[:, far], place):
