@@ -61,6 +61,10 @@ def _twinned(record: Record) -> bool:
                for name, variant in zip(record["truth"], record["variants"], strict=True))
 
 
+def _untwinned(record: Record) -> bool | None:
+    return None if _twinned(record) else _first(record)
+
+
 def _miss(record: Record) -> float | None:
     promised = record["promised"]
     return abs(promised - record["met"]) if _named(record) and promised is not None else None
@@ -127,12 +131,14 @@ def _said(record: Record) -> tuple[float, bool] | None:
 
 _EVERY = (*LISTED, *_STRANGE, "none", "base off", "faint")
 _QUESTIONS = (
-    _Question("single without a twin: first", 0.95, ["single"],
-             lambda r: None if _twinned(r) else _first(r), then="93 %"),
+    _Question("single without a twin: first", 0.95, ["single"], _untwinned,
+             then="93 %"),
     _Question("single: in a set of at most three", 0.95, ["single"], _short, then="97 %"),
     _Question("pair: exact set first", 0.70, ["pair"], _first),
+    _Question("the same, without a twin", 0.0, ["pair"], _untwinned),
     _Question("pair: among the best three sets", 0.90, ["pair"], _among),
     _Question("triple: exact set first", 0.50, ["triple"], _first),
+    _Question("the same, without a twin", 0.0, ["triple"], _untwinned),
     _Question("triple: among the best three sets", 0.80, ["triple"], _among),
     _Question("false alarms, exact base", 0.05, ["none"], _alarmed, at_most=True, then="2 %"),
     _Question("cause named, base off by 0.1 to 0.2 points", 0.05, ["base off"], _named,
@@ -161,7 +167,7 @@ _QUESTIONS = (
     _Question("slowest diagnosis [s of processor time]", 5.0, _EVERY, lambda r: r["seconds"],
              at_most=True, sum_up=max),
 )
-_BESIDE = [_QUESTIONS[i] for i in (0, 1, 2, 6, 8, 17)]
+_BESIDE = [_QUESTIONS[i] for i in (0, 1, 2, 8, 10, 19)]
 
 
 # --- tables -------------------------------------------------------------------------------------
