@@ -114,7 +114,9 @@ class Shafts(Quadrant):
             self.engine_speed * (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
             for output in self.output_speeds(ratio, load)])
         (motoring, pumping), (high, low) = self._settled(
-            first, np.stack([np.ones_like(first[0]), -np.ones_like(first[0])]))
+            first, np.stack([np.ones_like(first[0]), -np.ones_like(first[0])]),
+            # As `selected` has it: the one regime is not asked for where the other holds.
+            lambda found: np.stack([(found[1] < 0.0) & (load <= self.stall_load), found[0] > 0.0]))
         speed = self.selected(motoring, pumping, 0.0, load)
         direction, standing = np.sign(speed), speed == 0.0
         pressure = np.where(motoring > 0.0, high, low)
@@ -135,11 +137,14 @@ class Shafts(Quadrant):
             np.where(share == 0.0, np.inf, share))  # without friction there is nothing to find
         return np.stack([np.clip(part, -1.0, 1.0), pressure])
 
-    def _settled(self, speed: Array, direction: Array) -> Array:
+    def _settled(
+        self, speed: Array, direction: Array, spare: Callable[[Array], Array] = np.zeros_like
+    ) -> Array:
         """Motor speed and pressure with every effect, from an estimate of the speed, (2, n)."""
         return self._found(
             speed, self.pump_ratios[0] * self.engine_speed,
-            lambda speed: (speed, direction, self.stroke), 1.0 - self._row_share(self.stroke))
+            lambda speed: (speed, direction, self.stroke), 1.0 - self._row_share(self.stroke),
+            spare)
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
@@ -153,7 +158,7 @@ class Shafts(Quadrant):
 
     def _found(
         self, first: Array, scale: Value, given: Callable[[Array], tuple[Array, Array, Array]],
-        gain: Array,
+        gain: Array, spare: Callable[[Array], Array] = np.zeros_like,
     ) -> Array:
         """Unknown and pressure, (2, n), with which flow and motor speed agree; NaN where none do.
 
@@ -162,6 +167,7 @@ class Shafts(Quadrant):
             scale: of the unknown.
             given: motor speed, direction and stroke for an unknown.
             gain: what the unknown adds to the speed above the flow's, about.
+            spare: which unknowns are not asked for, for those found at first.
         """
         def better(unknown: Array, pressure: Array) -> Array:
             surplus, pressure = self._surplus(*given(unknown), pressure)
@@ -170,7 +176,7 @@ class Shafts(Quadrant):
         start = np.stack([first, self._estimate(*given(first))])
         found = _stepped(better, start, scale, np.inf)
         # Where an answer was in sight a step may have turned the output back.
-        if (np.isnan(found[0]) & np.isfinite(start).all(axis=0)).any():
+        if (np.isnan(found[0]) & np.isfinite(start).all(axis=0) & (spare(found[0]) == 0)).any():
             found = np.where(np.isnan(found), _stepped(better, start, scale, _SHORT), found)
         return found
 
