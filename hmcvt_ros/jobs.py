@@ -2,6 +2,7 @@
 """The heavy work of the node: a refit, a diagnosis. Done in a process of its own."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,33 @@ from hmcvt_core.files import plain
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.identification.refit import refit
 
-from .model_store import servable
+from .model_store import Promised, proven, servable
 from .state_folder import next_name
 
 CANDIDATES_KEPT = 20
 REPORTS_KEPT = 10
 
 
+def with_proven(
+    work: Callable[..., dict[str, Any]], promised: Promised, effects: str, **options: Any
+) -> dict[str, Any]:
+    """Do a job on the model in service, once it has proved to be what was put there.
+
+    Here rather than in the node, whose answers would wait for the files to be read.
+
+    Args:
+        work: one of the jobs below; `options` are its own.
+        promised: the model in service, and what else has to be as it was.
+        effects: module or file with effects of one's own; empty for none.
+    """
+    if effects:  # this process is another than the node's
+        hmcvt.load_effects(effects)
+    return work(model=proven(promised), **options)
+
+
 def reidentify(
     samples: Path, model: Path, base: Path, seed: int, max_drift: float, output: Path,
-    candidates: Path, min_samples: int, effects: str = "",
+    candidates: Path, min_samples: int,
 ) -> dict[str, Any]:
     """Refit a model to samples.
 
@@ -31,7 +49,6 @@ def reidentify(
         max_drift: largest difference to `base` within the domain [-].
         output: file for the refit; in the folder `candidates` instead, when it must not serve.
         min_samples: fewer are refused.
-        effects: module or file with effects of one's own; empty for none.
 
     Returns:
         Sample count, error (mean |predicted - measured| / measured) before and after, parameters
@@ -40,7 +57,6 @@ def reidentify(
         back; `model` (the fingerprint) and `file` of the refit, or `refused` and `candidate` when
         something speaks against it.
     """
-    _load(effects)
     bench = hmcvt.read_bench(samples)
     if len(bench) < min_samples:
         raise hmcvt.InputError(f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
@@ -74,9 +90,7 @@ def reidentify(
     return {**answer, "model": servable(output).fingerprint, "file": str(output)}
 
 
-def diagnose(
-    samples: Path, model: Path, seed: int, reports: Path, effects: str = ""
-) -> dict[str, Any]:
+def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, Any]:
     """Say why a model and samples disagree.
 
     Returns:
@@ -85,7 +99,6 @@ def diagnose(
     """
     from hmcvt_core.report import write_html
 
-    _load(effects)
     found = hmcvt.diagnose(hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed)
     answer = found.to_dict()
     try:
@@ -96,8 +109,3 @@ def diagnose(
         # The answer is worth more than the page.
         return {**answer, "report": None, "report_error": str(error)}
     return {**answer, "report": str(path)}
-
-
-def _load(effects: str) -> None:
-    if effects:  # this process is another than the node's
-        hmcvt.load_effects(effects)

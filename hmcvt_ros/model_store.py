@@ -25,6 +25,8 @@ WAYS_BACK = 20
 KEPT = 50
 """Refits kept besides those."""
 
+Promised = tuple[tuple[Path, str], ...]
+"""Parameter files, each with the fingerprint that it must have."""
 _Stack = list[tuple[str, str]]  # names of parameter files and fingerprints; '' if not known
 
 
@@ -103,16 +105,11 @@ class ModelStore:
             raise HmcvtError("the model in service is the one of model_file; there is none before")
         return self._commit(*self._newest_good(self._stack[:-1]))
 
-    def proven(self) -> Path:
-        """Return the parameter file in service.
-
-        Raises:
-            InputError: it or the base is not any more what was put into service.
-        """
+    @property
+    def promised(self) -> Promised:
+        """The parameter file in service, then that of the base."""
         now = self.in_service
-        _proven(now.path, now.model.fingerprint)
-        _proven(self.base, self._base_model.fingerprint)
-        return now.path
+        return ((now.path, now.model.fingerprint), (self.base, self._base_model.fingerprint))
 
     @property
     def reference(self) -> Path:
@@ -189,6 +186,17 @@ def _stack_of(state: dict[str, Any]) -> _Stack:
 
 def _checksum(state: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
+
+
+def proven(promised: Promised) -> Path:
+    """Return the first of some files, once all have proved to be what was put into service.
+
+    Raises:
+        InputError: one is not.
+    """
+    for path, fingerprint in promised:
+        _proven(path, fingerprint)
+    return promised[0][0]
 
 
 def _proven(path: Path, fingerprint: str) -> EfficiencyModel:

@@ -207,13 +207,14 @@ class Services:
         """Let the worker do the job under way, without blocking the executor."""
         job, settings = self._activity.job, self._settings()
         assert job is not None
-        samples, model = await self._on_disk(self._material)
+        samples = await self._on_disk(self._samples)
         self._activity.trouble = ""
         job.working = True
         try:
             running = self._worker.submit(
-                work, settings.job_memory_limit, samples=samples, model=model,
-                seed=settings.reidentify_seed, effects=settings.effects_file, **options)
+                jobs.with_proven, settings.job_memory_limit, work=work,
+                promised=self._store.promised, effects=settings.effects_file, samples=samples,
+                seed=settings.reidentify_seed, **options)
             self._node.get_logger().info(f"{job.name}: started on {samples}")
             done: Data = await _finished(running)
         except (BrokenProcessPool, CancelledError):
@@ -234,14 +235,14 @@ class Services:
         """Do in the thread that waits for disks, after all samples that came before."""
         return await _finished(self._log.call(work, *arguments))
 
-    def _material(self) -> tuple[Path, Path]:
-        """Return the samples and the model of a job, both as they were written."""
+    def _samples(self) -> Path:
+        """Return the samples of a job, as they were written."""
         name, log = self._settings().samples_file, self._log.log
         if not name:
             log.check()
             if not len(log):
                 raise InputError("no bench samples logged yet (topic bench_sample)")
-            return log.path, self._store.proven()
+            return log.path
         folder = self._folder.resolve()
         path = (folder / name).resolve()
         # Parameters can be set from the network: they must not reach files elsewhere.
@@ -249,7 +250,7 @@ class Services:
             raise InputError(f"samples_file = {name!r} lies outside the state folder")
         if path.exists() and not path.is_file():  # to read it might never end
             raise InputError(f"samples_file = {name!r} is no regular file")
-        return path, self._store.proven()
+        return path
 
     def _told(self, result: Data) -> str:
         """What the log and diagnostics say of an answer."""

@@ -19,6 +19,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+_YIELD = 5e-4  # seconds; about what an answer takes
+
 
 class Worker:
     """An executor of one process, replaced when it has died; the only child of this process."""
@@ -97,10 +99,16 @@ def _limited(job: Callable[..., Any], memory: int, options: Mapping[str, Any]) -
     limit = memory << 20
     resource.setrlimit(resource.RLIMIT_DATA, (
         limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+    if hasattr(os, "sched_yield"):
+        # Linux may leave a thread that wakes behind an idle priority until the next tick (4 ms).
+        signal.signal(signal.SIGALRM, lambda *_: os.sched_yield())
+        signal.setitimer(signal.ITIMER_REAL, _YIELD, _YIELD)
     try:
         return job(**options)
     except MemoryError:  # NumPy's own kind does not have to come through to the node
         raise MemoryError from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _end_with_parent() -> None:

@@ -11,7 +11,7 @@ from ros_bench import adopted
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
-from hmcvt_ros.model_store import ModelStore
+from hmcvt_ros.model_store import ModelStore, proven
 from hmcvt_ros.state_folder import keep_newest, next_name
 
 
@@ -111,11 +111,11 @@ def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(paper_file, t
     refit(store, 2e-12)
     (tmp_path / "models" / "0002.yaml").unlink()
     with pytest.raises(hmcvt.InputError, match=r"0002\.yaml"):
-        store.proven()
+        proven(store.promised)
     refit(store, 3e-12)
     assert store.revert().fingerprint == first
     assert "0002.yaml" in store.complaint and "0001.yaml serves instead" in store.complaint
-    assert store.proven().name == "0001.yaml"
+    assert proven(store.promised).name == "0001.yaml"
     store.revert()
     assert store.complaint == ""
 
