@@ -385,9 +385,9 @@ def _stepped(function: Callable[..., Array], first: Array, scale: Value, longest
 
 
 def _like(value: Value, other: Array) -> Array:
-    """A value in the shape of another; views, since effects may fill arrays in place."""
+    """A value in the shape of another, which effects may fill in place."""
     return np.asarray(value) if np.shape(value) == other.shape else np.broadcast_to(
-        value, other.shape)
+        value, other.shape).copy()
 
 
 def _along(one: Array, other: Array) -> Array:

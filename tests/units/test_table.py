@@ -16,8 +16,9 @@ EXACT = {"rtol": 2e-4}
 
 @pytest.mark.parametrize("kind", ["pump", "motor"])
 def test_losses_are_those_of_the_table(tmp_path, kind):
-    path = table(tmp_path / "t.csv", SPEED, PRESSURE, efficiencies(SPEED, PRESSURE, kind))
-    found = read_unit(path, kind=kind)
+    found = read_unit(table(  # by the pair that is whole
+        tmp_path / "t.csv", SPEED, PRESSURE, efficiencies(SPEED, PRESSURE, kind), more=",9",
+        head="displacement_cc,pressure_bar,speed_rpm,volumetric,mechanical,torque_loss"), kind=kind)
     w, p = SPEED * TURN / 60.0, PRESSURE * 1e5
     np.testing.assert_allclose(found.speed, w, **EXACT)
     np.testing.assert_allclose(found.flow_loss, LEAKAGE * p, atol=2e-8)
@@ -58,9 +59,8 @@ def test_noise_of_the_meters_reaches_the_losses(tmp_path, kind):
 
 def test_rows_without_pressure_tell_no_torque(tmp_path):
     at = np.append(0.0, PRESSURE[1:])
-    pair = list(efficiencies(SPEED, at))
-    found = read_unit(table(tmp_path / "t.csv", SPEED, at, pair), kind="pump")
-    assert pair[1][0] == 0.0 and found.torque_loss[0] == 0.0
+    found = read_unit(table(tmp_path / "t.csv", SPEED, at, efficiencies(SPEED, at)), kind="pump")
+    assert efficiencies(SPEED, at)[1][0] == 0.0 and found.torque_loss[0] == 0.0
     assert diagnose_unit(found, deals=False).found.notes[0].startswith("1 samples below 100000 Pa")
 
 
