@@ -91,7 +91,7 @@ class ModelStore:
         if instead_of not in (None, self.in_service.path):
             raise HmcvtError("the model in service changed meanwhile, and the refit was "
                              "compared with the one before; call ~/reidentify again")
-        model = _proven(path, fingerprint)
+        model = _with_fingerprint(path, fingerprint)
         return self._commit([*self._stack, (path.name, model.fingerprint)], model)
 
     def revert(self) -> EfficiencyModel:
@@ -128,7 +128,7 @@ class ModelStore:
         while stack:
             *before, (name, fingerprint) = stack
             try:
-                model = _proven(self._models / name, fingerprint)
+                model = _with_fingerprint(self._models / name, fingerprint)
             except HmcvtError as error:
                 wrong.append(str(error))
                 stack = before
@@ -195,11 +195,11 @@ def proven(promised: Promised) -> Path:
         InputError: one is not.
     """
     for path, fingerprint in promised:
-        _proven(path, fingerprint)
+        _with_fingerprint(path, fingerprint)
     return promised[0][0]
 
 
-def _proven(path: Path, fingerprint: str) -> EfficiencyModel:
+def _with_fingerprint(path: Path, fingerprint: str) -> EfficiencyModel:
     """Load the model that has a fingerprint; any where that is not known."""
     model = servable(path)
     if fingerprint not in ("", model.fingerprint):

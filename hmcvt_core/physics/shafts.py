@@ -14,6 +14,7 @@ from operator import methodcaller
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..transmission.parameters import Candidates, Parameters
 from ..transmission.ranges import Array, OperatingPoints
@@ -116,7 +117,8 @@ class Shafts(Quadrant):
         (motoring, pumping), (high, low) = self._settled(
             first, np.stack([np.ones_like(first[0]), -np.ones_like(first[0])]),
             # As `selected` has it: the one regime is not asked for where the other holds.
-            lambda found: np.stack([(found[1] < 0.0) & (load <= self.stall_load), found[0] > 0.0]))
+            lambda found: np.isnan(found) & ~np.stack([
+                (found[1] < 0.0) & (load <= self.stall_load), found[0] > 0.0]))
         speed = self.selected(motoring, pumping, 0.0, load)
         direction, standing = np.sign(speed), speed == 0.0
         pressure = np.where(motoring > 0.0, high, low)
@@ -138,13 +140,16 @@ class Shafts(Quadrant):
         return np.stack([np.clip(part, -1.0, 1.0), pressure])
 
     def _settled(
-        self, speed: Array, direction: Array, spare: Callable[[Array], Array] = np.zeros_like
+        self, speed: Array, direction: Array, lost: Callable[[Array], NDArray[np.bool_]] = np.isnan
     ) -> Array:
         """Motor speed and pressure with every effect, from an estimate of the speed, (2, n)."""
+        # Eqs (13), (14): the motor's damping asks for pressure, which leaks.
+        leaking = self.given.leakage * self.given.motor_damping
         return self._found(
             speed, self.pump_ratios[0] * self.engine_speed,
-            lambda speed: (speed, direction, self.stroke), 1.0 - self._row_share(self.stroke),
-            spare)
+            lambda speed: (speed, direction, self.stroke),
+            1.0 - self._row_share(self.stroke)
+            + leaking / self.stage.pump_motor.motor_displacement**2, lost)
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Commanded displacement ratio that makes an output speed, from the points' own."""
@@ -158,7 +163,7 @@ class Shafts(Quadrant):
 
     def _found(
         self, first: Array, scale: Value, given: Callable[[Array], tuple[Array, Array, Array]],
-        gain: Array, spare: Callable[[Array], Array] = np.zeros_like,
+        gain: Array, lost: Callable[[Array], NDArray[np.bool_]] = np.isnan,
     ) -> Array:
         """Unknown and pressure, (2, n), with which flow and motor speed agree; NaN where none do.
 
@@ -167,7 +172,7 @@ class Shafts(Quadrant):
             scale: of the unknown.
             given: motor speed, direction and stroke for an unknown.
             gain: what the unknown adds to the speed above the flow's, about.
-            spare: which unknowns are not asked for, for those found at first.
+            lost: which of those found at first are to be sought again.
         """
         def better(unknown: Array, pressure: Array) -> Array:
             surplus, pressure = self._surplus(*given(unknown), pressure)
@@ -176,7 +181,7 @@ class Shafts(Quadrant):
         start = np.stack([first, self._estimate(*given(first))])
         found = _stepped(better, start, scale, np.inf)
         # Where an answer was in sight a step may have turned the output back.
-        if (np.isnan(found[0]) & np.isfinite(start).all(axis=0) & (spare(found[0]) == 0)).any():
+        if (lost(found[0]) & np.isfinite(start).all(axis=0)).any():
             found = np.where(np.isnan(found), _stepped(better, start, scale, _SHORT), found)
         return found
 

@@ -57,10 +57,21 @@ def test_an_unknown_effect_names_both_ways_to_one_of_your_own(worked):
     ("import absent_thing", ("ModuleNotFoundError: No module named 'absent_thing'",)),
     ("x = 1", ("mine.py: holds no effect",)),
 ])
-def test_a_file_of_no_use_is_told(hmcvt, tmp_path, text, words):
+def test_a_file_of_no_use_is_told(tmp_path, text, words):
     if text is not None:
         (tmp_path / "mine.py").write_text(text)
-    assert_refused(hmcvt("predict", TABLE2, "--effects", tmp_path / "mine.py"), *words)
+    assert_refused(process("predict", TABLE2, "--effects", tmp_path / "mine.py"), *words)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ("above[:2]", "mine.py: effect relief_valve: leakage_flow gives an array of shape (2,)"),
+    ("above * np.nan", "leakage_flow gives nan at every point tried"),
+    ("np.abs(above, out=state.pressure)", "leakage_flow changes pressure of the state"),
+    ("state.presure", "leakage_flow: AttributeError: "),
+])
+def test_a_hook_of_no_use_is_told(tmp_path, given, words):
+    test_a_file_of_no_use_is_told(tmp_path, EXAMPLE.read_text().replace(
+        "self.leak * np.sign(state.pressure) * above", given), [words])
 
 
 def test_effects_of_an_installed_package(worked, tmp_path):

@@ -167,6 +167,15 @@ def test_the_flow_closes_at_standstill_and_next_to_it(hm4, effect):
     assert np.isfinite(flow.engine_power).all()
 
 
+def test_small_motor_whose_damping_asks_for_much_pressure(hm4):
+    """Leakage of that pressure answers a motor speed a hundredfold; steps without it diverged."""
+    small = replace(hm4, pump_motor=PumpMotor(1e-5, 1e-6, 0.0, 0.0625))
+    model = EfficiencyModel(small, HydraulicParameters(1e-10, 1.0, 1.0))
+    found = BalanceSolver(small, model.parameters, NO_DRAG).solve(
+        OperatingPoints(*np.broadcast_arrays(FINE, 46.0, 10.0)))
+    np.testing.assert_allclose(found.efficiency, model.efficiency(FINE, 46.0, 10.0), rtol=1e-9)
+
+
 def test_forward_motor_that_stalls_does_not_jump_to_rest(hm4):
     """With heavy friction a standing motor would balance too, far below; the jump is refused."""
     units = PumpMotor(1e-5, 1e-5, 0.1, 0.1)

@@ -22,6 +22,7 @@ from ...errors import InputError
 from ...transmission.mapping import quantity
 from ...transmission.ranges import Range
 from .base import Effect, EffectParameter, ShaftState
+from .trial import trial
 
 __all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "effect_to_mapping",
            "library", "load_effects"]
@@ -65,16 +66,23 @@ def load_effects(source: str) -> None:
         source: name of a module, or path of a Python file.
 
     Raises:
-        InputError: there is none, it cannot be imported, or it holds no effect.
+        InputError: there is none, it cannot be imported, it holds no effect, or one of them
+            cannot be used (`trial`).
     """
     try:
         module = (_import_file(Path(source).resolve()) if source.endswith(".py")
                   else importlib.import_module(source))
     except Exception as error:  # whatever somebody else's module may raise
         raise InputError(f"{source}: cannot be loaded: {type(error).__name__}: {error}") from error
-    if not any(isinstance(item, type) and issubclass(item, Effect) and item.name
-               for item in vars(module).values()):
+    found = [item for item in vars(module).values()
+             if isinstance(item, type) and issubclass(item, Effect) and item.name]
+    if not found:
         raise InputError(f"{source}: holds no effect: no class of Effect with a name")
+    for kind in found:
+        try:
+            trial(kind)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
 
 
 def _import_file(path: Path) -> Any:

@@ -1,0 +1,55 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A trial of somebody's effect at a few points: what a hook gives wrongly is said with its name."""
+
+from inspect import signature
+from types import FunctionType
+
+import numpy as np
+
+from ...errors import InputError
+from .base import Effect, ShaftState
+
+_POINTS = 3
+
+
+def trial(kind: type[Effect]) -> None:
+    """Call every hook that an effect overrides, with its sizes as they are typical.
+
+    Raises:
+        InputError: a hook fails, changes the state that it is given, or gives neither one number
+            nor one for each point; the effect and the hook are named.
+    """
+    effect = kind().with_values({item.name: item.typical for item in kind.sizes()})
+    for hook in filter(kind.acts_at, _hooks()):
+        where, state = f"effect {kind.name}: {hook}", _state()
+        given = {**state._asdict(), "state": state, "efficiency": state.displacement_ratio,
+                 "power": state.load_power, "speed": state.output_speed,
+                 "oil_temperature": np.linspace(30.0, 90.0, _POINTS)}
+        names = list(signature(getattr(Effect, hook)).parameters)[1:]
+        try:
+            answer = np.asarray(getattr(effect, hook)(*(given[each] for each in names)),
+                                dtype=np.float64)
+        except Exception as error:  # whatever somebody else's code may raise
+            raise InputError(f"{where}: {type(error).__name__}: {error}") from error
+        if answer.shape not in ((), (1,), (_POINTS,)):
+            raise InputError(f"{where} gives an array of shape {answer.shape} for {_POINTS} "
+                             f"points; allowed: one number, or an array of shape ({_POINTS},)")
+        if not np.isfinite(answer).any():
+            raise InputError(f"{where} gives {answer.flat[0]} at every point tried")
+        for field, before, after in zip(state._fields, _state(), state, strict=True):
+            if "state" in names and not np.array_equal(before, after):
+                raise InputError(f"{where} changes {field} of the state; make a new array instead")
+
+
+def _hooks() -> list[str]:
+    """What an effect may override and the power balance or a meter calls."""
+    known = {*ShaftState._fields, "state", "efficiency", "power", "speed", "oil_temperature"}
+    return [name for name, plain in vars(Effect).items() if isinstance(plain, FunctionType)
+            and known > set(list(signature(plain).parameters)[1:]) > set()]
+
+
+def _state() -> ShaftState:
+    """Points as on a bench, an engine that pulls through the hydraulic path."""
+    part = np.linspace(0.5, 1.0, _POINTS)
+    return ShaftState(200.0 * part, 180.0 * part, 150.0 * part, 160.0 * part, 0.9 * part,
+                      3e7 * part, np.ones(_POINTS), 120.0 * part, 90.0 * part, 5e4 * part, 1e-5)
