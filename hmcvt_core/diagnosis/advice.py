@@ -32,8 +32,10 @@ _WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no t
 
 
 def named(effects: Names | None) -> str:
-    """Return a set of effects in words."""
-    return " + ".join(effects or ()).replace("_", " ") or "something unlisted"
+    """Return a set of effects in words; () is an unlisted loss, None no gap."""
+    if effects is None:
+        return "no gap"
+    return " + ".join(effects).replace("_", " ") or "something unlisted"
 
 
 @dataclass(frozen=True)

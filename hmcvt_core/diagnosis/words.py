@@ -109,7 +109,8 @@ def advice(found: Advice) -> str:
                  f"about {found.tests_expected} more until it is settled"]
     if found.measure is not None:
         lines.append(f"measure: {found.measure}")
-    lines.append(f"alive: {', '.join(told)}, no gap ({probability(found.no_gap)})")
+    lines.append(f"alive: {', '.join(told)}, no gap or a base model a little off "
+                 f"({probability(found.no_gap)})")
     return "\n".join(wrapped(line) for line in lines)
 
 
@@ -333,7 +334,8 @@ class Diagnosis(Outcome):
                  f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
                  f"error      {error} rms of the refitted model at samples left out"]
         if shrunk.fraction is not None:
-            lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}")
+            grows = ", where it grows" * (shrunk.fraction < 0.0)
+            lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}{grows}")
         lines += [*_where(self), *_causes(self), *_tests(self),
                   *(f"note: {note}" for note in self.notes[len(self.warnings):])]
         return "\n".join(wrapped(
