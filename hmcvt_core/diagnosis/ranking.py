@@ -80,7 +80,7 @@ class Ranking:
     @cached_property
     def unlisted(self) -> float:
         """Probability that listed effects are not all of it."""
-        return 1.0 - sum(p for _, p in self.sets.values())
+        return max(0.0, 1.0 - sum(p for _, p in self.sets.values()))  # beyond rounding
 
     @cached_property
     def misfit(self) -> float:

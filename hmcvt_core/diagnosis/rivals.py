@@ -24,8 +24,12 @@ from .system import Array, Effect
 SIZE_SPREADS = (0.5, 1.5, 5.0)
 """Prior standard deviations of a size, in typical sizes; equally likely."""
 
-FORM_ALLOWANCES = (0.07, 0.25)
-"""How far a form may bend, smoothly over the working space, as a part of its own signature."""
+FORM_ALLOWANCES = (0.02, 0.07, 0.25)
+"""How far a form may bend, smoothly over the working space, as a part of its own signature.
+
+Equally likely; about what families of forms in the literature leave of each other, from power laws,
+which agree once their exponents do, to films that break (docs/diagnosis.md).
+"""
 
 # Part of the squared change below which a loss beside a set is none, and from which it is one (the
 # largest allowance for a form, once and nearly twice); and how far the set is all of it then.

@@ -204,7 +204,7 @@ def test_worked_example_of_the_diagnosis(hmcvt, tmp_path, monkeypatch):
         printed = follow(hmcvt, block, printed)
         told += printed
     assert (tmp_path / "better.yaml").is_file()
-    assert "model with charge_pump (51 %, not certain) written to better.yaml" in told
+    assert "model with charge_pump (33 %, not certain) written to better.yaml" in told
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
