@@ -51,27 +51,25 @@ def test_an_unknown_effect_names_both_ways_to_one_of_your_own(worked):
                    "entry-point group hmcvt.effects")
 
 
+def leaking(flow):
+    """The example with another flow."""
+    return EXAMPLE.read_text().replace("self.leak * np.sign(state.pressure) * above", flow)
+
+
 @pytest.mark.parametrize(("text", "words"), [
     (None, ("mine.py: cannot be loaded: FileNotFoundError",)),
     ("def", ("mine.py: cannot be loaded: SyntaxError", "line 1")),
     ("import absent_thing", ("ModuleNotFoundError: No module named 'absent_thing'",)),
     ("x = 1", ("mine.py: holds no effect",)),
+    (leaking("above[:2]"), ("effect relief_valve: leakage_flow gives an array of shape (2,)",)),
+    (leaking("above * np.nan"), ("leakage_flow gives nan at every point tried",)),
+    (leaking("np.abs(above, out=state.pressure)"), ("changes pressure of the state",)),
+    (leaking("state.presure"), ("leakage_flow: AttributeError: ",)),
 ])
 def test_a_file_of_no_use_is_told(tmp_path, text, words):
     if text is not None:
         (tmp_path / "mine.py").write_text(text)
     assert_refused(process("predict", TABLE2, "--effects", tmp_path / "mine.py"), *words)
-
-
-@pytest.mark.parametrize(("given", "words"), [
-    ("above[:2]", "mine.py: effect relief_valve: leakage_flow gives an array of shape (2,)"),
-    ("above * np.nan", "leakage_flow gives nan at every point tried"),
-    ("np.abs(above, out=state.pressure)", "leakage_flow changes pressure of the state"),
-    ("state.presure", "leakage_flow: AttributeError: "),
-])
-def test_a_hook_of_no_use_is_told(tmp_path, given, words):
-    test_a_file_of_no_use_is_told(tmp_path, EXAMPLE.read_text().replace(
-        "self.leak * np.sign(state.pressure) * above", given), [words])
 
 
 def test_effects_of_an_installed_package(worked, tmp_path):
