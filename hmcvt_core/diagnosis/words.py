@@ -334,7 +334,7 @@ class Diagnosis(Outcome):
                  f"noise      {noise}; before the fit {stated}: {gap.noise_source}",
                  f"error      {error} rms of the refitted model at samples left out"]
         if shrunk.fraction is not None:
-            grows = ", where it grows" * (shrunk.fraction < 0.0)
+            grows = ", where it grows" if shrunk.fraction < 0.0 else ""
             lines.append(f"shrinkage  {before} -> {after} beyond the noise, on {shrunk.on}{grows}")
         lines += [*_where(self), *_causes(self), *_tests(self),
                   *(f"note: {note}" for note in self.notes[len(self.warnings):])]

@@ -191,8 +191,8 @@ def _of_unit(cells: Table, unit: str | None) -> Table:
 
 def _numbers(cells: Table, factors: Mapping[str, float]) -> dict[str, Array]:
     there = cells.columns.keys()
-    whole = [pair for pair in (_LOSSES, _EFFICIENCIES) if there >= {*pair}]
-    pair = (whole or [_LOSSES if {*_LOSSES} & there else _EFFICIENCIES])[0]
+    pair = next((pair for pair in (_LOSSES, _EFFICIENCIES) if there >= {*pair}),
+                _LOSSES if {*_LOSSES} & there else _EFFICIENCIES)
     needed = ("displacement", "speed", "pressure", *pair)
     missing = [name for name in needed if name not in cells.columns]
     if missing:

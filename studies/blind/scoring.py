@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
+from studies.blind.campaign import CampaignOptions
 from studies.blind.catalogue import KNOWN_EFFECTS
 from studies.blind.conditions import DETECTABLE, LISTED, LOOP, NOISES, STRESS
 from studies.blind.loop import MOST
@@ -25,7 +26,7 @@ _ARMS = ("asked", "random")
 _BANDS = (0.0, 0.5, 0.7, 0.9, 0.98, 1.01)
 _FEWEST = 5  # answers that make a band worth judging
 _GONE = 0.85  # of the squared gap
-_FITTED, _SAMPLES = 7, 96  # parameters with one effect and its shape; of the campaign
+_FITTED = 7  # parameters, with one effect and its shape
 _TWINS = ("bearing_drag", "charge_pump", "gear_mesh/efficiency", "torque_sensor")
 
 
@@ -73,7 +74,7 @@ def _gone(record: Record) -> bool | None:
 
 def _gone_in_room(record: Record) -> bool | None:
     """The same where what no fit can remove leaves room: the misfit, and what noise makes of it."""
-    noise = _FITTED * NOISES[record["condition"]] ** 2 / _SAMPLES
+    noise = _FITTED * NOISES[record["condition"]] ** 2 / CampaignOptions.samples
     room = noise + record["misfit"] ** 2 <= (1.0 - _GONE) * record["true_gap"] ** 2
     return _gone(record) if room else None
 

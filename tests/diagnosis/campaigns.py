@@ -102,6 +102,7 @@ CASES = {
     "band": {"loss": band_loss, "n": 64},
     "oil": {"effects": (OilTemperature(1.0),), "temperature": True, "n": 32},
     "two": {"effects": (Churning(15.0), PressureLeakage(4e-11))},
+    "a twin and another": {"effects": (ChargePump(8.0), PressureLeakage(4e-11))},
 }
 
 

@@ -78,7 +78,7 @@ def load_effects(source: str) -> None:
              if isinstance(item, type) and issubclass(item, Effect) and item.name]
     if not found:
         raise InputError(f"{source}: holds no effect: no class of Effect with a name")
-    for kind in found:
+    for kind in (kind for kind in found if kind.sizes()):  # what others derive from is none
         try:
             trial(kind)
         except InputError as error:

@@ -20,12 +20,15 @@ def trial(kind: type[Effect]) -> None:
             nor one for each point; the effect and the hook are named.
     """
     effect = kind().with_values({item.name: item.typical for item in kind.sizes()})
-    for hook in filter(kind.acts_at, _hooks()):
+    for hook, plain in vars(Effect).items():
         where, state = f"effect {kind.name}: {hook}", _state()
         given = {**state._asdict(), "state": state, "efficiency": state.displacement_ratio,
                  "power": state.load_power, "speed": state.output_speed,
                  "oil_temperature": np.linspace(30.0, 90.0, _POINTS)}
-        names = list(signature(getattr(Effect, hook)).parameters)[1:]
+        names = list(signature(plain).parameters)[1:] if isinstance(plain, FunctionType) else []
+        # What takes something else is no hook.
+        if not names or not given.keys() >= {*names} or not kind.acts_at(hook):
+            continue
         try:
             answer = np.asarray(getattr(effect, hook)(*(given[each] for each in names)),
                                 dtype=np.float64)
@@ -36,16 +39,10 @@ def trial(kind: type[Effect]) -> None:
                              f"points; allowed: one number, or an array of shape ({_POINTS},)")
         if not np.isfinite(answer).any():
             raise InputError(f"{where} gives {answer.flat[0]} at every point tried")
-        for field, before, after in zip(state._fields, _state(), state, strict=True):
-            if "state" in names and not np.array_equal(before, after):
-                raise InputError(f"{where} changes {field} of the state; make a new array instead")
-
-
-def _hooks() -> list[str]:
-    """What an effect may override and the power balance or a meter calls."""
-    known = {*ShaftState._fields, "state", "efficiency", "power", "speed", "oil_temperature"}
-    return [name for name, plain in vars(Effect).items() if isinstance(plain, FunctionType)
-            and known > set(list(signature(plain).parameters)[1:]) > set()]
+        changed = [field for field, before, after in zip(
+            state._fields, _state(), state, strict=True) if not np.array_equal(before, after)]
+        if changed and "state" in names:
+            raise InputError(f"{where} changes {changed[0]} of the state; make a new array instead")
 
 
 def _state() -> ShaftState:
