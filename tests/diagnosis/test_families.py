@@ -61,6 +61,25 @@ def _eccentric(pump, motor, lifted):
                                      + motor * np.minimum(1.0, p / lifted) ** 2))
 
 
+def _row_mesh(part):
+    """Part of the rolling power lost, of sun torque / 250 N m and rolling speed / 150 rad/s."""
+    return _as_effect(planetary_loss=lambda state: 0.02 * np.clip(
+        part(np.abs(state.sun_torque) / 250.0 + 0.004, np.abs(state.sun_speed) / 150.0 + 0.007),
+        0.0, 10.0))
+
+
+def _air(share, exponent, stiffening):
+    """Both units squeeze oil with a share of air at 1 atm, above 2 MPa of charge pressure."""
+    def flow(state):
+        p, x = np.abs(state.pressure), state.displacement_ratio
+        left = (1.013e5 / (2e6 + np.array([0.0 * p, p]))) ** (1.0 / exponent)
+        oil = np.log1p(stiffening * p / 1.5e9) / stiffening if stiffening else p / 1.5e9
+        motor = (1.0 - 0.5 * np.sign(state.motor_speed)) * np.abs(state.motor_speed)
+        volume = (0.5 + (1.0 + x) / 2.0) * state.pump_speed + motor
+        return np.sign(state.pressure) * (oil + share * (left[0] - left[1])) * state.displacement * volume
+    return _as_effect(leakage_flow=flow)
+
+
 PUBLISHED = {
     "clutch_drag": [_clutch(peak, fall, feed, against) for peak in (60.0, 110.0, 160.0)
                     for fall in (1.4, 2.2) for feed in (0.0, 0.5, 1.0)
@@ -75,6 +94,12 @@ PUBLISHED = {
         *(_eccentric(pump, motor, lifted) for lifted in (1.0, 2.0)
           for pump, motor in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))),
         _leak(lambda p, x: (1.0 + 0.3 * p) ** 3 - 1.0), _leak(lambda p, x: p**0.8)],
+    "planetary_mesh": [
+        _row_mesh(lambda t, w: t**0.2 * w**-0.2),  # as of pairs: ISO/TR 14179-2
+        _row_mesh(lambda t, w: t**-0.4 * w**-0.7),  # ISO/TR 14179-1
+        _row_mesh(lambda t, w: t), _row_mesh(lambda t, w: 1.0 + 0.0 * t)],
+    "compressibility": [_air(share, exponent, stiffening) for share in (0.005, 0.02, 0.06)
+                        for exponent in (1.0, 1.4) for stiffening in (0.0, 10.0)],
     "displacement_error": [
         _as_effect(stroke_lag=lambda state, p=p: 0.01 * np.tanh(state.pressure / p))
         for p in (3e6, 8e6, 40e6)],

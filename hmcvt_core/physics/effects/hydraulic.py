@@ -13,6 +13,7 @@ from .base import Array, Effect, ShaftState, Value, shape, size
 
 _PRESSURE = 20e6  # Pa, sizes are stated at this pressure
 _REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump
+_ATMOSPHERE, _CHARGE = 1.013e5, 2e6  # Pa; the second a usual one of closed circuits
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
 _REFERENCE = 60.0  # deg C, viscosity ratio 1
 _KELVIN = 273.15
@@ -211,11 +212,13 @@ class Compressibility(Effect):
         pump = (self.dead_volume + self._swept(state.displacement_ratio)) * state.pump_speed
         pumping = 0.5 * (1.0 - np.tanh(state.motor_speed / _REVERSAL))
         motor = (self.dead_volume + pumping) * np.abs(state.motor_speed)
-        squeezed = state.pressure * self.compliance / _BULK
-        if self.softening > 0.0:
-            level = self.softening * 1e6
-            squeezed = squeezed * (1.0 + level / (np.abs(state.pressure) + level))
+        squeezed = self.compliance / _BULK * self._squeezed(state.pressure)
         return squeezed * state.displacement * (pump + self.motor_part * motor)
+
+    def _squeezed(self, pressure: Array) -> Array:
+        """Pressure that squeezes oil without air as much."""
+        level = self.softening * 1e6
+        return pressure * (1.0 + level / (np.abs(pressure) + level)) if level > 0.0 else pressure
 
     def _swept(self, displacement_ratio: Array) -> Array:
         return (1.0 + displacement_ratio) / 2.0
@@ -228,6 +231,26 @@ class CompressibilityStroke(Compressibility):
 
     def _swept(self, displacement_ratio: Array) -> Array:
         return super()._swept(np.abs(displacement_ratio))
+
+
+@dataclass(frozen=True)
+class CompressibilityAir(Compressibility):
+    """As `Compressibility`, with bubbles of air in the oil, squeezed adiabatically.
+
+    Of the air a at 1 atm, a (p_0/p)^(1/1.4) is left at p; what has gone by the charge pressure
+    costs no flow.
+    """
+
+    form = "entrained air"
+    source = "Merritt 1967, Hydraulic Control Systems, 2.2; Int. J. Fluid Power 13 (2012) 7"
+
+    softening: float = shape("MPa", (0.0,), "pressure below which the oil is softer")
+    air: float = shape("%", (1.0, 10.0), "free air / oil whose own bulk modulus is 1.5 GPa, at 1 "
+                                         "atm")
+
+    def _squeezed(self, pressure: Array) -> Array:
+        left = (_ATMOSPHERE / (_CHARGE + np.array([0.0 * pressure, np.abs(pressure)]))) ** (1 / 1.4)
+        return pressure + 1.5e7 * self.air * np.sign(pressure) * (left[0] - left[1])
 
 
 @dataclass(frozen=True)

@@ -183,12 +183,16 @@ class GearMesh(Effect):
     speed_exponent: float = shape("-", (0.0, 0.5), "falling power of the speed")
 
     def gear_loss(self, power: Array, speed: Array) -> Value:
-        turning = np.maximum(np.abs(speed), 1.0)
-        torque = np.maximum(np.abs(power) / turning, 1.0)
-        # No pair can lose more than it carries, however far a fit strays.
-        part = (torque / _TORQUE_REFERENCE) ** self.load_exponent
-        slower = (turning / _ENGINE_REFERENCE) ** -self.speed_exponent
-        return self.loss * np.minimum(part * slower, 10.0)
+        torque = np.abs(power) / np.maximum(np.abs(speed), 1.0)
+        return self.loss * _mesh_part(torque, speed, self.load_exponent, self.speed_exponent)
+
+
+def _mesh_part(torque: Array, speed: Array, load_exponent: float, speed_exponent: float) -> Array:
+    """Loss / loss at 250 N m and 150 rad/s."""
+    load = np.maximum(np.abs(torque), 1.0) / _TORQUE_REFERENCE
+    turning = np.maximum(np.abs(speed), 1.0) / _ENGINE_REFERENCE
+    # No pair can lose more than it carries, however far a fit strays.
+    return np.minimum(load**load_exponent * turning**-speed_exponent, 10.0)
 
 
 @dataclass(frozen=True)
@@ -207,6 +211,22 @@ class PlanetaryMesh(Effect):
 
     def planetary_loss(self, state: ShaftState) -> Value:
         return self.loss
+
+
+@dataclass(frozen=True)
+class PlanetaryFilm(PlanetaryMesh):
+    """The same with a lost part ~ T_sun^a |n_sun - n_carrier|^-b, as of any pair of gears."""
+
+    form = "load and speed"
+    source = "as of `gear_mesh`, load and speed: ISO/TR 14179-1 and -2"
+
+    loss: float = size("-", 0.03, 0.0, 0.2, "part lost at 250 N m and 150 rad/s")
+    load_exponent: float = shape("-", (-0.4, 0.2, 0.8), "power of the sun's torque")
+    speed_exponent: float = shape("-", (0.0, 0.5), "falling power of the rolling speed")
+
+    def planetary_loss(self, state: ShaftState) -> Value:
+        return self.loss * _mesh_part(state.sun_torque, state.sun_speed, self.load_exponent,
+                                      self.speed_exponent)
 
 
 class PlanetaryRolling(PlanetaryMesh):
