@@ -73,10 +73,11 @@ def _air(share, exponent, stiffening):
     def flow(state):
         p, x = np.abs(state.pressure), state.displacement_ratio
         left = (1.013e5 / (2e6 + np.array([0.0 * p, p]))) ** (1.0 / exponent)
-        oil = np.log1p(stiffening * p / 1.5e9) / stiffening if stiffening else p / 1.5e9
+        squeezed = np.log1p(stiffening * p / 1.5e9) / stiffening if stiffening else p / 1.5e9
+        squeezed = np.sign(state.pressure) * (squeezed + share * (left[0] - left[1]))
         motor = (1.0 - 0.5 * np.sign(state.motor_speed)) * np.abs(state.motor_speed)
         volume = (0.5 + (1.0 + x) / 2.0) * state.pump_speed + motor
-        return np.sign(state.pressure) * (oil + share * (left[0] - left[1])) * state.displacement * volume
+        return squeezed * state.displacement * volume
     return _as_effect(leakage_flow=flow)
 
 
