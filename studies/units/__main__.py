@@ -31,7 +31,7 @@ def command(folder: Path, campaigns: int, seed: int, jobs: int, out: Path | None
     samples = units_in(folder)
     kinds = [*((name,) for name in FORMS), *_PAIRS]
     tasks = [(names, 1000 * seed + 100_000 * i + j) for i, names in enumerate(kinds, 1)
-             for j in range(campaigns)] + [((), 1000 * seed + j) for j in range(4 * campaigns)]
+             for j in range(campaigns)] + [((), 1000 * seed + j) for j in range(10 * campaigns)]
     with Processes(jobs) as pool:
         real = dict(zip(samples, pool.map(judged, samples.values()), strict=True))
         answers = list(pool.map(tried, tasks, chunksize=4))
