@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given
 
 import hmcvt_core as hmcvt
-from hmcvt_core.physics.effects.hydraulic import (
-    Compressibility,
-    DisplacementDeadBand,
-    PressureFrictionStribeck,
-)
+from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
+from hmcvt_core.physics.effects.hydraulic import Compressibility, PressureFrictionStribeck
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 from studies.benchmarks.point import SPEEDS, Points, brute_force

@@ -9,7 +9,7 @@ from cli.running import run
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import words
-from hmcvt_core.physics.effects.hydraulic import DisplacementOffset
+from hmcvt_core.physics.effects.actuator import DisplacementOffset
 from hmcvt_core.physics.effects.mechanical import ClutchDrag, GearEfficiency
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES

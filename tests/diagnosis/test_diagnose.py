@@ -11,7 +11,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import words
-from hmcvt_core.physics.effects import hydraulic
+from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import OrificeLeakage, PressureLeakage
 from hmcvt_core.physics.effects.mechanical import Churning, PlanetaryMesh
 
@@ -334,7 +334,7 @@ def test_the_next_test_is_asked_for_and_its_end_is_told():
 @pytest.mark.parametrize("n", [12, 24])
 def test_few_samples_do_not_settle_on_one_of_two_causes(n):
     """Once 16 samples each were asked for, and a pair from fewer was one of its causes at 100 %."""
-    both = (hydraulic.DisplacementDeadBand(0.04), Churning(10.0, 2.0))
+    both = (DisplacementDeadBand(0.04), Churning(10.0, 2.0))
     advice = hmcvt.next_test(BASE, campaign(both, seed=1, n=n), noise=NOISE)
     assert advice.alive[0][0] == ("churning", "displacement_error") and not advice.stop
 

@@ -24,7 +24,8 @@ from hmcvt_core.identification.evidence import Prior
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping
-from hmcvt_core.physics.effects.hydraulic import DisplacementGain, OilTemperature
+from hmcvt_core.physics.effects.actuator import DisplacementGain
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump, ConstantTorque
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
