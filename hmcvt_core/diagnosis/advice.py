@@ -11,7 +11,7 @@ B_kj being the Bhattacharyya distance of two components (Kolchinsky & Tracey 201
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -24,10 +24,11 @@ from .system import Array, Axis, Points
 
 SETTLED = 0.95
 """Probability at which an explanation stands."""
-_NO_TEST, _NO_GAP = "cannot be settled by tests", "no gap worth a test"
+_NO_TEST = "cannot be settled by tests"
 
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
-_MANY = 40.0  # tests, evenly spread or like the next: what they cannot tell apart, tests cannot
+_MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
+_WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
 
 
 def named(effects: Names | None) -> str:
@@ -122,7 +123,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
         Advice, channels=tuple(channel.name for channel in base.observed.channels), alive=alive,
         no_gap=labels[None][1], axes=base.observed.steered)
     if labels[None][1] >= SETTLED:
-        return answer(_NO_GAP)
+        return answer("no gap worth a test")
     if alive[0][1] >= SETTLED:
         return answer("settled", measure=None if alive[0][0] else "look at the regions")
     pool = base.as_measured(possible)
@@ -143,9 +144,11 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
     if twin is not None and max(
             rivals[first].against(rivals[twin]),
-            rivals[twin].against(rivals[first])) * _MANY / able.sum() < 2.0 * short and (
-                measure := _measurement(labels[names[i]][0] for i in (first, twin))):
-        return answer(_NO_TEST, measure=measure)
+            rivals[twin].against(rivals[first])) * _MANY / able.sum() < 2.0 * short:
+        remedy = [effect.remedy for i in (first, twin)
+                  for effect in labels[names[i]][0].fit.effects if effect.remedy]
+        if remedy:
+            return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)))
     tests = []
     for _ in range(_TESTS):
         distance = _distances(rivals)
@@ -159,18 +162,8 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
             setting={axis.name: axis.labels[int(place[axis.name][best])]
                      for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
-    if short > 2.0 * _MANY * tests[0].gain:
-        return answer(_NO_GAP) if names[first] is None else answer(
-            _NO_TEST, measure=_measurement(labels[names[i]][0] for i in (first, *others[:1]))
-            or "look at the regions")
-    return answer(tests=tuple(tests),
-                  tests_expected=math.ceil(max(1.0, short / (2.0 * tests[0].gain))))
-
-
-def _measurement(rivals: Iterable[Rival]) -> str:
-    """What tells the effects of rivals apart where no test does; empty where nobody says."""
-    return "; or ".join(dict.fromkeys(
-        effect.remedy for rival in rivals for effect in rival.fit.effects if effect.remedy))
+    expected = math.ceil(max(1.0, short / max(2.0 * tests[0].gain, _WORTH)))
+    return answer(tests=tuple(tests), tests_expected=expected)
 
 
 def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
@@ -181,6 +174,8 @@ def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
         for label, share in ((rival.names, part), (None if rival.of_base else (), 1.0 - part)):
             if share:
                 first, total = found.get(label, (rival, 0.0))
+                if label and rival.beside is None is not first.beside:
+                    first = rival  # a set is told from what stands beside it
                 found[label] = first, total + (1.0 - ranking.no_gap) * share * p
     _, misfit = found.pop(None, (ranking.bare, 0.0))
     kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),
