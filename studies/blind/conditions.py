@@ -35,6 +35,7 @@ _LEFT_OUT = {LOOP: ("base off", "faint"),
 _GROUPS = {**dict.fromkeys(KNOWN_EFFECTS, "single"), **dict.fromkeys(UNKNOWN_EFFECTS, "unlisted"),
            **dict.fromkeys(TURNED_EFFECTS, "wrong sign")}
 LISTED = ("single", *_SETS)  # listed effects, and nothing else, are to be found
+STRANGE = ("unlisted", "wrong sign")
 
 _SHIFTS = (0.007, 0.03)  # of the efficiency, drawn evenly in its logarithm
 _FAINT = 0.3  # times that

@@ -16,12 +16,11 @@ from scipy.stats import binomtest
 
 from studies.blind.campaign import CampaignOptions
 from studies.blind.catalogue import KNOWN_EFFECTS
-from studies.blind.conditions import DETECTABLE, LISTED, LOOP, NOISES, STRESS
+from studies.blind.conditions import DETECTABLE, LISTED, LOOP, NOISES, STRANGE, STRESS
 from studies.blind.loop import MOST
 from studies.page import render, table
 
 Record = dict[str, Any]
-_STRANGE = ("unlisted", "wrong sign")
 _ARMS = ("asked", "random")
 _BANDS = (0.0, 0.5, 0.7, 0.9, 0.98, 1.01)
 _FEWEST = 5  # answers that make a band worth judging
@@ -72,11 +71,10 @@ def _gone(record: Record) -> bool | None:
     return record["met"] >= _GONE if _first(record) else None
 
 
-def _gone_in_room(record: Record) -> bool | None:
-    """The same where what no fit can remove leaves room: the misfit, and what noise makes of it."""
+def _room(record: Record) -> bool:
+    """Whether what no fit can remove leaves room: the misfit, and what noise makes of it."""
     noise = _FITTED * NOISES[record["condition"]] ** 2 / CampaignOptions.samples
-    room = noise + record["misfit"] ** 2 <= (1.0 - _GONE) * record["true_gap"] ** 2
-    return _gone(record) if room else None
+    return bool(noise + record["misfit"] ** 2 <= (1.0 - _GONE) * record["true_gap"] ** 2)
 
 
 def _miss(record: Record) -> float | None:
@@ -125,6 +123,10 @@ class _Question(NamedTuple):
         return f"{'at most' if self.at_most else 'at least'} {goal}" if self.goal else ""
 
 
+def _ninetieth(answers: list[float]) -> float:
+    return float(np.quantile(answers, 0.9))
+
+
 def _worst_band(answers: list[tuple[float, bool]]) -> float:
     return max((float(abs(np.mean(said) - np.mean(right))) for said, right in _bands(answers)
                 if len(said) >= _FEWEST), default=0.0)
@@ -144,7 +146,7 @@ def _said(record: Record) -> tuple[float, bool] | None:
     return record["sets"][0][1], _among(record, 1) and record["group"] in (*LISTED, "faint")
 
 
-_EVERY = (*LISTED, *_STRANGE, "none", "base off", "faint")
+_EVERY = (*LISTED, *STRANGE, "none", "base off", "faint")
 _QUESTIONS = (
     _Question("single without a twin: first", 0.95, ["single"], _untwinned, then="93 %",
              beside=True),
@@ -162,11 +164,14 @@ _QUESTIONS = (
              at_most=True),
     _Question("unlisted refused", 0.85, ["unlisted"], _refused, then="96 %", beside=True),
     _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
-    _Question("place of unlisted and wrong signs found", 0.80, _STRANGE,
+    _Question("both, where no listed effect gives the same", 0.0, STRANGE,
+             lambda r: _refused(r) if r["beyond"] >= DETECTABLE else None),
+    _Question("place of unlisted and wrong signs found", 0.80, STRANGE,
              lambda r: r["place_found"], then="86 %"),
     _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),
     _Question("named rightly: 85 % of the squared gap gone", 0.85, LISTED, _gone, then="85 %"),
-    _Question("the same, where noise and misfit leave room", 0.0, LISTED, _gone_in_room),
+    _Question("the same, where noise and misfit leave room", 0.0, LISTED,
+             lambda r: _gone(r) if _room(r) else None),
     _Question("gap told at least half of the true one", 0.95, LISTED,
              lambda r: r["told_gap"] >= 0.5 * r["true_gap"]),
     _Question("where: F1 of the regions told, listed", 0.65, LISTED, lambda r: r["f1"],
@@ -178,7 +183,9 @@ _QUESTIONS = (
     _Question("promised - met: median", 0.05, LISTED, _miss, at_most=True, sum_up=np.median,
              then="0.035", beside=True),
     _Question("promised - met: 90th percentile", 0.15, LISTED, _miss, at_most=True,
-             sum_up=lambda each: float(np.quantile(each, 0.9))),
+             sum_up=_ninetieth),
+    _Question("the same, where noise and misfit leave room", 0.0, LISTED,
+             lambda r: _miss(r) if _room(r) else None, sum_up=_ninetieth),
     _Question("probability of the first set: worst band off by", 0.10, _EVERY, _said, at_most=True,
              sum_up=_worst_band),
     _Question("slowest diagnosis [s of processor time]", 5.0, _EVERY, lambda r: r["seconds"],
@@ -218,7 +225,7 @@ def goals(records: Sequence[Record]) -> str:
 
 def misses(records: Sequence[Record]) -> str:
     """Return a line for each campaign whose answer is not the one wanted."""
-    wanted = {"none": "no_gap", "base off": "no_gap", **dict.fromkeys(_STRANGE, "unexplained")}
+    wanted = {"none": "no_gap", "base off": "no_gap", **dict.fromkeys(STRANGE, "unexplained")}
     lines = []
     for r in records:
         right = r["verdict"] == wanted[r["group"]] if r["group"] in wanted else _first(r)
@@ -276,7 +283,7 @@ def _loop(records: Sequence[Record]) -> str:
     for what, goal, groups, hit in (
             ("right set settled", "", LISTED, lambda end: end["right"]),
             ("wrong set settled", "at most 5 %", (*LISTED, "none"), _wrong),
-            ("unlisted or wrong sign: a listed one settled", "at most 10 %", _STRANGE, _wrong),
+            ("unlisted or wrong sign: a listed one settled", "at most 10 %", STRANGE, _wrong),
             ("nothing hidden: told to stop", "", ("none",),
              lambda end: end["reason"] and not end["settled"])):
         own = [r for r in records if r["group"] in groups]
