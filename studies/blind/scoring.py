@@ -123,6 +123,12 @@ class _Question(NamedTuple):
         return f"{'at most' if self.at_most else 'at least'} {goal}" if self.goal else ""
 
 
+def _alone(group: str, ask: Callable[[Record], Any]) -> _Question:
+    """The same question where it can be answered."""
+    return _Question("the same, where nothing else listed imitates it", 0.0, [group],
+                     lambda r: ask(r) if r["beyond"] >= DETECTABLE else None)
+
+
 def _ninetieth(answers: list[float]) -> float:
     return float(np.quantile(answers, 0.9))
 
@@ -150,22 +156,24 @@ _EVERY = (*LISTED, *STRANGE, "none", "base off", "faint")
 _QUESTIONS = (
     _Question("single without a twin: first", 0.95, ["single"], _untwinned, then="93 %",
              beside=True),
+    _alone("single", _first),
     _Question("single: in a set of at most three", 0.95, ["single"], _short, then="97 %",
              beside=True),
+    _alone("single", _short),
     _Question("pair: exact set first", 0.70, ["pair"], _first, beside=True),
-    _Question("the same, without a twin", 0.0, ["pair"], _untwinned),
+    _alone("pair", _first),
     _Question("pair: among the best three sets", 0.90, ["pair"], _among),
     _Question("triple: exact set first", 0.50, ["triple"], _first),
-    _Question("the same, without a twin", 0.0, ["triple"], _untwinned),
+    _alone("triple", _first),
     _Question("triple: among the best three sets", 0.80, ["triple"], _among),
     _Question("false alarms, exact base", 0.05, ["none"], _alarmed, at_most=True, then="2 %",
              beside=True),
     _Question("cause named, base off by 0.1 to 0.2 points", 0.05, ["base off"], _named,
              at_most=True),
     _Question("unlisted refused", 0.85, ["unlisted"], _refused, then="96 %", beside=True),
+    _alone("unlisted", _refused),
     _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
-    _Question("both, where no listed effect gives the same", 0.0, STRANGE,
-             lambda r: _refused(r) if r["beyond"] >= DETECTABLE else None),
+    _alone("wrong sign", _refused),
     _Question("place of unlisted and wrong signs found", 0.80, STRANGE,
              lambda r: r["place_found"], then="86 %"),
     _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 import hmcvt_core as hmcvt
 from studies.blind.campaign import Campaign, fresh
-from studies.blind.conditions import STRANGE, Case, draw
+from studies.blind.conditions import LISTED, STRANGE, Case, draw
 from studies.blind.effect import FloatArray
-from studies.blind.visible import beyond_listed, visible
+from studies.blind.visible import beyond_others, visible
 
 AXES = ("displacement_ratio", "engine_speed", "load_torque")
 _FRESH_SEED, _FRESH_SAMPLES = 2**42, 300
@@ -39,7 +39,7 @@ def score(case: Case) -> dict[str, Any]:
     return {
         **hidden(case, campaign),
         "left": visible(campaign).left,
-        "beyond": beyond_listed(campaign) if case.group in STRANGE else None,
+        "beyond": beyond_others(campaign) if case.group in (*LISTED, *STRANGE) else None,
         "seconds": seconds,
         "verdict": answer["verdict"],
         "unlisted": answer["unlisted_probability"],

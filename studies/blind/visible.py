@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.blind.campaign import Campaign, pressure_noise
+from studies.blind.campaign import Bench, Campaign, pressure_noise
 from studies.blind.catalogue import KNOWN_EFFECTS, draw_effect
 from studies.blind.effect import FloatArray
 from studies.blind.meters import TorqueSensor
@@ -68,6 +68,14 @@ class _Look:
             channels.append(read.state[0] / pressure_noise(self.samples["pressure"]))
         return np.concatenate(channels)
 
+    def members(self, bench: Bench) -> list[FloatArray]:
+        """What each effect of a bench changes beside the others."""
+        whole = self.rows(bench.plant(*bench.effects), self.true)
+        # An error of the output's meter moves the load at which everything else is read.
+        return [whole - self.rows(
+            bench.plant(*(other for other in bench.effects if other is not each)),
+            self.shown if isinstance(each, TorqueSensor) else self.true) for each in bench.effects]
+
     def left(self, signs: Sequence[FloatArray]) -> FloatArray:
         """What a refit leaves of changes of the rows, one in each column."""
         padded = np.zeros((len(self.absorbed), len(signs)))
@@ -77,33 +85,35 @@ class _Look:
 
 def visible(campaign: Campaign) -> Visible:
     """Tell what of the effects in a campaign can be seen."""
-    bench, effects = campaign.bench, campaign.bench.effects
-    if not effects:
+    if not campaign.bench.effects:
         return Visible((), 0.0)
     look = _Look(campaign)
-    whole = look.rows(bench.plant(*effects), look.true)
-    # An error of the output's meter moves the load at which everything else is read.
-    left = look.left([whole - look.rows(
-        bench.plant(*(other for other in effects if other is not each)),
-        look.shown if isinstance(each, TorqueSensor) else look.true) for each in effects])
+    left = look.left(look.members(campaign.bench))
     gram = left.T @ left
     cosines = gram**2 / np.outer(np.diag(gram), np.diag(gram)) - np.eye(len(gram))
     # Of each, what the others do not give as well: the Schur complement.
     return Visible(tuple((1.0 / np.diag(np.linalg.inv(gram))).tolist()), float(np.max(cosines)))
 
 
-def beyond_listed(campaign: Campaign) -> float:
-    """Squared deviations that no listed effect, with the sign it has, gives as well as the truth.
+def beyond_others(campaign: Campaign) -> float:
+    """Squared deviations that no other set of as many listed effects gives as well as the truth.
 
-    Of each effect and variant some shapes are tried, at the best size, linearly.
+    Linearly: each effect in turn gives way to another, of several shapes, with the sign that it
+    has, while the base, the errors of the bench and the sizes of the rest adapt.
     """
     bench, look, least = campaign.bench, _Look(campaign), np.inf
-    own, = look.left([look.rows(bench.plant(*bench.effects), look.true) - look.bare]).T
-    for name in KNOWN_EFFECTS:
-        for shape in range(_SHAPES):
-            effect = replace(draw_effect(name, np.random.default_rng(shape)), size=_SMALL)
-            other, = look.left([look.rows(bench.plant(effect), look.shown) - look.bare]).T
-            size = other @ own / max(other @ other, 1e-300)  # oil that stays as warm does nothing
-            if size > 0.0 or hasattr(effect, "sense"):
-                least = min(least, float(np.sum((own - size * other) ** 2)))
+    others = [replace(draw_effect(name, np.random.default_rng(shape)), size=_SMALL)
+              for name in KNOWN_EFFECTS if name not in bench.names for shape in range(_SHAPES)]
+    whole = look.left([look.rows(bench.plant(*bench.effects), look.true) - look.bare])
+    members = look.left(look.members(bench))
+    changes = look.left([look.rows(bench.plant(other), look.shown) - look.bare
+                         for other in others])
+    for i in range(len(bench.effects)):
+        rest, _ = np.linalg.qr(np.delete(members, i, axis=1))
+        target, *ways = (np.hstack([whole, changes]) - rest @ (
+            rest.T @ np.hstack([whole, changes]))).T
+        for other, way in zip(others, ways, strict=True):
+            size = way @ target / max(way @ way, 1e-300)  # oil that stays as warm does nothing
+            if size > 0.0 or hasattr(other, "sense"):
+                least = min(least, float(np.sum((target - size * way) ** 2)))
     return least

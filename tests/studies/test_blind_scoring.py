@@ -8,14 +8,15 @@ from studies.blind.catalogue import KNOWN_EFFECTS
 from studies.blind.conditions import DETECTABLE, IMAGE, LOOP, Case, cases, draw
 from studies.blind.loop import MOST
 from studies.blind.scoring import goals, report
-from studies.blind.visible import visible
+from studies.blind.visible import beyond_others, visible
 
 
 def record(truth, told, **others):
     kind = {0: "none", 1: "single", 2: "pair", 3: "triple"}[len(truth)]
     return {"condition": "0.4 %", "kind": kind, "group": kind, "seed": 1, "truth": truth,
             "variants": [""] * len(truth), "columns": [], "misfit": 0.0, "left": [50.0],
-            "seconds": 1.0, "verdict": "cause_found" if told else "no_gap", "unlisted": 0.0,
+            "beyond": 30.0, "seconds": 1.0, "unlisted": 0.0,
+            "verdict": "cause_found" if told else "no_gap",
             "sets": [(told, 0.9)] if told else [], "alternatives": [told] if told else [],
             "promised": 0.9, "met": 0.9, "told_gap": 0.01, "true_gap": 0.01, "f1": 0.7,
             "f1_everything": 0.4, "place_found": False, "correlation": 0.96, **others}
@@ -36,6 +37,13 @@ def test_only_the_exact_set_that_is_named_counts_as_first():
     two = [record(pair, pair), record(pair, churning, sets=[(churning, 0.5), (pair, 0.4)])]
     assert "1/2 = 50 %" in row(two, "pair: exact set first")
     assert "2/2 = 100 %" in row(two, "pair: among the best three sets")
+
+
+def test_what_something_else_listed_imitates_has_a_row_without_it():
+    records = [record(["churning"], ["gear_mesh"], beyond=3.0), record(["churning"], ["churning"])]
+    table = goals(records).splitlines()
+    at = next(i for i, line in enumerate(table) if "single without a twin: first" in line)
+    assert "1/2 = 50 %" in table[at] and "1/1 = 100 %" in table[at + 1]
 
 
 def test_a_set_longer_than_three_does_not_count():
@@ -96,3 +104,8 @@ def test_seeds_of_a_trial_are_its_own():
     assert len({case.seed for case in here}) == len(here)
     assert not {case.seed for case in here} & {case.seed for case in there}
     assert {case.kind for case in here} >= {*KNOWN_EFFECTS, "pair", "triple", "base off", "faint"}
+
+
+@pytest.mark.parametrize(("kind", "alone"), [("-churning", False), ("swash_chatter", True)])
+def test_some_strangers_look_as_a_listed_effect_does(kind, alone):
+    assert (beyond_others(draw(Case("0.4 %", kind, 1))) > DETECTABLE) == alone
