@@ -115,10 +115,6 @@ json_option = click.option(
 seed_option = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True,
     help="Of the random numbers.")
-noise_option = click.option(
-    "--noise", type=float, metavar="STD",
-    help="Standard deviation of the efficiency, a fraction (0.004 for 0.4 points).  [default: "
-         "column efficiency_std, else repeated points, else 1.12 % of the efficiency]")
 
 
 def options(*given: Callable[[Any], Any]) -> Callable[[Function], Function]:
@@ -183,6 +179,20 @@ speed = _reader("speed", "146.6 (rad/s) or 1400rpm", UNITS["engine_speed"])
 torque = _reader("torque", "200 (N m) or 1.2kNm", UNITS["engine_torque"])
 power = _reader("power", "40000 (W) or 40kW", UNITS["engine_power"])
 fraction = _reader("fraction", "0.5 or 50%", UNITS["efficiency"])
+noise_option = click.option(
+    "--noise", type=fraction, metavar="STD",
+    help="Standard deviation of the efficiency, 0.004 or 0.4%.  [default: "
+         "column efficiency_std, else repeated points, else 1.12 % of the efficiency]")
+
+
+def part_up_to(highest: float) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Return a callback that refuses a fraction that is not above 0 and at most `highest`."""
+    def checked(_: click.Context, __: click.Parameter, value: float | None) -> float | None:
+        if value is None or 0.0 < value <= highest:
+            return value
+        raise click.BadParameter(f"{value:g} is not above 0 and at most {highest:g}")
+
+    return checked
 
 
 def _output_speed(ctx: click.Context, _: click.Parameter, value: str | None) -> float | None:

@@ -116,8 +116,9 @@ def separable(
   hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""",
                 common.params_option, common.noise_option)
 @click.argument("samples", metavar="SAMPLES")
-@click.option("--false-alarms", type=click.FloatRange(0.0, 0.5, min_open=True), show_default=True,
-              default=FALSE_ALARMS, help="Chance of one in a whole stream, however long.")
+@click.option("--false-alarms", type=common.fraction, callback=common.part_up_to(0.5),
+              show_default=True, default=FALSE_ALARMS,
+              help="Chance of one in a whole stream, however long.")
 def watch(
     samples: str, params: str | None, noise: float | None, false_alarms: float
 ) -> Answer:
@@ -158,7 +159,7 @@ def _band(text: str) -> tuple[str, float]:
 @click.option("--above", type=_band, metavar="AXIS=PART",
               help="Hold out what lies above such a part of the highest pressure, speed or "
                    "displacement_ratio, and predict it: pressure=0.7.")
-@click.option("--noise", type=click.FloatRange(1e-6, 0.2), metavar="STD",
+@click.option("--noise", type=common.fraction, metavar="STD",
               help="Standard deviation of flow and torque, as a part of the ideal ones.  [default: "
                    "0.0034, by class A of ISO 4409]")
 @click.option("--into", type=common.OutputFile(), metavar="TRACTOR.yaml",

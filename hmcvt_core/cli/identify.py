@@ -46,7 +46,7 @@ def _sample_numbers(text: str) -> list[int]:
 @click.argument("bench", metavar="BENCH.csv")
 @click.option("--fit", type=_sample_numbers, metavar="1,2,4-6",
               help="Samples to fit, counted from 1; the rest are held back and predicted.")
-@click.option("--hold-back", type=click.FloatRange(0.0, 0.9, min_open=True),
+@click.option("--hold-back", type=common.fraction, callback=common.part_up_to(0.9),
               metavar="PART", help="Hold back such a part of the samples at random (--seed).")
 @click.option("--params", metavar="P.yaml",
               help="Parameter file whose gear train is taken, with all its stages: BENCH.csv has a "

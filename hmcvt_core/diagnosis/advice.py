@@ -117,6 +117,8 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
         ranking: of the explanations.
         possible: the tests that can be run, by axis.
     """
+    from scipy.special import logit
+
     labels, base = _labels(ranking), ranking.bare.fit
     alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
     answer = partial(
@@ -141,7 +143,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     # Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
     twin = next((i for i in others if names[i] and len({*names[first], *names[i]}) > max(
         len(names[first]), len(names[i]))), None) if names[first] else None
-    short = math.log(SETTLED / (1.0 - SETTLED)) - math.log(p.max() / (1.0 - p.max()))
+    short = float(logit(SETTLED) - logit(p.max()))
     if twin is not None and max(
             rivals[first].against(rivals[twin]),
             rivals[twin].against(rivals[first])) * _MANY / able.sum() < 2.0 * short:
@@ -167,15 +169,18 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
 
 
 def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
-    """The likeliest rival of each explanation and its probability; () unlisted, None no gap."""
+    """The likeliest rival of each explanation and its probability; () unlisted, None no gap.
+
+    Of a set the one without a loss beside it, if there is one.
+    """
     found: dict[Names | None, tuple[Rival, float]] = {}
     for rival, p in ranking.entries:
         part = rival.listed(ranking.bare)
         for label, share in ((rival.names, part), (None if rival.of_base else (), 1.0 - part)):
             if share:
                 first, total = found.get(label, (rival, 0.0))
-                if label and rival.beside is None is not first.beside:
-                    first = rival  # a set is told from what stands beside it
+                if label and rival.beside is None and first.beside is not None:
+                    first = rival
                 found[label] = first, total + (1.0 - ranking.no_gap) * share * p
     _, misfit = found.pop(None, (ranking.bare, 0.0))
     kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Diagnosis of the gap between model and bench: where, which effect, how far it shrinks."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from .words import Diagnosis
 FOUND = 0.80  # probability from which one set is called found, or effects that are not told apart
 UNEXPLAINED = 0.5  # probability of an unlisted loss from which no cause is named
 _TWIN = math.log(FOUND / (1.0 - FOUND))  # evidence, forms aside: less does not tell two sets apart
+_ROUNDING = 1e-9
 _MOST_REGIONS = 5
 _RIVALS = 12
 _TOLD_SETS = 5
@@ -137,7 +139,7 @@ def diagnose_system(
     alive = ranking.alive
     expected = alive.gap_at()[0]
     return Diagnosis(
-        gap, _where(study, alive), verdict, _causes(study, verdict),
+        gap, _where(study, expected), verdict, _causes(study, verdict),
         _sets(study) if real else (), shrunk, result.Delivered(_rms(residuals), _rms(left)),
         advice.next_tests, advice, ranking.unlisted if real else 0.0,
         ranking.misfit if real else 0.0, _lost_power(study, verdict, expected), tuple(warnings),
@@ -300,15 +302,20 @@ def _cause(study: _Study, name: str) -> Cause:
 
 
 def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
-    """Effects that these data cannot tell from one: the rest of the credible set."""
+    """Effects that these data cannot tell from one: the rest of the credible set.
+
+    It holds at each step the effect that most of the probability still missed needs; sets of none
+    but the partners of the one are no alternatives.
+    """
     partners, chosen = set(ranking.best_with(name).names) - {name}, list[str]()
-    # Sets that hold nothing else are no alternatives.
-    sets = {names: p for names, (_, p) in ranking.sets.items() if not partners.issuperset(names)}
-    for other in ranking.effects:
-        missed = sum(p for names, p in sets.items() if not {*chosen}.intersection(names))
-        if other not in partners and missed > (1.0 - FOUND) * sum(sets.values()):
-            chosen.append(other)
-    return tuple(other for other in chosen if other != name) if name in chosen else ()
+    missed = {names: p for names, (_, p) in ranking.sets.items() if not partners.issuperset(names)}
+    least = (1.0 - FOUND) * sum(missed.values()) + _ROUNDING
+    while sum(missed.values()) > least:
+        need = {other: sum(p for names, p in missed.items() if other in names)
+                for other in dict.fromkeys(itertools.chain(*missed)) if other not in partners}
+        chosen.append(max(need, key=need.__getitem__))
+        missed = {names: p for names, p in missed.items() if chosen[-1] not in names}
+    return tuple(other for other in chosen if other != name)
 
 
 def _parameters(effect: Effect, error: float) -> dict[str, dict[str, Any]]:
@@ -336,13 +343,12 @@ def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]
             for name, row in zip(base.names, rows.tolist(), strict=True)}
 
 
-def _where(study: _Study, alive: Ranking) -> tuple[result.Region, ...]:
-    """The fewest regions that hold the points at which the gap most likely exceeds its rms."""
+def _where(study: _Study, expected: Array) -> tuple[result.Region, ...]:
+    """The fewest regions that hold the points at which the gap expected exceeds its rms."""
     boxes, found = study.boxes, study.found
     if not study.significant or not len(boxes):
         return ()
-    chosen = covering(boxes.members, alive.exceeds > 0.5, _MOST_REGIONS)
-    expected = alive.gap_at()[0]
+    chosen = covering(boxes.members, np.abs(expected) > _rms(expected), _MOST_REGIONS)
     chosen.sort(key=lambda i: -abs(np.sum(expected[boxes.members[i]])))
     observed = study.base.observed
     residual = study.base.whitened[0] * observed.deviation[0]

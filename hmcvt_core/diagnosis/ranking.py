@@ -46,7 +46,6 @@ _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
 # A form stays in the race whose gain is so near the best, in part and in nats.
 _NEAR, _BEHIND = 0.7, 4.0
 _OPPOSITE = 3  # effects tried with the wrong sign
-_LEAST = 1e-9  # of the rms: what is foretold without any doubt
 ALIVE = 0.01
 """Probability below which a rival is left out of what is foretold."""
 
@@ -115,23 +114,6 @@ class Ranking:
         listed among them: measured minus refitted base in the unit of the first channel; NaN where
         the base model has no answer.
         """
-        weight, means, variances = self._gaps(points)
-        mean = np.sum(weight * means, axis=0)
-        return mean, np.sqrt(np.sum(weight * (variances + (means - mean) ** 2), axis=0))
-
-    @property
-    def exceeds(self) -> Array:
-        """Probability that the gap is larger than its own rms, at each sample, (n,)."""
-        from scipy.special import ndtr
-
-        weight, means, variances = self._gaps(None)
-        rms = np.sqrt(np.mean(means**2 + variances, axis=1, keepdims=True))
-        deviations = np.sqrt(variances) + _LEAST * rms
-        return np.sum(weight * sum(
-            ndtr((sign * means - rms) / deviations) for sign in (1.0, -1.0)), axis=0)
-
-    def _gaps(self, points: Points | None) -> tuple[Array, Array, Array]:
-        """Weight of each rival at each point, and mean and variance of its gap, (rivals, n)."""
         there, start = self.bare.fit.observed, self.bare.fit.whitened[0]
         if points is not None:
             there, start = self.bare.fit.as_measured(points), np.zeros(1)
@@ -142,7 +124,9 @@ class Ranking:
         weight = np.isfinite(means) * np.array([[p] for _, p in self.entries])
         with np.errstate(invalid="ignore"):
             weight /= weight.sum(axis=0)
-        return weight, np.nan_to_num(means), variances
+        means = np.nan_to_num(means)
+        mean = np.sum(weight * means, axis=0)
+        return mean, np.sqrt(np.sum(weight * (variances + (means - mean) ** 2), axis=0))
 
 
 def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:

@@ -129,7 +129,8 @@ def mechanic(found: Outcome) -> str:
     if found.merely_off:
         return "The model is slightly off, smoothly: too little to blame any part."
     watts = abs(float(f"{found.lost_power:.2g}"))
-    cost = f"about {watts:.0f} W {'lost' if found.lost_power > 0.0 else 'gained'} on average"
+    cost = (f"about {watts:.0f} W {'lost' if found.lost_power > 0.0 else 'gained'} on average"
+            if watts >= 1.0 else "hardly any power")
     if found.named is None:
         place = region_words(found.where[0], found) if found.where else ""
         return f"Something unlisted, {cost}: look at {place or 'the whole range'}."
@@ -203,7 +204,7 @@ def _explained(found: Outcome) -> str:
     alive = [text for text, each in zip(told, found.sets, strict=True)
              if each.probability >= _ALIVE][:_MOST_TOLD]
     return (f"{alive[0]} explains it best, but these data cannot tell it from "
-            f"{listed(alive[1:]) or 'others'}")
+            f"{listed(alive[1:]) or named(())}")
 
 
 def _removed(found: Outcome) -> str:

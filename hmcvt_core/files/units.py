@@ -55,7 +55,7 @@ _RANGES = {limits.name: limits for limits in (
     Range("pressure", 0.0, 1e8, "Pa", "difference between the ports, not negative"),
     # Another displacement than the one stated takes them a little above one.
     *(Range(name, 1e-4, 1.1, "-", "a fraction, not percent") for name in _EFFICIENCIES),
-    OIL_TEMPERATURE)}
+    Range("noise", 1e-6, 0.2, "-", "a part of flow and torque"), OIL_TEMPERATURE)}
 _SIZED_SPEED = 15.0  # m/s, speed x displacement^(1/3): makers' limits lie between 3 and 10
 _LEAST_PRESSURE = 1e6  # Pa: no unit's tests end below
 TELLING = 1e5
@@ -119,10 +119,10 @@ class UnitSamples:
         """Return the samples up to a part of the highest value along an axis, and those above.
 
         Raises:
-            InputError: none lies above, or below.
+            InputError: none lies above, or none that tells a torque below.
         """
         above = (values := getattr(self, axis)) > part * values.max()
-        if above.all() or not above.any():
+        if not above.any() or self.pressure[~above].max(initial=0.0) < TELLING:
             raise InputError(f"{self.source}: {part:g} of the highest {axis} parts no samples")
         return self.select(~above), self.select(above)
 
@@ -148,6 +148,8 @@ def read_unit(
         InputError: the file cannot be read, a column is missing, or a value is no number, outside
             its range, in another unit, in percent, or the efficiencies are swapped.
     """
+    if noise is not None:
+        noise = float(_RANGES["noise"].check(noise))
     factors: dict[str, float] = {}  # from the unit of a column to SI
 
     def name_of(cell: str) -> str:
@@ -235,7 +237,8 @@ def _require_in_place(samples: UnitSamples, volumetric: Array, mechanical: Array
     told = samples.pressure > TELLING
     drivers = [driver[told] / driver.max() for driver in (samples.pressure, samples.speed)]
     columns = np.stack([np.ones(int(told.sum())), *drivers], axis=1)
-    _, gained, lost = np.linalg.lstsq(columns, (mechanical - volumetric)[told], rcond=None)[0]
-    if gained < lost:
+    (_, gained, lost), _, rank, _ = np.linalg.lstsq(
+        columns, (mechanical - volumetric)[told], rcond=None)
+    if rank == columns.shape[1] and gained < lost:
         raise InputError(f"{samples.source}: volumetric_efficiency gains on mechanical_efficiency "
                          "with pressure, and loses with speed: are the two columns swapped?")

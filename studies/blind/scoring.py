@@ -123,9 +123,9 @@ class _Question(NamedTuple):
         return f"{'at most' if self.at_most else 'at least'} {goal}" if self.goal else ""
 
 
-def _alone(group: str, ask: Callable[[Record], Any]) -> _Question:
+def _alone(group: str, what: str, ask: Callable[[Record], Any]) -> _Question:
     """The same question where it can be answered."""
-    return _Question("the same, where nothing else listed imitates it", 0.0, [group],
+    return _Question(f"{group}: {what}, where nothing else listed imitates it", 0.0, [group],
                      lambda r: ask(r) if r["beyond"] >= DETECTABLE else None)
 
 
@@ -156,29 +156,29 @@ _EVERY = (*LISTED, *STRANGE, "none", "base off", "faint")
 _QUESTIONS = (
     _Question("single without a twin: first", 0.95, ["single"], _untwinned, then="93 %",
              beside=True),
-    _alone("single", _first),
+    _alone("single", "first", _first),
     _Question("single: in a set of at most three", 0.95, ["single"], _short, then="97 %",
              beside=True),
-    _alone("single", _short),
+    _alone("single", "in a set of at most three", _short),
     _Question("pair: exact set first", 0.70, ["pair"], _first, beside=True),
-    _alone("pair", _first),
+    _alone("pair", "first", _first),
     _Question("pair: among the best three sets", 0.90, ["pair"], _among),
     _Question("triple: exact set first", 0.50, ["triple"], _first),
-    _alone("triple", _first),
+    _alone("triple", "first", _first),
     _Question("triple: among the best three sets", 0.80, ["triple"], _among),
     _Question("false alarms, exact base", 0.05, ["none"], _alarmed, at_most=True, then="2 %",
              beside=True),
     _Question("cause named, base off by 0.1 to 0.2 points", 0.05, ["base off"], _named,
              at_most=True),
     _Question("unlisted refused", 0.85, ["unlisted"], _refused, then="96 %", beside=True),
-    _alone("unlisted", _refused),
+    _alone("unlisted", "refused", _refused),
     _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
-    _alone("wrong sign", _refused),
+    _alone("wrong sign", "refused", _refused),
     _Question("place of unlisted and wrong signs found", 0.80, STRANGE,
              lambda r: r["place_found"], then="86 %"),
     _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),
     _Question("named rightly: 85 % of the squared gap gone", 0.85, LISTED, _gone, then="85 %"),
-    _Question("the same, where noise and misfit leave room", 0.0, LISTED,
+    _Question("gone, where noise and misfit leave room", 0.0, LISTED,
              lambda r: _gone(r) if _room(r) else None),
     _Question("gap told at least half of the true one", 0.95, LISTED,
              lambda r: r["told_gap"] >= 0.5 * r["true_gap"]),
@@ -192,7 +192,7 @@ _QUESTIONS = (
              then="0.035", beside=True),
     _Question("promised - met: 90th percentile", 0.15, LISTED, _miss, at_most=True,
              sum_up=_ninetieth),
-    _Question("the same, where noise and misfit leave room", 0.0, LISTED,
+    _Question("promised - met: 90th percentile, where they leave room", 0.0, LISTED,
              lambda r: _miss(r) if _room(r) else None, sum_up=_ninetieth),
     _Question("probability of the first set: worst band off by", 0.10, _EVERY, _said, at_most=True,
              sum_up=_worst_band),

@@ -68,6 +68,12 @@ class _Look:
             channels.append(read.state[0] / pressure_noise(self.samples["pressure"]))
         return np.concatenate(channels)
 
+    def alone(self, plant: Plant) -> FloatArray:
+        """What a plant changes at the load that its meter shows."""
+        off = plant.read(self.shown).load_torque - self.shown.load_torque
+        return self.rows(plant, replace(
+            self.shown, load_torque=self.shown.load_torque - off)) - self.bare
+
     def members(self, bench: Bench) -> list[FloatArray]:
         """What each effect of a bench changes beside the others."""
         whole = self.rows(bench.plant(*bench.effects), self.true)
@@ -104,16 +110,14 @@ def beyond_others(campaign: Campaign) -> float:
     bench, look, least = campaign.bench, _Look(campaign), np.inf
     others = [replace(draw_effect(name, np.random.default_rng(shape)), size=_SMALL)
               for name in KNOWN_EFFECTS if name not in bench.names for shape in range(_SHAPES)]
-    whole = look.left([look.rows(bench.plant(*bench.effects), look.true) - look.bare])
+    changes = look.left([look.rows(bench.plant(*bench.effects), look.true) - look.bare,
+                         *map(look.alone, map(bench.plant, others))])
     members = look.left(look.members(bench))
-    changes = look.left([look.rows(bench.plant(other), look.shown) - look.bare
-                         for other in others])
     for i in range(len(bench.effects)):
         rest, _ = np.linalg.qr(np.delete(members, i, axis=1))
-        target, *ways = (np.hstack([whole, changes]) - rest @ (
-            rest.T @ np.hstack([whole, changes]))).T
+        target, *ways = (changes - rest @ (rest.T @ changes)).T
         for other, way in zip(others, ways, strict=True):
             size = way @ target / max(way @ way, 1e-300)  # oil that stays as warm does nothing
-            if size > 0.0 or hasattr(other, "sense"):
+            if size > 0.0 or (hasattr(other, "sense") and other.variant != "dead_band"):
                 least = min(least, float(np.sum((target - size * way) ** 2)))
     return least

@@ -51,6 +51,7 @@ def test_option_left_out(hmcvt, missing):
     (("--fit", "1,b"), ("'1,b'", "1,2,4-6")),
     (("--fit", "1,4-"), ("'1,4-'", "1,2,4-6")),
     (("--fit", "1,2", "--hold-back", "0.3"), ("--fit and --hold-back both choose the samples",)),
+    (("--hold-back", "nan"), ("--hold-back", "nan is not above 0 and at most 0.9")),
     (("--fit", "1-99999999999"), ("1-99999999999", "at most")),
     (("--gear-efficiency", "98"), ("gear_efficiency", "98", "0.5 to 1")),
     (("--gear-efficiency", "nan"), ("gear_efficiency", "0.5 to 1")),

@@ -62,6 +62,8 @@ def test_rows_without_pressure_tell_no_torque(tmp_path):
     found = read_unit(table(tmp_path / "t.csv", SPEED, at, efficiencies(SPEED, at)), kind="pump")
     assert efficiencies(SPEED, at)[1][0] == 0.0 and found.torque_loss[0] == 0.0
     assert diagnose_unit(found, deals=False).found.notes[0].startswith("1 samples below 100000 Pa")
+    with pytest.raises(InputError, match="0 of the highest pressure parts no samples"):
+        found.divided("pressure", 0.0)
 
 
 def test_one_unit_of_several(tmp_path):
@@ -102,6 +104,16 @@ def test_swapped_efficiencies_are_named(tmp_path, kind):
     pair = efficiencies(SPEED, PRESSURE, kind)
     with pytest.raises(InputError, match="two columns swapped"):
         read_unit(table(tmp_path / "t.csv", SPEED, PRESSURE, pair[::-1]), kind=kind)
+    again = np.repeat(5, 20)  # one point tells no slope
+    assert len(read_unit(table(tmp_path / "t.csv", SPEED[again], PRESSURE[again],
+                               [row[again] for row in pair]), kind=kind)) == 20
+
+
+@pytest.mark.parametrize("noise", [float("nan"), 0.0, 5.0])
+def test_a_noise_that_no_meter_has_is_refused(tmp_path, noise):
+    path = table(tmp_path / "t.csv", SPEED, PRESSURE, efficiencies(SPEED, PRESSURE))
+    with pytest.raises(InputError, match=f"noise = {noise:g} .*1e-06 to 0.2"):
+        read_unit(path, kind="pump", noise=noise)
 
 
 def test_a_kind_is_needed(tmp_path):
