@@ -33,7 +33,7 @@ _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _PASSES = 60
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down; at last none
-_SMALL = 0.1  # standard deviations: a step that changes or gains less is not worth making
+_SMALL = 0.3  # standard deviations: a step that changes or gains less is not worth making
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 # Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
 _MIDDLE, _ANYWHERE = 0.5, (2.0 * np.pi) ** -0.5

@@ -102,7 +102,8 @@ def test_text_and_page(tmp_path, hmcvt):
 @pytest.mark.parametrize(("arguments", "told"), [
     (("--above", "load=0.7"), "'load' is none of displacement_ratio, speed, pressure"),
     (("--above", "pressure=0.01"), "0.01 of the highest pressure parts no samples"),
-    (("--noise", "5"), "noise = 5 is outside 1e-06 to 0.2"), (("--unit", "X", "--kind", "gear"), "--kind")])
+    (("--noise", "5"), "noise = 5 is outside 1e-06 to 0.2"),
+    (("--unit", "X", "--kind", "gear"), "--kind")])
 def test_bad_options_are_named(tmp_path, hmcvt, arguments, told):
     done = hmcvt("unit", pump(tmp_path), "--kind", "pump", *arguments)
     assert_refused(done, told)
