@@ -109,6 +109,16 @@ def test_bad_options_are_named(tmp_path, hmcvt, arguments, told):
     assert_refused(done, told)
 
 
+def test_a_leakage_that_falls_as_a_power_of_speed_is_found(tmp_path):
+    speed, pressure = grid()
+    flow = 4e-12 * pressure * 1e5 * (100.0 / (speed * TURN / 60.0)) ** 1.5
+    found = diagnose_unit(read_unit(table(
+        tmp_path / "p.csv", speed, pressure, efficiencies(speed, pressure, flow=flow)),
+        kind="pump"), deals=False).found
+    assert (found.causes[0].effect, found.causes[0].form) == ("slow_leakage", "power of speed")
+    assert found.causes[0].parameters["exponent"]["value"] == pytest.approx(1.5, abs=0.2)
+
+
 # --- from the unit to the transmission ------------------------------------------------------------
 
 

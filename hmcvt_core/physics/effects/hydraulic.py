@@ -115,6 +115,22 @@ class SlowLeakage(Effect):
 
 
 @dataclass(frozen=True)
+class SlowLeakagePower(SlowLeakage):
+    """q = c dp (w_0 / w)^m, w_0 = 100 rad/s; no more than at the speed where films are gone."""
+
+    form = "power of speed"
+
+    leakage: float = size("m3/(s Pa)", 1e-12, 0.0, 6e-11, "further leakage at 100 rad/s")
+    fade_speed: float = shape("rad/s", (5.0,), "speed below which it grows no more")
+    exponent: float = shape("-", (0.5, 1.0, 2.0), "falling power of the speed")
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        speed = np.maximum(np.abs(state.pump_speed), np.abs(state.motor_speed))
+        part = (100.0 / np.maximum(speed, self.fade_speed)) ** self.exponent
+        return self.leakage / state.viscosity_ratio * state.pressure * part
+
+
+@dataclass(frozen=True)
 class Compressibility(Effect):
     """q = dp (1/beta) sum of V w (V_r + swept part): oil squeezed on every stroke is flow lost.
 
