@@ -72,8 +72,8 @@ class Cause:
         effect: its name; `form` its form.
         component: the part it belongs to.
         probability: that it is present.
-        indistinguishable_from: effects that these data cannot tell from it, all that it takes to
-            hold the cause with 80 %, given that it is a listed one.
+        indistinguishable_from: effects that these data cannot tell from it: the rest of the
+            smallest set that holds the cause with 80 %, given that it is a listed one.
         together_with: the other effects of its most probable set, in words, or None.
         parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
         gap_after: root of the mean squared error above noise once it is added.
