@@ -5,9 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Array, Effect, ShaftState, Value, shape, size
-
-_PRESSURE = 20e6  # Pa, the lag is stated at this pressure
+from .base import PRESSURE_REFERENCE, Array, Effect, ShaftState, Value, shape, size
 
 
 class _Displacement(Effect):
@@ -78,5 +76,6 @@ class DisplacementLag(_Displacement):
     half_pressure: float = shape("MPa", (5.0, 50.0), "pressure at half the largest lag")
 
     def stroke_lag(self, state: ShaftState) -> Value:
-        part, half = state.pressure / _PRESSURE, self.half_pressure * 1e6 / _PRESSURE
+        part, half = (pressure / PRESSURE_REFERENCE
+                      for pressure in (state.pressure, self.half_pressure * 1e6))
         return self.lag * part * (1.0 + half) / (np.abs(part) + half)

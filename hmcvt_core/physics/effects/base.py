@@ -18,6 +18,8 @@ from ...errors import InputError
 
 Array = NDArray[np.float64]
 Value = Array | float
+PRESSURE_REFERENCE = 20e6
+"""Pressure at which sizes are stated [Pa]."""
 OIL_HOOKS = "viscosity_ratio", "film_viscosity_ratio"
 _OF_ANY_SIZE = ("-", "1/GPa")  # units of sizes that are the same in small pumps and in large ones
 

@@ -9,9 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from .base import Array, Effect, ShaftState, Value, shape, size
+from .base import PRESSURE_REFERENCE, Array, Effect, ShaftState, Value, shape, size
 
-_PRESSURE = 20e6  # Pa, sizes are stated at this pressure
 _REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump
 _ATMOSPHERE, _CHARGE = 1.013e5, 2e6  # Pa; the second a usual one of closed circuits
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
@@ -34,7 +33,7 @@ class PressureLeakage(Effect):
     exponent: float = shape("-", (0.5, 1.0, 2.0), "power of pressure in the further leakage")
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        opening = (np.abs(state.pressure) / _PRESSURE) ** self.exponent
+        opening = (np.abs(state.pressure) / PRESSURE_REFERENCE) ** self.exponent
         return self.leakage / state.viscosity_ratio * state.pressure * opening
 
 
@@ -72,7 +71,7 @@ class OrificeLeakage(Effect):
     flow: float = size("m3/s", 1.5e-4, 0.0, 2e-3, "flow lost at 20 MPa")
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        root = np.sqrt(np.abs(state.pressure) / _PRESSURE)
+        root = np.sqrt(np.abs(state.pressure) / PRESSURE_REFERENCE)
         return self.flow * np.sign(state.pressure) * root
 
 
@@ -110,8 +109,11 @@ class SlowLeakage(Effect):
 
     def leakage_flow(self, state: ShaftState) -> Value:
         speed = np.maximum(np.abs(state.pump_speed), np.abs(state.motor_speed))
-        left = 1.0 / (1.0 + speed / self.fade_speed)
-        return self.leakage / state.viscosity_ratio * state.pressure * left
+        return self.leakage / state.viscosity_ratio * state.pressure * self._part(speed)
+
+    def _part(self, speed: Array) -> Array:
+        """Leakage at a speed / `leakage`."""
+        return 1.0 / (1.0 + speed / self.fade_speed)
 
 
 @dataclass(frozen=True)
@@ -124,10 +126,8 @@ class SlowLeakagePower(SlowLeakage):
     fade_speed: float = shape("rad/s", (5.0,), "speed below which it grows no more")
     exponent: float = shape("-", (0.5, 1.0, 2.0), "falling power of the speed")
 
-    def leakage_flow(self, state: ShaftState) -> Value:
-        speed = np.maximum(np.abs(state.pump_speed), np.abs(state.motor_speed))
-        part = (100.0 / np.maximum(speed, self.fade_speed)) ** self.exponent
-        return self.leakage / state.viscosity_ratio * state.pressure * part
+    def _part(self, speed: Array) -> Array:
+        return np.asarray((100.0 / np.maximum(speed, self.fade_speed)) ** self.exponent)
 
 
 @dataclass(frozen=True)

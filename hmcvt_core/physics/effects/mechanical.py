@@ -6,13 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from .base import Array, Effect, ShaftState, Value, shape, size
+from .base import PRESSURE_REFERENCE, Array, Effect, ShaftState, Value, shape, size
 
 _ENGINE_REFERENCE = 150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
 _OUTPUT_REFERENCE = 180.0  # rad/s, the same at the output of HM4
 _TORQUE_REFERENCE = 250.0  # N m of a path's shaft
 _UNIT_REFERENCE = 200.0  # rad/s of pump or motor
-_PRESSURE_REFERENCE = 20e6  # Pa
 
 
 @dataclass(frozen=True)
@@ -260,7 +259,7 @@ class _Drag(Effect):
     def _torque(self, speed: Array, pressure: Array) -> Value:
         a, b = self.powers
         return self.torque * np.abs(speed / _UNIT_REFERENCE) ** a * np.abs(
-            pressure / _PRESSURE_REFERENCE) ** b
+            pressure / PRESSURE_REFERENCE) ** b
 
 
 @dataclass(frozen=True)
