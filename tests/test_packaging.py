@@ -7,14 +7,13 @@ import re
 import sys
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import version
-from pathlib import Path
 
 import pytest
 import yaml
+from cli.running import ROOT
 
 import hmcvt_core as hmcvt
 
-ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
 # What rosdep calls the packages that Python imports under another name.
 KEYS = {name: f"python3-{name}" for name in (

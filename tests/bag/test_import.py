@@ -225,21 +225,16 @@ def test_messages_are_refused_by_reason(imported, quiet):
     }
     wrong = [("/bench_sample", SHAFTS, START + 0.0101 + 0.1 * i, message)
              for i, message in enumerate(chain(*bad.values()))]
-    samples, report = imported([*bench_records(quiet), *wrong])
-    assert report.refused["/bench_sample"] == {
-        reason: len(messages) for reason, messages in bad.items()}
+    slow = [("/oil_temperature", TEMPERATURE, START + i, message)
+            for i, message in enumerate([temperature(math.nan), temperature(353.0), b""])]
+    samples, report = imported([
+        *bench_records(quiet), *wrong, *_temperatures(quiet, stamped=False), *slow])
+    assert report.refused == {
+        "/bench_sample": {reason: len(messages) for reason, messages in bad.items()},
+        "/oil_temperature": {"not finite": 1, "out of range": 1, "unreadable": 1}}
     assert report.read["/bench_sample"] == len(quiet.time) + len(wrong)
     assert report.windows[0].messages == len(quiet.time)
     assert samples.engine_speed[0] == pytest.approx(120.0, rel=1e-3)
-
-
-def test_slow_messages_are_refused_by_reason(imported, quiet):
-    wrong = [temperature(math.nan), temperature(353.0), b""]
-    records = [("/oil_temperature", TEMPERATURE, START + i, message)
-               for i, message in enumerate(wrong)]
-    report = imported(bench_records(quiet) + _temperatures(quiet, stamped=False) + records).report
-    assert report.refused["/oil_temperature"] == {
-        "not finite": 1, "out of range": 1, "unreadable": 1}
 
 
 def test_steady_windows_outside_the_ranges_are_refused(imported, model):

@@ -3,7 +3,6 @@
 
 import csv
 import io
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +11,11 @@ import pytest
 
 import hmcvt_core as hmcvt_library
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from hmcvt_core.transmission.ranges import RPM
 from studies.watch import stream, well_known
 
 from .running import HM4, POINT, ROOT, TABLE2, assert_refused
 
-RPM = math.pi / 30.0
 HERE = (0.5, 1400 * RPM, 200.0)
 
 
@@ -193,11 +192,6 @@ def test_a_point_outside_the_data_is_told_with_its_axis(hmcvt, command):
     assert hmcvt(*unknown, "--json").json["inside_domain"] is None
 
 
-def test_shipped_model_is_the_default(hmcvt, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert hmcvt("predict", *POINT) == hmcvt("predict", *POINT, "--params", HM4)
-
-
 def test_watch(hmcvt, tmp_path):
     bench, params = tmp_path / "samples.csv", tmp_path / "p.yaml"
     hmcvt_library.save_model(well_known(), params)
@@ -241,24 +235,12 @@ def test_json_is_one_value_alone_whatever_else_is_written(hmcvt, tmp_path, monke
 HEADER = "displacement_ratio,engine_speed,load_torque,efficiency\n"
 
 
-def saved(path, *effects):
-    model = hmcvt_library.load_model(HM4)
-    hmcvt_library.save_model(replace(model, effects=effects), path)
-    return path
-
-
-@pytest.fixture
-def with_a_stall(tmp_path):
-    bench = tmp_path / "bench.csv"
+def test_held_back_sample_that_stalls_is_counted(hmcvt, tmp_path):
+    bench, out = tmp_path / "bench.csv", tmp_path / "model.yaml"
     rows = "".join(",".join(line.split(",")[1:5]) + "\n"
                    for line in Path(TABLE2).read_text().splitlines()[1:])
     bench.write_text(f"{HEADER}{rows}-1,20,2000,0.3\n")
-    return bench
-
-
-def test_held_back_sample_that_stalls_is_counted(hmcvt, tmp_path, with_a_stall):
-    out = tmp_path / "model.yaml"
-    done = hmcvt("identify", with_a_stall, "--fit", "1,2,4-6", "--out", out)
+    done = hmcvt("identify", bench, "--fit", "1,2,4-6", "--out", out)
     assert "no answer at 1 of 4 samples held back" in done.out and "nan" not in done.out
     assert ".nan" not in out.read_text()
     stated = hmcvt_library.load_model(out).provenance
@@ -288,8 +270,9 @@ def test_oil_temperature_without_effect_is_told(hmcvt, command):
 @pytest.mark.parametrize("command", [
     ("predict", *POINT), ("breakdown", *POINT), ("optimum", *POINT[2:]),
     ("map", "--steps", "2", "2", "2")], ids=lambda command: command[0])
-def test_oil_temperature_that_is_assumed_is_told(hmcvt, tmp_path, command):
-    warm = saved(tmp_path / "warm.yaml", OilTemperature(1.0))
+def test_oil_temperature_that_is_assumed_is_told(hmcvt, model, tmp_path, command):
+    warm = tmp_path / "warm.yaml"
+    hmcvt_library.save_model(replace(model, effects=(OilTemperature(1.0),)), warm)
     assert "60 deg C" in hmcvt(*command, "--params", warm).err
     if command[0] in ("predict", "breakdown"):
         assert hmcvt(*command, "--params", warm, "--oil-temperature", "40").err == ""

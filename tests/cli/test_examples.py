@@ -175,35 +175,31 @@ def follow(hmcvt, block, printed):
     return printed
 
 
-def test_every_step(hmcvt, tmp_path, monkeypatch):
-    for folder in ("data", "params"):
-        shutil.copytree(ROOT / folder, tmp_path / folder)
-    write_raw_bench(tmp_path / "raw.csv")
-    monkeypatch.chdir(tmp_path)
-    page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
-    printed, steps = [], blocks(page)
-    assert len(steps) >= 12
-    for block in steps:
-        printed = follow(hmcvt, block, printed)
-    # The pictures of the page are those that its commands draw.
-    pictures = set(re.findall(r"\(pictures/([\w.]+)\)", page))
-    assert pictures == {"fit.png", "map.png", "losses.png"}
-    assert all((tmp_path / name).is_file() for name in pictures)
-    assert (tmp_path / "report.html").is_file() and (tmp_path / "mine.yaml").is_file()
-
-
-def test_worked_example_of_the_diagnosis(hmcvt, tmp_path, monkeypatch):
-    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
-    example, = re.findall(r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE)
-    shutil.copytree(ROOT / "data", tmp_path / "data")
-    monkeypatch.chdir(tmp_path)
-    printed, steps = [], blocks(example)
-    assert len(steps) >= 6
-    told = []
+def followed(hmcvt, page, least):
+    """Follow all blocks of a page; return what was printed."""
+    printed, told, steps = [], [], blocks(page)
+    assert len(steps) >= least
     for block in steps:
         printed = follow(hmcvt, block, printed)
         told += printed
-    assert (tmp_path / "better.yaml").is_file()
+    return told
+
+
+def test_every_step(hmcvt, workplace):
+    page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+    (workplace / "mine.yaml").unlink()
+    followed(hmcvt, page, 12)
+    # The pictures of the page are those that its commands draw.
+    pictures = set(re.findall(r"\(pictures/([\w.]+)\)", page))
+    assert pictures == {"fit.png", "map.png", "losses.png"}
+    assert all((workplace / name).is_file() for name in (*pictures, "report.html", "mine.yaml"))
+
+
+def test_worked_example_of_the_diagnosis(hmcvt, workplace):
+    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    example, = re.findall(r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE)
+    told = followed(hmcvt, example, 6)
+    assert (workplace / "better.yaml").is_file()
     assert "model with charge_pump (33 %, not certain) written to better.yaml" in told
 
 

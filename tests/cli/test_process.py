@@ -20,7 +20,7 @@ from click import shell_completion
 import hmcvt_core
 from hmcvt_core.cli import COMMANDS, cli, common
 
-from .running import COMMAND, POINT, ROOT, TABLE2, assert_refused, process
+from .running import COMMAND, POINT, ROOT, TABLE2, assert_refused, process, script
 
 SMALL_MAP = ("map", "--steps", "11", "5", "5")
 
@@ -38,8 +38,7 @@ def test_help_loads_no_command_of_ours_and_names_those_of_ros():
     code = ("import sys; from hmcvt_core.cli import cli\n"
             "cli.main(['--help'], standalone_mode=False)\n"
             "print(*(name for name in sys.modules if name.startswith('hmcvt_core.cli.')))")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT,
-                          check=True, timeout=60)
+    done = script("-c", code, cwd=ROOT)
     assert set(done.stdout.splitlines()[-1].split()) <= {"hmcvt_core.cli.common"}
     assert re.search(r"^  import-bag  turn a recorded bag \(rosbag2\) into bench samples$",
                      done.stdout, re.MULTILINE)
@@ -80,14 +79,11 @@ def test_commands_of_another_package(hmcvt, other_package):
     assert {"greet", *COMMANDS} <= offered and not {"needy", "absent", "plain"} & offered
 
 
-def _limit_file_size():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-
-
 def test_write_that_fails_half_way_leaves_the_old_file(tmp_path):
     out = tmp_path / "map.csv"
     out.write_text("old")
-    done = process(*SMALL_MAP, "--out", out, preexec_fn=_limit_file_size)
+    done = process(*SMALL_MAP, "--out", out, preexec_fn=lambda: resource.setrlimit(
+        resource.RLIMIT_FSIZE, (1000, 1000)))
     assert_refused(done, f"{out}: File too large")
     assert out.read_text() == "old"
     assert list(tmp_path.iterdir()) == [out]

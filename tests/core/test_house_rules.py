@@ -24,10 +24,8 @@ def test_layers_hold_without_a_circle():
 
 
 def test_import_is_light():
-    done = subprocess.run(
-        [sys.executable, "-c", "import hmcvt_core, sys; print('\\n'.join(sys.modules))"],
-        capture_output=True, text=True, check=True, cwd=SOURCE.parent, timeout=60)
-    loaded = set(done.stdout.split())
+    loaded = set(script("-c", "import hmcvt_core, sys; print(*sys.modules)",
+                        cwd=SOURCE.parent).stdout.split())
     assert "hmcvt_core.physics" in loaded
     assert not loaded & set(HEAVY)
 

@@ -52,15 +52,6 @@ def made_up_stage(tmp_path, text=MADE_UP):
     return hmcvt.load_stage(path)
 
 
-def test_speed_ratios_by_hand(tmp_path):
-    stage = made_up_stage(tmp_path)
-    assert stage.mechanical_speed_ratio == pytest.approx(0.75)
-    assert stage.motor_speed_ratio == pytest.approx(-1.0 / 8.0)
-    # eps = -0.5, 0, 0.5 without leakage: motor -50, 0, 50 rad/s.
-    ratio = speed_ratio(stage, np.array([-0.5, 0.0, 0.5]))
-    np.testing.assert_allclose(ratio, [0.8125, 0.75, 0.6875], rtol=1e-14)
-
-
 def test_motor_that_drives_by_hand(tmp_path):
     """Stroke -0.5: the motor turns back, which here speeds the output up."""
     motor_speed = -40.0  # 10 rad/s short of the tight -50: leakage, chosen below
@@ -181,13 +172,3 @@ def test_speed_ratio_is_equation_5(hm4):
     # The digits of docs/theory.md
     np.testing.assert_allclose(found, [0.83286, 0.93107, 1.19658, 1.46209, 1.56029], atol=5e-6)
 
-
-@pytest.mark.parametrize(("gear_efficiency", "total"), [(0.98, 0.8264), (0.97, 0.8096)])
-def test_efficiency_at_zero_stroke(hm4, gear_efficiency, total):
-    # 0.8605 is the paper's own number (section 4.2): (1 + A) / i_HM of (12) with eta_H -> 0. By
-    # hand: (11) then gives a_1 -> 1 and (7) eta_M1 -> 1, so eta_total = 0.8605 eta_gear^2.
-    stage = hm4.with_gear_efficiency(gear_efficiency)
-    found = published.efficiencies(stage, np.zeros(1), np.array([published.STANDING_EFFICIENCY]))
-    assert found.row[0] == pytest.approx(0.8605, abs=5e-5)
-    assert found.total[0] == pytest.approx(total, abs=5e-5)
-    assert found.total[0] == pytest.approx(0.8605 * gear_efficiency**2, abs=1e-4)

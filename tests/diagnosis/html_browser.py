@@ -66,15 +66,10 @@ window.onload = () => {
 """
 
 
-class Browsed(NamedTuple):
-    """What the browser says: document after loading, lines of its console."""
-
-    document: str
-    console: list[str]
-
-
-def browse(page: Path, scratch: Path) -> Browsed:
-    """Load a file in a browser."""
+def browse(body: str, scratch: Path) -> tuple[Any, list[str]]:
+    """Load a page; return the JSON that its script leaves in <pre>, and lines of the console."""
+    page = scratch / "around.html"
+    page.write_text(f'<!DOCTYPE html><meta charset="utf-8">{body}', encoding="utf-8")
     program = next((found for name in _NAMES if (found := shutil.which(name))), None)
     if program is None:
         pytest.fail("these tests look at the page in a real browser and found none: "
@@ -91,7 +86,10 @@ def browse(page: Path, scratch: Path) -> Browsed:
         browser.communicate()
         pytest.fail(f"{program} did not load {page.name} in {_SECONDS} s")
     assert browser.returncode == 0, errors
-    return Browsed(document, [line for line in errors.splitlines() if "CONSOLE" in line])
+    answer = re.search(r"<pre>(.+?)</pre>", document, re.DOTALL)
+    assert answer is not None, "the script of the page gave nothing"
+    return json.loads(html.unescape(answer[1])), [
+        line for line in errors.splitlines() if "CONSOLE" in line]
 
 
 class Layout(NamedTuple):
@@ -108,24 +106,14 @@ def laid_out(pages: Mapping[str, str], scratch: Path, widths: tuple[int, ...] = 
         f'<iframe name="{name}@{width}" style="border:0;width:{width}px;height:2000px" '
         f'srcdoc="{html.escape(page)}"></iframe>' for name, page in pages.items()
         for width in widths)
-    around = scratch / "around.html"
-    around.write_text(f'<!DOCTYPE html><meta charset="utf-8"><script>{_MEASURE}</script>'
-                      f"<body>{frames}<pre></pre></body>", encoding="utf-8")
-    document, console = browse(around, scratch)
-    answer = re.search(r"<pre>(.+?)</pre>", document, re.DOTALL)
-    assert answer is not None, "the page around the frames gave no measures"
-    return Layout(json.loads(html.unescape(answer[1])), console)
+    return Layout(*browse(f"<script>{_MEASURE}</script><body>{frames}<pre></pre></body>", scratch))
 
 
 def clicked(page: str, scratch: Path, script: str) -> dict[str, Any]:
     """Load a page, run the body of a function of its document `page`, return what that returns."""
-    around = scratch / "around.html"
-    around.write_text(
-        f'<!DOCTYPE html><meta charset="utf-8"><iframe srcdoc="{html.escape(page)}"></iframe>'
-        "<pre></pre><script>window.onload = () => { const page = document.querySelector('iframe')"
-        f".contentDocument; document.querySelector('pre').textContent = JSON.stringify((() => {{ "
-        f"{script} }})()); }};</script>", encoding="utf-8")
-    answer = re.search(r"<pre>(.+?)</pre>", browse(around, scratch).document, re.DOTALL)
-    assert answer is not None, "the script gave nothing"
-    found: dict[str, Any] = json.loads(html.unescape(answer[1]))
+    found: dict[str, Any] = browse(
+        f'<iframe srcdoc="{html.escape(page)}"></iframe><pre></pre><script>window.onload = () => {{'
+        " const page = document.querySelector('iframe').contentDocument;"
+        " document.querySelector('pre').textContent = JSON.stringify((() => "
+        f"{{ {script} }})()); }};</script>", scratch)[0]
     return found

@@ -33,11 +33,8 @@ def _fresh(case, seed=77):
 
 
 def test_no_effect_is_no_gap():
-    found = diagnosed("nothing")
-    assert found.verdict == "no_gap"
-    assert not found.gap.significant
-    assert found.component is None
-    assert found.causes == found.where == found.next_tests == ()
+    found = diagnosed("nothing")  # what else is empty then: test_json_of_the_contract
+    assert (found.verdict, found.next_tests) == ("no_gap", ())
     assert found.shrinkage.fraction is None
     assert found.gap.noise == pytest.approx(NOISE, rel=0.3)
     assert found.model is found.base
@@ -247,15 +244,6 @@ def test_report_says_it_shortly_in_words(name):
             speed = test.point["engine_speed"]
             assert f"{speed:.1f} rad/s ({speed * 30.0 / np.pi:.0f} r/min)" in text
             assert "ln 2 = 0.69 halves the choice" in text.replace("\n", " ")
-
-
-@pytest.mark.parametrize("name", ["charge pump", "charge pump without speed", "two"])
-def test_the_company_of_a_cause_holds_it_with_80_percent(name):
-    found = diagnosed(name)
-    first = found.causes[0]
-    company = {first.effect, *first.indistinguishable_from}
-    held = sum(each.probability for each in found.sets if company & {*each.effects})
-    assert held >= 0.8 * (1.0 - found.unlisted) - 1e-9
 
 
 @pytest.mark.parametrize(("part", "verdict"), [(0.4, "cause_found"), (1.5, "unexplained")])

@@ -107,7 +107,8 @@ PUBLISHED = {
 }
 
 
-def unspanned():
+@pytest.fixture(scope="module")
+def left():
     """By name, the part of each published form that its family leaves, and what it shows."""
     points = random_points(5)
     motor = BalanceSolver(BASE.stage, BASE.parameters).flow(points)[1].state.motor_speed
@@ -136,11 +137,6 @@ def unspanned():
             level = np.linalg.norm(shown)
             found[name].append((float(np.sqrt(1.0 - ((family @ shown).max() / level) ** 2)), level))
     return found
-
-
-@pytest.fixture(scope="module")
-def left():
-    return unspanned()
 
 
 @pytest.mark.parametrize("name", PUBLISHED)

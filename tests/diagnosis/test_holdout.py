@@ -22,9 +22,18 @@ def test_a_noisier_holdout_is_no_gap():
     assert unstated.shrinkage.before > 0.8 * loud, "taken to be as quiet as the campaign"
 
 
-def test_the_campaign_is_no_holdout_of_its_own():
-    with pytest.raises(hmcvt.InputError, match="among those diagnosed"):
-        hmcvt.diagnose(BASE, SAMPLES, SAMPLES, noise=NOISE)
+STALLED = hmcvt.BenchSamples(np.full(3, 1.0), np.full(3, 80.0), np.full(3, 4900.0), np.full(3, 0.5))
+WARM = with_column(SAMPLES, oil_temperature=np.linspace(40.0, 80.0, 16))
+
+
+@pytest.mark.parametrize(("samples", "held", "message"), [
+    (SAMPLES, SAMPLES, "among those diagnosed"),
+    (SAMPLES, STALLED, r"no answer at any .* held out"),
+    (WARM, campaign(seed=22, n=8), r"oil_temperature is missing; .* has it"),
+], ids=["the campaign itself", "no answer at any", "without oil temperature"])
+def test_samples_that_cannot_be_held_out_are_refused(samples, held, message):
+    with pytest.raises(hmcvt.InputError, match=message):
+        hmcvt.diagnose(BASE, samples, held, noise=NOISE)
 
 
 def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
@@ -38,19 +47,6 @@ def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
     assert (found.verdict, shrunk.on, shrunk.fraction) == ("no_gap", "holdout", None)
     assert len(found.residuals_before) == 1, "and it is enough"
     np.testing.assert_array_equal(found.residuals_before, found.residuals_after)
-
-
-def test_without_an_answer_at_any_of_them():
-    stalled = hmcvt.BenchSamples(np.full(3, 1.0), np.full(3, 80.0), np.full(3, 4900.0),
-                                 np.full(3, 0.5))
-    with pytest.raises(hmcvt.InputError, match=r"no answer at any .* held out"):
-        hmcvt.diagnose(BASE, SAMPLES, stalled, noise=NOISE)
-
-
-def test_the_oil_temperature_may_not_be_missing():
-    warm = with_column(SAMPLES, oil_temperature=np.linspace(40.0, 80.0, 16))
-    with pytest.raises(hmcvt.InputError, match=r"oil_temperature is missing; .* has it"):
-        hmcvt.diagnose(BASE, warm, campaign(seed=22, n=8), noise=NOISE)
 
 
 def test_the_model_measured_is_the_model_saved():

@@ -103,11 +103,6 @@ def test_a_refit_is_where_the_penalised_squares_are_least_and_its_jacobian_their
     np.testing.assert_allclose(there.jacobian, found.jacobian, atol=2e-3 * scale)
 
 
-def test_the_noise_of_each_channel_follows_its_residuals():
-    loud = observe(campaign(seed=3, noise=0.009, speed_noise=0.002), 0.003)
-    np.testing.assert_allclose(refit(Hypothesis(SYSTEM), loud).noise, [9.0, 4.0], rtol=0.35)
-
-
 def test_gears_are_known_within_a_tolerance_as_are_gauges_where_they_are_read():
     observed = _exact((), noise=0.003)
     worse, here = (SYSTEM.predict(np.append(TRUE, loss), (), observed.points) for loss in (1.0, 0))

@@ -22,7 +22,8 @@ def _explained(*sets):
 @pytest.mark.parametrize(("sets", "name", "others"), [
     ([("a", 0.45), ("b", 0.4), ("c", 0.1)], "a", ("b",)),
     ([("a", 0.45), ("b", 0.4), ("c", 0.1)], "c", ("a", "b")),  # outside: what it is taken for
-    ([("a", 0.8), ("b", 0.2)], "a", ()),
+    ([("a", 0.8), ("b", 0.2)], "a", ()),  # 80 % is enough
+    ([("a", 0.79), ("b", 0.15), ("c", 0.06)], "a", ("b",)),
     ([("a+b", 0.5), ("c", 0.45), ("d", 0.05)], "c", ("a",)),  # b would add nothing
     ([("a+b", 0.6), ("b+c", 0.3), ("b", 0.1)], "a", ("c",)),  # b alone is no alternative to a
 ])

@@ -7,11 +7,18 @@ import runpy
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 import yaml
 from cli.running import COMMAND, ROOT, Done
+
+from hmcvt_core import data_path, load_stage
+from hmcvt_core.fleet.run import Settings, study
+
+WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
+                               diagnosed=False))
 
 
 def make_fleet(folder, logs, samples):

@@ -4,25 +4,19 @@
 import os
 import signal
 import sys
-from functools import partial
 from itertools import count, islice
 
 import pytest
 from cli.running import assert_refused
 
 from hmcvt_core import HmcvtError, InputError, read_bench
-from hmcvt_core.files import data_path
 from hmcvt_core.fleet import executors
 from hmcvt_core.fleet.executors import on_cluster, study_all
-from hmcvt_core.fleet.run import Settings, Study, study
-from hmcvt_core.model.parameter_file import load_stage
+from hmcvt_core.fleet.run import Study
 
-from .fleets import results
+from .fleets import WORK, results
 
 pytestmark = pytest.mark.slow
-
-WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
-                               diagnosed=False))
 
 
 @pytest.fixture(scope="module")

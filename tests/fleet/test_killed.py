@@ -6,22 +6,16 @@ import os
 import shutil
 import signal
 import threading
-from functools import partial
 
 import pytest
 
 from hmcvt_core import read_bench
-from hmcvt_core.files import data_path
 from hmcvt_core.fleet.executors import Processes, study_all
-from hmcvt_core.fleet.run import Settings, Study, study
-from hmcvt_core.model.parameter_file import load_stage
+from hmcvt_core.fleet.run import Study
 
-from .fleets import finish, results, start, wait_for, workers
+from .fleets import WORK, finish, results, start, wait_for, workers
 
 pytestmark = pytest.mark.slow
-
-WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
-                               diagnosed=False))
 
 
 @pytest.fixture
@@ -59,14 +53,6 @@ def test_worker_killed_between_logs_is_replaced(tasks):
         yield tasks[1]
 
     assert dict(study_all(len, two(), place)) == {"00000": 12, "00001": 12}
-
-
-def test_all_logs_in_hand_when_a_worker_is_killed_are_made_up(tasks):
-    outcomes = study_all(WORK, iter(tasks), Processes(2))
-    found = dict([next(outcomes)])
-    kill(multiprocessing.active_children()[0])
-    found.update(outcomes)
-    assert [type(found[name]) for name, _ in tasks] == [Study] * 3
 
 
 def test_logs_are_read_as_there_is_room(tasks):

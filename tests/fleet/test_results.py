@@ -11,18 +11,11 @@ import yaml
 import hmcvt_core as core
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 
-from .fleets import ROOT, results
+from .fleets import ROOT
 
 pytestmark = pytest.mark.slow
 
 NAMES = [f"{number:05d}" for number in range(3)]
-
-
-def test_two_processes_give_the_digits_of_one(hmcvt, logs, identified, tmp_path):
-    # Of the diagnosis too: the test below compares it with that of another process.
-    both = hmcvt("fleet", logs, "--out", tmp_path, "--processes", "2", "--no-diagnose")
-    assert both.code == 0
-    assert results(tmp_path) == results(identified)
 
 
 def test_log_gives_what_identify_and_diagnose_give(hmcvt, logs, alone):

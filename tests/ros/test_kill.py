@@ -6,11 +6,10 @@ In processes of their own, because they fork, which the threads of DDS in this o
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from cli.running import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 TRIALS = {"random": ("--trials", "3", "--no-lines", "--seed", "1"),
           "lines": ("--trials", "0", "--lines")}
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]

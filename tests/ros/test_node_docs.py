@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from dds_security import full
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from ros_bench import GOOD, command, send_table
@@ -49,13 +50,6 @@ def reply(name):
     """The reply that the page shows under a name."""
     text, = re.findall(rf"<!-- reply: {name} -->\n```json\n(.*?)```", PAGE, re.DOTALL)
     return json.loads(text)
-
-
-def full(name, node):
-    """The name of a topic or service in the page, as a node in a namespace has it."""
-    if name.startswith("/"):
-        return name
-    return f"{node.namespace}/{name.replace('~', 'hmcvt')}"
 
 
 def same(written, real, path=""):
@@ -108,7 +102,7 @@ def endpoints(observer, namespace):
 
 
 def test_topics(node):
-    written = sorted((full(row[0], node), *row[1:5]) for row in table("topic"))
+    written = sorted((full(row[0], "hmcvt", node.namespace), *row[1:5]) for row in table("topic"))
 
     def found():
         return endpoints(node.player, node.namespace)
@@ -120,7 +114,7 @@ def test_depth_of_the_queues(node):
     names, depths = [], []
     for topic, _, direction, _, _, depth, _ in table("topic"):
         end = "publisher" if direction == "out" else "subscription"
-        names.append(f"qos_overrides.{full(topic, node)}.{end}.depth")
+        names.append(f"qos_overrides.{full(topic, 'hmcvt', node.namespace)}.{end}.depth")
         depths.append(int(depth))
     client = node.player.create_client(GetParameters, f"{node.namespace}/hmcvt/get_parameters")
     assert node.player.wait_until(client.service_is_ready, 10.0)
@@ -130,7 +124,7 @@ def test_depth_of_the_queues(node):
 
 
 def test_services(node):
-    written = {(full(name, node), kind) for name, kind, _ in table("service")}
+    written = {(full(name, "hmcvt", node.namespace), kind) for name, kind, _ in table("service")}
     graph = node.player.get_service_names_and_types_by_node("hmcvt", node.namespace)
     own = {(name, kind) for name, (kind,) in graph if kind.startswith("std_srvs/")}
     assert own == written

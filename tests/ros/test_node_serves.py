@@ -41,14 +41,11 @@ def test_every_bench_test_gets_exactly_the_answer_of_the_model(node, model, tabl
         assert node.player.hold(point) == (model.efficiency(*point), best(model, point))
 
 
-def test_a_model_that_was_named_is_no_reason_to_warn(node):
-    assert node.says("serving ") and "comes with hmcvt" not in node.log
-
-
 def test_diagnostics_are_good_while_inputs_flow(node, model):
     assert node.reports(DiagnosticStatus.OK, "three fresh inputs", part="inputs", send=GOOD)
     assert float(node.value("engine_speed age [s]", "inputs")) < 0.5
     assert node.value("fingerprint") == model.fingerprint
+    assert node.says("serving ") and "comes with hmcvt" not in node.log  # it was named
 
 
 def test_late_joiner_gets_model_and_map(node, model, tmp_path):

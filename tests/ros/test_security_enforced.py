@@ -85,18 +85,15 @@ def found(tmp_path_factory):
     return table
 
 
-def writers(found, name):
-    return {role for role in ROLES[:-1] if found[role, f"w{name}"][0] == "allowed"}
-
-
-def readers(found, name):
-    return {role for role in ROLES[:-1] if found[role, f"r{name}"][0] == "allowed"}
+def able(found, end):
+    """Roles with an identity that may write (`w` before the name) or read (`r`)."""
+    return {role for role in ROLES[:-1] if found[role, end][0] == "allowed"}
 
 
 def check_heard(found, name):
     """Who may read hears who may write and nobody else; who has no identity, only itself."""
-    for role in readers(found, name):
-        assert found[role, f"r{name}"][1] == writers(found, name), (role, name)
+    for role in able(found, f"r{name}"):
+        assert found[role, f"r{name}"][1] == able(found, f"w{name}"), (role, name)
     assert found["anybody", f"r{name}"] == ("allowed", {"anybody"})
 
 
@@ -105,13 +102,13 @@ def test_topic(found, name):
     topic, = wire_names("topic", f"/{name}")
     if name in LOGS:
         # Every node writes it; the policy lets nobody read it here.
-        assert writers(found, topic) == {"hmcvt", *CLIENTS} and not readers(found, topic)
+        assert able(found, f"w{topic}") == {"hmcvt", *CLIENTS} and not able(found, f"r{topic}")
     elif name in ANSWERS:
-        assert writers(found, topic) == {"hmcvt"}
-        assert readers(found, topic) == set(CLIENTS)
+        assert able(found, f"w{topic}") == {"hmcvt"}
+        assert able(found, f"r{topic}") == set(CLIENTS)
     else:
-        assert writers(found, topic) == MAY_WRITE[name]
-        assert "hmcvt" in readers(found, topic) and "stranger" not in readers(found, topic)
+        assert able(found, f"w{topic}") == MAY_WRITE[name]
+        assert "hmcvt" in able(found, f"r{topic}") and "stranger" not in able(found, f"r{topic}")
     check_heard(found, topic)
 
 
@@ -119,8 +116,8 @@ def test_topic(found, name):
 def test_service(found, name):
     request, reply = wire_names("service", f"/{name}")
     callers = set() if name in OF_EVERY_NODE else MAY_CALL[name]
-    assert writers(found, request) == callers and readers(found, request) == {"hmcvt"}
-    assert writers(found, reply) == {"hmcvt"} and readers(found, reply) == callers
+    assert able(found, f"w{request}") == callers and able(found, f"r{request}") == {"hmcvt"}
+    assert able(found, f"w{reply}") == {"hmcvt"} and able(found, f"r{reply}") == callers
     check_heard(found, request)
     check_heard(found, reply)
 

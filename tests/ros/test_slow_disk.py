@@ -172,9 +172,7 @@ def test_logs_set_aside_are_pruned(node, table2):
 
 
 def test_damage_while_it_runs_is_found_before_a_job_works_on_it(node, paper_file, table2):
-    for i in range(8):
-        node.player.send_sample(message(table2, i))
-    assert node.comes(lambda: node.logged() == 8)
+    send_table(node, table2)
     raw = bytearray(node.bench_file.read_bytes())
     place = raw.index(b",0.", raw.index(b"\n")) + 3
     raw[place] ^= 1  # another digit

@@ -35,12 +35,8 @@ EVERY_EFFECT = [f"{name}:{variant}" if variant else name for name in KNOWN_EFFEC
 SENSORS = ("displacement_error", "torque_sensor", "oil_temperature")  # these may also gain
 
 
-def points_over_the_range():
-    return reference_points(SWING)
-
-
 def test_no_effect_equals_the_power_balance():
-    points = points_over_the_range()
+    points = reference_points(SWING)
     read = Plant(BASE).read(points)
     model = hmcvt.EfficiencyModel(hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml")),
                                   hmcvt.HydraulicParameters(*list(vars(BASE).values())[:3]))
@@ -59,7 +55,7 @@ def test_no_effect_equals_the_power_balance():
 @pytest.mark.parametrize("name", ["", *EVERY_EFFECT])
 def test_energy_is_balanced_and_every_loss_dissipates(name):
     effects = (replace(drawn(name), size=0.5),) if name else ()
-    read = Plant(BASE, effects).read(points_over_the_range())
+    read = Plant(BASE, effects).read(reference_points(SWING))
     run = read.settled
     assert np.mean(run) > 0.9
     lost = sum(read.losses.values())
@@ -104,7 +100,7 @@ def test_a_loss_that_the_base_overstates_turns_the_shift_and_still_leaves_a_loss
     effect = size_effect(BASE, drawn(name), 0.005)
     assert -TURNED_EFFECTS[name] <= effect.size < 0.0
     assert np.nanmean(shift_by(effect, reference_points())) > 0.0
-    read = Plant(BASE, (effect,)).read(points_over_the_range())
+    read = Plant(BASE, (effect,)).read(reference_points(SWING))
     assert np.all(read.losses["flow"] > 0.0)
     assert np.nanmax(read.efficiency) < 1.0
 

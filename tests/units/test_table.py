@@ -109,18 +109,13 @@ def test_swapped_efficiencies_are_named(tmp_path, kind):
                                [row[again] for row in pair]), kind=kind)) == 20
 
 
-@pytest.mark.parametrize("noise", [float("nan"), 0.0, 5.0])
-def test_a_noise_that_no_meter_has_is_refused(tmp_path, noise):
-    path = table(tmp_path / "t.csv", SPEED, PRESSURE, efficiencies(SPEED, PRESSURE))
-    with pytest.raises(InputError, match=f"noise = {noise:g} .*1e-06 to 0.2"):
-        read_unit(path, kind="pump", noise=noise)
-
-
-def test_a_kind_is_needed(tmp_path):
-    path = table(tmp_path / "t.csv", SPEED, PRESSURE, efficiencies(SPEED, PRESSURE))
-    with pytest.raises(InputError, match="kind is missing; needs one of pump, motor"):
-        read_unit(path)
+@pytest.mark.parametrize(("said", "given", "told"), [
+    *(("pump", {"noise": noise}, f"noise = {noise:g} .*1e-06 to 0.2")
+      for noise in (float("nan"), 0.0, 5.0)),  # no meter has it
+    ("", {}, "kind is missing; needs one of pump, motor"),
+    ("pump", {"kind": "motor"}, "kind is motor and pump")])
+def test_a_kind_is_needed_and_a_noise_that_can_be(tmp_path, said, given, told):
     path = table(tmp_path / "t.csv", SPEED, PRESSURE, efficiencies(SPEED, PRESSURE),
-                 HEAD + ",kind", more=",pump")
-    with pytest.raises(InputError, match="kind is motor and pump"):
-        read_unit(path, kind="motor")
+                 HEAD + ",kind" * bool(said), more=f",{said}" * bool(said))
+    with pytest.raises(InputError, match=told):
+        read_unit(path, **given)
