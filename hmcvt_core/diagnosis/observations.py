@@ -88,9 +88,14 @@ class Observations:
 
     @property
     def unit_loss(self) -> Array:
-        """One unit of an unlisted loss, in deviations, shape (channels, n)."""
+        """One unit of an unlisted loss in one channel as it shows in each, in deviations.
+
+        Shape (channels, channels, n).
+        """
         relative = np.array([[channel.relative] for channel in self.channels])
-        return np.where(relative, self.measured, 1.0) / self.deviation
+        found = np.eye(len(relative))[..., None] * np.where(relative, self.measured, 1.0)
+        found[[channel.of_power for channel in self.channels], 0] = self.measured[0]
+        return np.asarray(found / self.deviation)
 
     @property
     def usual_noise(self) -> float:

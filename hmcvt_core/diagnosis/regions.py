@@ -100,20 +100,27 @@ def _intervals(edges: Array) -> list[tuple[float, float]]:
 def covering(members: NDArray[np.bool_], target: NDArray[np.bool_], most: int) -> list[int]:
     """The fewest regions that hold some points and no others, by F1, one after another.
 
+    With each that is added the others are exchanged while that is better.
+
     Args:
         members: which points each region holds, shape (regions, n).
         target: the points, shape (n,).
         most: regions.
     """
-    covered, chosen, best = np.zeros(len(target), dtype=bool), list[int](), 0.0
-    for _ in range(most):
-        union = members | covered
-        f1 = 2.0 * (union & target).sum(axis=1) / (union.sum(axis=1) + target.sum())
-        one = int(f1.argmax())
-        if f1[one] < best + _PAYS:
+    chosen, reached = list[int](), 0.0
+    for count in range(1, most + 1):
+        tried, best, idle = [*chosen, 0], reached, 0
+        for place in itertools.cycle([count - 1, *range(count - 1)]):
+            union = members | members[tried[:place] + tried[place + 1:]].any(axis=0)
+            f1 = 2.0 * (union & target).sum(axis=1) / (union.sum(axis=1) + target.sum())
+            idle += 1
+            if f1.max() > best:
+                tried[place], best, idle = int(f1.argmax()), float(f1.max()), 1
+            if idle == count:
+                break
+        if best < reached + _PAYS:
             break
-        best, covered = float(f1[one]), union[one]
-        chosen.append(one)
+        chosen, reached = tried, best
     return chosen
 
 
@@ -172,7 +179,8 @@ class _Search:
         n, self.trust = len(observed), observed.trust
         # Which readings, one channel after another, and how they change.
         looks = [(slice(i * n, (i + 1) * n), (boxes.members * loss).astype(np.float32))
-                 for i, loss in enumerate(observed.unit_loss / self.root[:, None])]
+                 for i, loss in enumerate(np.einsum("iin->in", observed.unit_loss)
+                                          / self.root[:, None])]
         effects = np.stack([change for _, change in fit.signatures]) / self.root[:, None]
         looks.append((slice(effects[0].size), effects.reshape(len(effects), -1)))
         self.looks = [(own, look, _norms(np.sum(look**2, axis=1), look @ fit.absorbed[own]))

@@ -279,9 +279,8 @@ class Loss:
 
         Those of one channel after another.
         """
-        where = np.eye(len(points.channels))[:, list(self.channels)]
-        return np.einsum("cn,nm,ck->cnkm", points.unit_loss, self._functions(points),
-                         where).reshape(*points.measured.shape, -1)
+        return np.einsum("kcn,nm->cnkm", points.unit_loss[list(self.channels)],
+                         self._functions(points)).reshape(*points.measured.shape, -1)
 
     def _functions(self, points: Observations) -> Array:
         if self.box is not None:
@@ -339,15 +338,14 @@ def local(rival: Rival, boxes: Regions) -> list[Rival]:
     observed, model = rival.fit.observed, rival.weighed
     if not len(boxes):
         return []
-    root, gains = np.sqrt(model.noise), []
+    noise, gains = model.noise[:, None], []
     left = model.target - model.columns @ model.mean
-    for i, channel in enumerate(observed.channels):
-        column = boxes.members * observed.unit_loss[i] / root[i]
-        shadow = column @ model.columns[i] / root[i]
-        whole = np.sum(column**2, axis=1)
+    for unit, channel in zip(observed.unit_loss, observed.channels, strict=True):
+        # Over all channels at once: a box holds or does not hold a sample.
+        shadow, whole, pull = (boxes.members @ np.einsum("cn,cn...->n...", unit / noise, each)
+                               for each in (model.columns, unit, left))
         squares = np.maximum(  # of what the rival leaves; all but none at least
             whole - np.sum(shadow @ model.covariance * shadow, axis=1), _NOTHING_LEFT * whole)
-        pull = column @ left[i] / root[i]
         ratios = np.square(channel.step_spreads)[:, None] * squares
         gains.append(log_mean(
             0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios))))

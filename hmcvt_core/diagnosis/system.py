@@ -65,6 +65,7 @@ class Channel:
         step_spreads: the same for one inside a region.
         misfit_spread: the same for a smooth misfit of the base model that is no cause.
         least: standard deviation of a reading of zero, in the channel's unit.
+        of_power: whether a part lost of it is the same part lost of the first channel.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Channel:
     step_spreads: tuple[float, ...]
     misfit_spread: float
     least: float = 0.0
+    of_power: bool = False
 
     def deviation(self, reading: Array) -> Array:
         """Standard deviation of readings that nobody states, same shape."""

@@ -8,7 +8,7 @@ from scipy.stats import kstest
 from hmcvt_core.benches.transmission import observe
 from hmcvt_core.diagnosis.intake import uneven_noise
 from hmcvt_core.diagnosis.observations import scaled_to_extent, smooth_functions
-from hmcvt_core.diagnosis.regions import regions, significance
+from hmcvt_core.diagnosis.regions import covering, regions, significance
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.transmission.ranges import OperatingPoints
 
@@ -133,6 +133,14 @@ def test_an_axis_without_extent_gives_no_regions_of_its_own():
     np.testing.assert_array_equal(boxes.low[:, 1], 150.0)
     np.testing.assert_array_equal(boxes.high[:, 1], 150.0)
     assert len(regions(np.ones((3, 12)))) == 0, "all samples at one point"
+
+
+def test_regions_give_way_to_better_ones():
+    members, everywhere = np.zeros((3, 12), bool), np.arange(12) < 8
+    for row, (first, last) in zip(members, [(1, 7), (0, 4), (4, 8)], strict=True):
+        row[first:last] = True
+    assert sorted(covering(members, everywhere, 5)) == [1, 2], "the first one alone is the best"
+    assert len(covering(members, everywhere, 1)) == 1
 
 
 def test_smooth_functions_are_orthonormal_legendre_products():
