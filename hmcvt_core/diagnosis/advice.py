@@ -10,6 +10,7 @@ information that a mixture of Gaussians holds on its component is bounded from b
 B_kj being the Bhattacharyya distance of two components (Kolchinsky & Tracey 2017, Entropy 19, 361).
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ _NO_TEST = "cannot be settled by tests"
 
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
 _MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
+_STUCK = 0.5  # probability that tests will not settle it, from which none is asked for
 _WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
 
 
@@ -139,15 +141,10 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
     names = list(labels)
-    first, *others = np.argsort(-p).tolist()
-    # Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
-    twin = next((i for i in others if names[i] and len({*names[first], *names[i]}) > max(
-        len(names[first]), len(names[i]))), None) if names[first] else None
-    short = float(logit(SETTLED) - logit(p.max()))
-    if twin is not None and max(
-            rivals[first].against(rivals[twin]),
-            rivals[twin].against(rivals[first])) * _MANY / able.sum() < 2.0 * short:
-        remedy = [effect.remedy for i in (first, twin)
+    twins = _twins(rivals, names, p, able.sum())
+    if p[list(twins)].sum() > _STUCK:
+        first = min(twins)  # they come most probable first
+        remedy = [effect.remedy for i in (first, twins[first])
                   for effect in labels[names[i]][0].fit.effects if effect.remedy]
         if remedy:
             return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)))
@@ -164,8 +161,29 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
             setting={axis.name: axis.labels[int(place[axis.name][best])]
                      for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
+    short = logit(SETTLED) - logit(p.max())
     expected = math.ceil(max(1.0, short / max(2.0 * tests[0].gain, _WORTH)))
     return answer(tests=tuple(tests), tests_expected=expected)
+
+
+def _twins(
+    rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array, points: int
+) -> dict[int, int]:
+    """Explanations that many tests would not tell from another: by which of those.
+
+    Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
+    """
+    from scipy.special import logit
+
+    found = dict[int, int]()
+    sets = [(i, {*own}) for i, own in enumerate(names) if own]
+    for (i, one), (j, other) in itertools.combinations(sets, 2):
+        if not (one < other or other < one):
+            told = max(rivals[i].against(rivals[j]), rivals[j].against(rivals[i])) * _MANY / points
+            for each, beside in ((i, j), (j, i)):
+                if told < 2.0 * (logit(SETTLED) - math.log(p[each] / p[beside])):
+                    found.setdefault(each, beside)
+    return found
 
 
 def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:

@@ -25,7 +25,7 @@ _LEAST_SAMPLES = 4
 _SAMPLES_PER_LEAST = 8
 _BAND_EDGES = 21  # edges per axis for bands along one axis
 _CORNER_EDGES = 6  # edges per axis for boxes over two and three axes
-_PAYS = 0.02  # of F1: by how much a further region has to tell the places better
+_PAYS = 0.05  # of F1: by how much a further region has to tell the places better
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,9 +31,10 @@ Equally likely; about what families of forms in the literature leave of each oth
 which agree once their exponents do, to films that break (docs/diagnosis.md).
 """
 
-# Part of the squared change below which a loss beside a set is none, and from which it is one (the
-# largest allowance for a form, once and nearly twice); and how far the set is all of it then.
-_MINOR, _LISTED = (0.06, 0.2), (1.0, 0.01)
+# Part of the squared change, in the first channel or in all, up to which bends and a loss beside a
+# set are what its forms miss (the largest allowance along three axes makes 0.19), and from which
+# they are nearly all of it; and how far the set is all of it then.
+_MISSED, _LISTED = (0.25, 0.75), (1.0, 0.01)
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
@@ -66,18 +67,18 @@ class Rival:
     def listed(self, bare: Rival) -> float:
         """How far known effects with the signs they have are all of it, 0 to 1.
 
-        A loss beside them that makes up little of the squared change against the bare model is
-        what their forms miss. A large one leaves them so much that the set it stands beside leads.
+        Bends of their forms and a loss beside them that make up little of the squared change
+        against the bare model are what their forms miss; a set that large ones make lead explains
+        nothing.
         """
         if not self.names or self.fit.hypothesis.opposite:
             return 0.0
-        if self.beside is None:
-            return 1.0
-        columns, root = self.beside.columns(self.fit.observed), np.sqrt(self.weighed.noise)[:, None]
-        own = columns @ self.plain.mean[-columns.shape[-1]:] / root
-        every = (self.at(self.fit.observed).mean + bare.fit.whitened) / root
-        part = float(np.nansum(own**2) / np.nansum(every**2))
-        return float(np.interp(part, _MINOR, _LISTED))
+        model, root = self.weighed, np.sqrt(self.weighed.noise)[:, None]
+        own = len(self.fit.theta) + len(base_misfit(self.fit.observed)[1])
+        missed = model.columns[..., own:] @ model.mean[own:] / root
+        every = (bare.fit.whitened - model.target + model.columns @ model.mean) / root
+        part = max(np.sum(missed[rows]**2) / np.sum(every[rows]**2) for rows in (0, ...))
+        return float(np.interp(part, _MISSED, _LISTED))
 
     @property
     def of_base(self) -> bool:
@@ -228,13 +229,13 @@ def explanation(fit: Fit) -> Rival:
     bends = functions[:, (degree > 0) & (degree <= _ALLOWED_DEGREE)]
     misfit, off = base_misfit(observed)
     columns = np.concatenate([
-        fit.jacobian, *(fit.jacobian[..., [i]] * fit.theta[i] * bends for i in sizes),
-        misfit.columns(observed)], axis=-1)
+        fit.jacobian, misfit.columns(observed),
+        *(fit.jacobian[..., [i]] * fit.theta[i] * bends for i in sizes)], axis=-1)
     count = bends.shape[1]
     each = np.full(count * k, np.sqrt(len(observed.place) / count))
     widest = np.full(k, max(SIZE_SPREADS))
     spreads = np.stack([
-        np.concatenate([hypothesis.spread(widest), allowance * each, misfitting])
+        np.concatenate([hypothesis.spread(widest), misfitting, allowance * each])
         for allowance in FORM_ALLOWANCES for misfitting in (off, np.full(len(off), _EXACT))])
     tried = weigh(observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan))
     scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=k)))
