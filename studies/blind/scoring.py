@@ -282,10 +282,13 @@ def _loop(records: Sequence[Record]) -> str:
         return ""
     # A set that neither run settles tells nothing of how fast they are.
     settling = [r for r in records if r["asked"]["right"] or r["random"]["right"]]
-    tests = [np.mean([r[arm]["tests"] if r[arm]["right"] else MOST for r in settling] or [np.nan])
-             for arm in _ARMS]
+    tests = [sum(r[arm]["tests"] if r[arm]["right"] else MOST for r in settling) for arm in _ARMS]
+    right = [sum(r[arm]["right"] for r in settling) for arm in _ARMS]
     rows: list[tuple[str, ...]] = [
-        ("tests until the right set is settled", "at most a third", *(f"{n:.1f}" for n in tests)),
+        (f"tests until the right set is settled, {MOST} where it is not", "",
+         *(f"{n / max(1, len(settling)):.1f}" for n in tests)),
+        ("the same, at the rate at which they settle", "at most a third",
+         *(f"{n / count:.1f}" if count else "" for n, count in zip(tests, right, strict=True))),
         ("slowest advice [s of processor time]", "at most 5",
          f"{max(r['seconds'] for r in records):.1f}", "")]
     for what, goal, groups, hit in (
