@@ -180,6 +180,10 @@ class Linear:
     covariance: Array
     noise: Array
 
+    def left(self, first: int | None = None) -> Array:
+        """What all coefficients, or the first ones alone, leave of the target, (channels, n)."""
+        return np.asarray(self.target - self.columns[..., :first] @ self.mean[:first])
+
     @property
     def likelihoods(self) -> Array:
         """Posterior mean of the log likelihood of each sample, up to a constant, shape (n,).
@@ -187,7 +191,7 @@ class Linear:
         So the log evidence changes with the weight of a sample, the noise being where it is
         largest.
         """
-        squares = (self.target - self.columns @ self.mean) ** 2 + np.sum(
+        squares = self.left() ** 2 + np.sum(
             (self.columns @ self.covariance) * self.columns, axis=-1)
         noise = self.noise[:, None]
         return np.asarray(-0.5 * np.sum(squares / noise + np.log(noise), axis=0))

@@ -31,9 +31,9 @@ Equally likely; about what families of forms in the literature leave of each oth
 which agree once their exponents do, to films that break (docs/diagnosis.md).
 """
 
-# Part of the squared change, in the first channel or in all, up to which bends and a loss beside a
-# set are what its forms miss (the largest allowance along three axes makes 0.19), and from which
-# they are nearly all of it; and how far the set is all of it then.
+# Part of the squared change, in the first channel or in all, up to which what a set misses is what
+# its forms do (the largest allowance along three axes makes 0.19), and from which it is nearly all
+# of it; and how far the set is all of it then.
 _MISSED, _LISTED = (0.25, 0.75), (1.0, 0.01)
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
@@ -67,18 +67,24 @@ class Rival:
     def listed(self, bare: Rival) -> float:
         """How far known effects with the signs they have are all of it, 0 to 1.
 
-        Bends of their forms and a loss beside them that make up little of the squared change
-        against the bare model are what their forms miss; a set that large ones make lead explains
-        nothing.
+        Less by what the set misses by itself while bends of its forms, or a loss beside it, make
+        up for it.
         """
         if not self.names or self.fit.hypothesis.opposite:
             return 0.0
-        model, root = self.weighed, np.sqrt(self.weighed.noise)[:, None]
-        own = len(self.fit.theta) + len(base_misfit(self.fit.observed)[1])
-        missed = model.columns[..., own:] @ model.mean[own:] / root
-        every = (bare.fit.whitened - model.target + model.columns @ model.mean) / root
-        part = max(np.sum(missed[rows]**2) / np.sum(every[rows]**2) for rows in (0, ...))
-        return float(np.interp(part, _MISSED, _LISTED))
+        own, root = len(self.fit.theta), np.sqrt(self.weighed.noise)[:, None]
+        base = own + len(base_misfit(self.fit.observed)[1])
+        start, left, unbent, alone = (rows / root for rows in (
+            bare.fit.whitened, self.weighed.left(), self.weighed.left(base), self.plain.left(own)))
+
+        def squares(rows: Array) -> Array:
+            # Of the gap, and of all channels.
+            return np.array([np.sum(rows[0]**2), np.sum(rows**2)]).clip(_NOTHING_LEFT)
+
+        bent = squares(unbent - left) / squares(start - left)
+        missed = (squares(alone) - squares(left)) / (squares(start) - squares(left)).clip(
+            _NOTHING_LEFT)
+        return float(np.interp(np.minimum(bent, missed).max(), _MISSED, _LISTED))
 
     @property
     def of_base(self) -> bool:
@@ -340,7 +346,7 @@ def local(rival: Rival, boxes: Regions) -> list[Rival]:
     if not len(boxes):
         return []
     noise, gains = model.noise[:, None], []
-    left = model.target - model.columns @ model.mean
+    left = model.left()
     for unit, channel in zip(observed.unit_loss, observed.channels, strict=True):
         # Over all channels at once: a box holds or does not hold a sample.
         shadow, whole, pull = (boxes.members @ np.einsum("cn,cn...->n...", unit / noise, each)
