@@ -3,11 +3,16 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from hmcvt_core.diagnosis.advice import _labels
+import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis import advice
 from hmcvt_core.diagnosis.procedure import _twins
 from hmcvt_core.diagnosis.ranking import Ranking
+from hmcvt_core.diagnosis.rivals import Foretold
+
+from .campaigns import BASE, NOISE, campaign, with_column
 
 
 def _explained(*sets):
@@ -32,7 +37,31 @@ def test_the_company_of_a_cause_is_the_smallest_set_that_holds_it(sets, name, ot
 
 
 def test_a_set_is_told_from_the_loss_that_stands_beside_it():
-    labels = _labels(_explained(("a*", 0.7), ("a", 0.3)))
+    labels = advice._labels(_explained(("a*", 0.7), ("a", 0.3)))
     assert labels[("a",)][0].beside is None
     assert labels[()][0].beside is not None
     assert labels[("a",)][1] == pytest.approx(0.65)
+
+
+@pytest.mark.parametrize(("names", "p", "stuck"), [
+    ([("a",), ("b",), ("far",)], (0.4, 0.35, 0.25), {0: 1, 1: 0}),
+    ([("a",), ("b",), ("far",)], (0.7, 0.03, 0.27), {1: 0}),  # 0.96 of the two is enough
+    ([("a",), ("a", "b"), ("far",)], (0.4, 0.35, 0.25), {}),  # the larger gives way
+    ([("a",), (), ("far",)], (0.4, 0.35, 0.25), {}),  # and so does what nobody listed
+])
+def test_which_sets_no_test_will_settle(names, p, stuck):
+    rivals = [Foretold(np.full((1, 4), 9.0 * (name == ("far",))), np.zeros((1, 4, 1)), np.eye(1))
+              for name in names]
+    assert advice._twins(rivals, names, np.array(p), points=4) == stuck
+
+
+def test_a_slipping_clutch_is_no_leakage_and_loses_efficiency_with_the_speed():
+    quiet = campaign(seed=3, n=96)
+    passed = 1.0 - 1e-4 * np.maximum(quiet.load_torque - 350.0, 0.0)
+    found = hmcvt.diagnose(BASE, with_column(
+        quiet, output_speed=passed * quiet.output_speed, efficiency=passed * quiet.efficiency),
+        noise=NOISE)
+    place = quiet.displacement_ratio, quiet.engine_speed, quiet.load_torque
+    left = passed * BASE.efficiency(*place) - found.base.efficiency(*place)
+    assert found.verdict == "unexplained"
+    assert np.corrcoef(found.gap_at(*place)[0], left)[0, 1] > 0.9
