@@ -29,8 +29,9 @@ _NO_TEST = "cannot be settled by tests"
 
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
 _MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
+_ODDS = math.log(SETTLED / (1.0 - SETTLED))
 _STUCK = 0.5  # probability that tests will not settle it, from which none is asked for
-_WORTH = 0.5 * math.log(SETTLED / (1.0 - SETTLED)) / _MANY  # nats: less is no test's worth
+_WORTH = 0.5 * _ODDS / _MANY  # nats: less is no test's worth
 
 
 def named(effects: Names | None) -> str:
@@ -68,6 +69,7 @@ class Advice:
             where a further test is worth making.
         tests: the next one, and what may be made along with it; empty where none helps.
         measure: what settles it where no test can, or None.
+        parted: the two explanations that it tells apart, in words; None for the likeliest.
         tests_expected: how many more, by the first; 0 where no test helps.
         channels: to be read there.
         alive: effects and probability of each explanation, best first; the one without a name is an
@@ -79,6 +81,7 @@ class Advice:
     reason: str | None = None
     tests: tuple[NextTest, ...] = ()
     measure: str | None = None
+    parted: tuple[str, str] | None = None
     tests_expected: int = 0
     channels: tuple[str, ...] = ()
     alive: tuple[tuple[Names, float], ...] = ()
@@ -95,7 +98,7 @@ class Advice:
         """The tests, and the measurement that settles it where none does."""
         if self.measure is None or len(self.alive) < 2:
             return self.tests
-        first, second = (named(names) for names, _ in self.alive[:2])
+        first, second = self.parted or (named(names) for names, _ in self.alive[:2])
         return *self.tests, NextTest(None, (first, second), 0.0, self.measure)
 
     def to_dict(self) -> dict[str, Any]:
@@ -141,13 +144,16 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
     names = list(labels)
-    twins = _twins(rivals, names, p, able.sum())
+    twins = _untold(rivals, names, p, able.sum())
     if p[list(twins)].sum() > _STUCK:
         first = min(twins)  # they come most probable first
+        apart = {*(names[first] or ())} ^ {*(names[twins[first]] or ())}
         remedy = [effect.remedy for i in (first, twins[first])
-                  for effect in labels[names[i]][0].fit.effects if effect.remedy]
+                  for effect in labels[names[i]][0].fit.effects
+                  if effect.remedy and effect.name in apart]
         if remedy:
-            return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)))
+            return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)),
+                          parted=(named(names[first]), named(names[twins[first]])))
     tests = []
     for _ in range(_TESTS):
         distance = _distances(rivals)
@@ -161,27 +167,25 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
             setting={axis.name: axis.labels[int(place[axis.name][best])]
                      for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
-    short = logit(SETTLED) - logit(p.max())
+    short = _ODDS - logit(p.max())
     expected = math.ceil(max(1.0, short / max(2.0 * tests[0].gain, _WORTH)))
     return answer(tests=tuple(tests), tests_expected=expected)
 
 
-def _twins(
+def _untold(
     rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array, points: int
 ) -> dict[int, int]:
     """Explanations that many tests would not tell from another: by which of those.
 
     Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
     """
-    from scipy.special import logit
-
     found = dict[int, int]()
     sets = [(i, {*own}) for i, own in enumerate(names) if own]
     for (i, one), (j, other) in itertools.combinations(sets, 2):
         if not (one < other or other < one):
             told = max(rivals[i].against(rivals[j]), rivals[j].against(rivals[i])) * _MANY / points
             for each, beside in ((i, j), (j, i)):
-                if told < 2.0 * (logit(SETTLED) - math.log(p[each] / p[beside])):
+                if told < 2.0 * (_ODDS - math.log(p[each] / p[beside])):
                     found.setdefault(each, beside)
     return found
 
@@ -189,17 +193,17 @@ def _twins(
 def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
     """The likeliest rival of each explanation and its probability; () unlisted, None no gap.
 
-    Of a set the one without a loss beside it, if there is one.
+    Of a set the one without a loss beside it, if there is one; of an unlisted loss one that has it.
     """
-    found: dict[Names | None, tuple[Rival, float]] = {}
+    shares: dict[Names | None, list[tuple[Rival, float]]] = {}
     for rival, p in ranking.entries:
         part = rival.listed(ranking.bare)
         for label, share in ((rival.names, part), (None if rival.of_base else (), 1.0 - part)):
             if share:
-                first, total = found.get(label, (rival, 0.0))
-                if label and rival.beside is None and first.beside is not None:
-                    first = rival
-                found[label] = first, total + (1.0 - ranking.no_gap) * share * p
+                shares.setdefault(label, []).append((rival, (1.0 - ranking.no_gap) * share * p))
+    found = {label: (next((rival for rival, _ in each if rival.by_itself == bool(label)),
+                          each[0][0]), sum(p for _, p in each))
+             for label, each in shares.items()}
     _, misfit = found.pop(None, (ranking.bare, 0.0))
     kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),
                   key=lambda entry: -entry[1][1])[:_MOST]

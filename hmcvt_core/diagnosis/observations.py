@@ -94,7 +94,7 @@ class Observations:
         """
         relative = np.array([[channel.relative] for channel in self.channels])
         found = np.eye(len(relative))[..., None] * np.where(relative, self.measured, 1.0)
-        found[[channel.of_power for channel in self.channels], 0] = self.measured[0]
+        found[relative[:, 0], 0] = self.measured[0]
         return np.asarray(found / self.deviation)
 
     @property

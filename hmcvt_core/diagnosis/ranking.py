@@ -71,7 +71,7 @@ class Ranking:
     def sets(self) -> dict[Names, tuple[Rival, float]]:
         """Refit and probability of each set of listed effects, most probable first."""
         found: dict[Names, tuple[Rival, float]] = {}
-        for rival, p in sorted(self.entries, key=lambda item: item[0].beside is not None):
+        for rival, p in sorted(self.entries, key=lambda item: not item[0].by_itself):
             if part := rival.listed(self.bare):
                 first, total = found.get(rival.names, (rival, 0.0))
                 found[rival.names] = first, total + part * p

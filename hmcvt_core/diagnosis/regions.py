@@ -177,7 +177,8 @@ class _Search:
     def __init__(self, fit: Fit, boxes: Regions) -> None:
         observed, self.fit, self.root = fit.observed, fit, np.sqrt(fit.noise)
         n, self.trust = len(observed), observed.trust
-        # Which readings, one channel after another, and how they change.
+        # Which readings, one channel after another, and how they change; each channel by itself,
+        # that none has to be right for another to show a gap.
         looks = [(slice(i * n, (i + 1) * n), (boxes.members * loss).astype(np.float32))
                  for i, loss in enumerate(np.einsum("iin->in", observed.unit_loss)
                                           / self.root[:, None])]

@@ -64,6 +64,11 @@ class Rival:
         """Effect names, sorted."""
         return tuple(sorted(effect.name for effect in self.fit.hypothesis.effects))
 
+    @property
+    def by_itself(self) -> bool:
+        """Whether it is known effects with the signs they have, and nothing beside them."""
+        return bool(self.names) and self.beside is None and not self.fit.hypothesis.opposite
+
     def listed(self, bare: Rival) -> float:
         """How far known effects with the signs they have are all of it, 0 to 1.
 
@@ -73,17 +78,17 @@ class Rival:
         if not self.names or self.fit.hypothesis.opposite:
             return 0.0
         own, root = len(self.fit.theta), np.sqrt(self.weighed.noise)[:, None]
-        base = own + len(base_misfit(self.fit.observed)[1])
+        chance = len(self.fit.observed.smooth[1])  # what noise alone shows in a smooth loss
         start, left, unbent, alone = (rows / root for rows in (
-            bare.fit.whitened, self.weighed.left(), self.weighed.left(base), self.plain.left(own)))
+            bare.fit.whitened, self.weighed.left(),
+            self.weighed.left(own + len(root) * chance), self.plain.left(own)))
 
         def squares(rows: Array) -> Array:
-            # Of the gap, and of all channels.
-            return np.array([np.sum(rows[0]**2), np.sum(rows**2)]).clip(_NOTHING_LEFT)
+            return np.array([np.sum(rows[0]**2), np.sum(rows**2)])  # first channel, and all
 
-        bent = squares(unbent - left) / squares(start - left)
-        missed = (squares(alone) - squares(left)) / (squares(start) - squares(left)).clip(
-            _NOTHING_LEFT)
+        bent = squares(unbent - left) / (squares(start - left) + chance)
+        missed = (squares(alone) - squares(left)) / (
+            (squares(start) - squares(left)).clip(0.0) + chance)
         return float(np.interp(np.minimum(bent, missed).max(), _MISSED, _LISTED))
 
     @property

@@ -59,13 +59,13 @@ class Channel:
         unit: in which it is told, `factor` times the value with so many decimals.
         uncertainty: standard deviation taken until somebody states it or the data tell: a part of
             the reading, and `least` besides.
-        relative: whether an unlisted loss in it counts as a part of the reading.
+        relative: whether an unlisted loss in it counts as a part of the reading, and is the same
+            part lost of the first channel.
         field_spreads: prior standard deviations of such a loss that varies smoothly over the axes,
             equally likely; in the channel's unit, or relative.
         step_spreads: the same for one inside a region.
         misfit_spread: the same for a smooth misfit of the base model that is no cause.
         least: standard deviation of a reading of zero, in the channel's unit.
-        of_power: whether a part lost of it is the same part lost of the first channel.
     """
 
     name: str
@@ -78,7 +78,6 @@ class Channel:
     step_spreads: tuple[float, ...]
     misfit_spread: float
     least: float = 0.0
-    of_power: bool = False
 
     def deviation(self, reading: Array) -> Array:
         """Standard deviation of readings that nobody states, same shape."""

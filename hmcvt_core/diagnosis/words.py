@@ -159,7 +159,7 @@ def verdict(found: Outcome) -> str:
         fraction = found.shrinkage.fraction or 0.0
         best = (f": picking the best of them removes {percent(fraction)} of the squared gap in "
                 f"{plain(found.channel.name)}") if fraction > 0.0 else ""
-        return f"{_lies(found)}. No effect in the library explains it{best}."
+        return f"{_lies(found)}. No effect in the library explains it by itself{best}."
     return f"{_lies(found)}; {_explained(found)}. {_removed(found)}"
 
 

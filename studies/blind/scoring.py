@@ -286,7 +286,7 @@ def _loop(records: Sequence[Record]) -> str:
     right = [sum(r[arm]["right"] for r in settling) for arm in _ARMS]
     rows: list[tuple[str, ...]] = [
         (f"tests until the right set is settled, {MOST} where it is not", "",
-         *(f"{n / max(1, len(settling)):.1f}" for n in tests)),
+         *(f"{n / len(settling):.1f}" if settling else "" for n in tests)),
         ("the same, at the rate at which they settle", "at most a third",
          *(f"{n / count:.1f}" if count else "" for n, count in zip(tests, right, strict=True))),
         ("slowest advice [s of processor time]", "at most 5",

@@ -18,7 +18,7 @@ from .campaigns import BASE, NOISE, campaign, with_column
 def _explained(*sets):
     """A ranking of sets by their probabilities; a star says that a loss stands beside one."""
     rivals = [(SimpleNamespace(names=tuple(text.rstrip("*").split("+")), of_base=False,
-                               beside="loss" if text.endswith("*") else None,
+                               by_itself="*" not in text,
                                listed=lambda bare, text=text: 0.5 if "*" in text else 1.0), p)
               for text, p in sets]
     return Ranking(tuple(rivals), bare=SimpleNamespace(), no_gap=0.0)
@@ -38,8 +38,7 @@ def test_the_company_of_a_cause_is_the_smallest_set_that_holds_it(sets, name, ot
 
 def test_a_set_is_told_from_the_loss_that_stands_beside_it():
     labels = advice._labels(_explained(("a*", 0.7), ("a", 0.3)))
-    assert labels[("a",)][0].beside is None
-    assert labels[()][0].beside is not None
+    assert labels[("a",)][0].by_itself and not labels[()][0].by_itself
     assert labels[("a",)][1] == pytest.approx(0.65)
 
 
@@ -52,7 +51,7 @@ def test_a_set_is_told_from_the_loss_that_stands_beside_it():
 def test_which_sets_no_test_will_settle(names, p, stuck):
     rivals = [Foretold(np.full((1, 4), 9.0 * (name == ("far",))), np.zeros((1, 4, 1)), np.eye(1))
               for name in names]
-    assert advice._twins(rivals, names, np.array(p), points=4) == stuck
+    assert advice._untold(rivals, names, np.array(p), points=4) == stuck
 
 
 def test_a_slipping_clutch_is_no_leakage_and_loses_efficiency_with_the_speed():
