@@ -31,10 +31,11 @@ Equally likely; about what families of forms in the literature leave of each oth
 which agree once their exponents do, to films that break (docs/diagnosis.md).
 """
 
-# Part of the squared change, in the first channel or in all, up to which what a set misses is what
-# its forms do (the largest allowance along three axes makes 0.19), and from which it is nearly all
-# of it; and how far the set is all of it then.
-_MISSED, _LISTED = (0.25, 0.75), (1.0, 0.01)
+# Part of the squared change below which a loss beside a set is none, and from which it is one (the
+# largest allowance for a form, once and nearly twice); up to which what a set misses by itself is
+# what its forms do (that allowance along three axes makes 0.19), and from which it is nearly all of
+# it; and how far the set is all of it then.
+_LOST, _MISSED, _LISTED = (0.06, 0.2), (0.25, 0.75), (1.0, 0.01)
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
@@ -72,24 +73,25 @@ class Rival:
     def listed(self, bare: Rival) -> float:
         """How far known effects with the signs they have are all of it, 0 to 1.
 
-        Less by what the set misses by itself while bends of its forms, or a loss beside it, make
-        up for it.
+        Less by a loss beside them that is more than their forms may miss, and by what the set
+        misses by itself while its forms bend for it.
         """
         if not self.names or self.fit.hypothesis.opposite:
             return 0.0
-        own, root = len(self.fit.theta), np.sqrt(self.weighed.noise)[:, None]
-        chance = len(self.fit.observed.smooth[1])  # what noise alone shows in a smooth loss
-        start, left, unbent, alone = (rows / root for rows in (
-            bare.fit.whitened, self.weighed.left(),
-            self.weighed.left(own + len(root) * chance), self.plain.left(own)))
-
-        def squares(rows: Array) -> Array:
-            return np.array([np.sum(rows[0]**2), np.sum(rows**2)])  # first channel, and all
-
-        bent = squares(unbent - left) / (squares(start - left) + chance)
-        missed = (squares(alone) - squares(left)) / (
-            (squares(start) - squares(left)).clip(0.0) + chance)
-        return float(np.interp(np.minimum(bent, missed).max(), _MISSED, _LISTED))
+        model, own = self.weighed, len(self.fit.theta)
+        root, known = np.sqrt(model.noise)[:, None], own + len(base_misfit(self.fit.observed)[1])
+        bent = model.columns.shape[-1]
+        if self.beside is not None:
+            bent -= self.beside.columns(self.fit.observed).shape[-1]
+        start, left, unlost, unbent, alone = (rows / root for rows in (
+            bare.fit.whitened, model.left(), model.left(bent), model.left(known),
+            self.plain.left(own)))
+        every = np.sum((start - left)**2) + _NOTHING_LEFT
+        gone = max(np.sum(start**2) - np.sum(left**2), _NOTHING_LEFT)
+        lost = np.sum((unlost - left)**2) / every
+        missed = min(np.sum((unbent - unlost)**2) / every,
+                     (np.sum(alone**2) - np.sum(left**2)) / gone)
+        return float(np.interp(lost, _LOST, _LISTED) * np.interp(missed, _MISSED, _LISTED))
 
     @property
     def of_base(self) -> bool:

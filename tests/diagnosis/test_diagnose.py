@@ -246,7 +246,7 @@ def test_report_says_it_shortly_in_words(name):
             assert "ln 2 = 0.69 halves the choice" in text.replace("\n", " ")
 
 
-@pytest.mark.parametrize(("part", "verdict"), [(0.4, "cause_found"), (2.5, "unexplained")])
+@pytest.mark.parametrize(("part", "verdict"), [(0.4, "cause_found"), (1.5, "unexplained")])
 def test_a_small_loss_beside_a_set_is_what_its_forms_miss(part, verdict):
     found = hmcvt.diagnose(BASE, campaign(
         (PlanetaryMesh(0.12),), seed=1, loss=lambda at: part * band_loss(at)), noise=NOISE)
