@@ -147,13 +147,12 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     twins = _untold(rivals, names, p, able.sum())
     if p[list(twins)].sum() > _STUCK:
         first = min(twins)  # they come most probable first
-        apart = {*(names[first] or ())} ^ {*(names[twins[first]] or ())}
-        remedy = [effect.remedy for i in (first, twins[first])
-                  for effect in labels[names[i]][0].fit.effects
-                  if effect.remedy and effect.name in apart]
+        rival, twin = (labels[names[i]][0] for i in (first, twins[first]))
+        remedy = [effect.remedy for effect in (*rival.fit.effects, *twin.fit.effects)
+                  if effect.remedy and effect.name in {*rival.names} ^ {*twin.names}]
         if remedy:
             return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)),
-                          parted=(named(names[first]), named(names[twins[first]])))
+                          parted=(named(rival.names), named(twin.names)))
     tests = []
     for _ in range(_TESTS):
         distance = _distances(rivals)
@@ -195,15 +194,15 @@ def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
 
     Of a set the one without a loss beside it, if there is one; of an unlisted loss one that has it.
     """
-    shares: dict[Names | None, list[tuple[Rival, float]]] = {}
+    found: dict[Names | None, tuple[Rival, float]] = {}
     for rival, p in ranking.entries:
         part = rival.listed(ranking.bare)
         for label, share in ((rival.names, part), (None if rival.of_base else (), 1.0 - part)):
             if share:
-                shares.setdefault(label, []).append((rival, (1.0 - ranking.no_gap) * share * p))
-    found = {label: (next((rival for rival, _ in each if rival.by_itself == bool(label)),
-                          each[0][0]), sum(p for _, p in each))
-             for label, each in shares.items()}
+                first, total = found.get(label, (rival, 0.0))
+                if first.by_itself != bool(label) and rival.by_itself == bool(label):
+                    first = rival
+                found[label] = first, total + (1.0 - ranking.no_gap) * share * p
     _, misfit = found.pop(None, (ranking.bare, 0.0))
     kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),
                   key=lambda entry: -entry[1][1])[:_MOST]

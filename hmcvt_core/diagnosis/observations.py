@@ -86,7 +86,7 @@ class Observations:
         """`smooth_functions` of the place, up to the third degree."""
         return smooth_functions(self.place, SMOOTH_DEGREE)
 
-    @property
+    @cached_property
     def unit_loss(self) -> Array:
         """One unit of an unlisted loss in one channel as it shows in each, in deviations.
 

@@ -109,15 +109,14 @@ def covering(members: NDArray[np.bool_], target: NDArray[np.bool_], most: int) -
     """
     chosen, reached = list[int](), 0.0
     for count in range(1, most + 1):
-        tried, best, idle = [*chosen, 0], reached, 0
-        for place in itertools.cycle([count - 1, *range(count - 1)]):
-            union = members | members[tried[:place] + tried[place + 1:]].any(axis=0)
-            f1 = 2.0 * (union & target).sum(axis=1) / (union.sum(axis=1) + target.sum())
-            idle += 1
-            if f1.max() > best:
-                tried[place], best, idle = int(f1.argmax()), float(f1.max()), 1
-            if idle == count:
-                break
+        tried, best, before = [*chosen, 0], reached, -1.0
+        while best > before:
+            before = best
+            for place in (count - 1, *range(count - 1)):
+                union = members | members[tried[:place] + tried[place + 1:]].any(axis=0)
+                f1 = 2.0 * (union & target).sum(axis=1) / (union.sum(axis=1) + target.sum())
+                if f1.max() > best:
+                    tried[place], best = int(f1.argmax()), float(f1.max())
         if best < reached + _PAYS:
             break
         chosen, reached = tried, best

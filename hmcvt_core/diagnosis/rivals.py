@@ -78,11 +78,10 @@ class Rival:
         """
         if not self.names or self.fit.hypothesis.opposite:
             return 0.0
-        model, own = self.weighed, len(self.fit.theta)
-        root, known = np.sqrt(model.noise)[:, None], own + len(base_misfit(self.fit.observed)[1])
-        bent = model.columns.shape[-1]
-        if self.beside is not None:
-            bent -= self.beside.columns(self.fit.observed).shape[-1]
+        model, observed, own = self.weighed, self.fit.observed, len(self.fit.theta)
+        known = own + len(observed.channels) * len(observed.smooth[1])  # and a misfit of the base
+        bent = own + model.columns.shape[-1] - self.plain.columns.shape[-1]  # all but a loss beside
+        root = np.sqrt(model.noise)[:, None]
         start, left, unlost, unbent, alone = (rows / root for rows in (
             bare.fit.whitened, model.left(), model.left(bent), model.left(known),
             self.plain.left(own)))
