@@ -2,8 +2,9 @@
 r"""Which test to run next, and when to stop.
 
 A test is worth the information that its readings are expected to give on which explanation is the
-right one. Every explanation alive (the unlisted and "no gap" among them) foretells a Gaussian; the
-information that a mixture of Gaussians holds on its component is bounded from below by
+right one. Every explanation alive (the unlisted and "no gap" among them) foretells a Gaussian, with
+the allowances by which its evidence will be judged; the information that a mixture of Gaussians
+holds on its component is bounded from below by
 
 .. math:: I \ge -\sum_k p_k \ln \sum_j p_j e^{-B_{kj}}
 
@@ -28,10 +29,10 @@ SETTLED = 0.95
 _NO_TEST = "cannot be settled by tests"
 
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
-_MANY = 40.0  # tests, evenly spread: what they cannot tell apart, tests cannot
+_MANY = 100.0  # tests, evenly spread: what a campaign so large cannot tell apart, tests cannot
 _ODDS = math.log(SETTLED / (1.0 - SETTLED))
 _STUCK = 0.5  # probability that tests will not settle it, from which none is asked for
-_WORTH = 0.5 * _ODDS / _MANY  # nats: less is no test's worth
+_WORTH = 0.04  # nats: less is no test's worth
 
 
 def named(effects: Names | None) -> str:
@@ -134,7 +135,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     if alive[0][1] >= SETTLED:
         return answer("settled", measure=None if alive[0][0] else "look at the regions")
     pool = base.as_measured(possible)
-    rivals = [rival.at(pool) for rival, _ in labels.values()]
+    rivals = [rival.at(pool, allowing=True) for rival, _ in labels.values()]
     able = np.isfinite([each.mean for each in rivals]).all(axis=(0, 1))  # all can carry the load
     if not able.any():
         return answer(_NO_TEST, measure="none of the tests can be carried")
@@ -144,7 +145,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
     names = list(labels)
-    twins = _untold(rivals, names, p, able.sum())
+    twins = _untold(rivals, names, p)
     if p[list(twins)].sum() > _STUCK:
         first = min(twins)  # they come most probable first
         rival, twin = (labels[names[i]][0] for i in (first, twins[first]))
@@ -172,7 +173,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
 
 
 def _untold(
-    rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array, points: int
+    rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array
 ) -> dict[int, int]:
     """Explanations that many tests would not tell from another: by which of those.
 
@@ -182,7 +183,7 @@ def _untold(
     sets = [(i, {*own}) for i, own in enumerate(names) if own]
     for (i, one), (j, other) in itertools.combinations(sets, 2):
         if not (one < other or other < one):
-            told = max(rivals[i].against(rivals[j]), rivals[j].against(rivals[i])) * _MANY / points
+            told = max(rivals[i].against(rivals[j], _MANY), rivals[j].against(rivals[i], _MANY))
             for each, beside in ((i, j), (j, i)):
                 if told < 2.0 * (_ODDS - math.log(p[each] / p[beside])):
                     found.setdefault(each, beside)

@@ -97,18 +97,24 @@ class Rival:
         """Whether it is a base model that is a little off and nothing else."""
         return not self.names and self.beside is not None and self.beside.of_base
 
-    def at(self, points: Observations) -> Foretold:
-        """What it foretells of points, those of the campaign or others."""
+    def at(self, points: Observations, allowing: bool = False) -> Foretold:
+        """What it foretells of points, those of the campaign or others.
+
+        Plainly, or with the allowances for forms and a base that are a little off.
+        """
+        model = self.weighed if allowing else self.plain
         there = self.fit if points is self.fit.observed else linearise(
             self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
-        columns, change = there.jacobian, np.zeros(len(self.plain.mean))
+        columns = _allowing(there, self.fit.observed) if allowing and self.names else there.jacobian
+        change = np.zeros(len(model.mean))
         if self.beside is not None:
             columns = np.concatenate([columns, self.beside.columns(points)], axis=-1)
-            change = self.plain.mean.copy()
+        if allowing or self.beside is not None:
+            change = model.mean.copy()
             change[:len(self.fit.theta)] -= self.fit.theta - self.fit.hypothesis.prior_mean
         refused = (there.whitened == REFUSED).any(axis=0)
         return Foretold(np.where(refused, np.nan, columns @ change - there.whitened), columns,
-                        self.plain.covariance)
+                        model.covariance)
 
 
 class Foretold(NamedTuple):
@@ -136,13 +142,13 @@ class Foretold(NamedTuple):
         gain = self.covariance @ own.T @ np.linalg.inv(self.spread[index] + np.eye(len(own)))
         return self._replace(covariance=self.covariance - gain @ own @ self.covariance)
 
-    def against(self, other: Foretold) -> float:
-        """Squared deviations that all points leave between two once this one has adapted."""
+    def against(self, other: Foretold, tests: float) -> float:
+        """Squared deviations between two once this one has adapted to tests all over the points."""
         miss = (other.mean - self.mean).ravel()
-        columns = self.columns.reshape(len(miss), -1)
-        inner = np.linalg.pinv(self.covariance, hermitian=True) + columns.T @ columns
-        cross = columns.T @ miss
-        return float(miss @ miss - cross @ np.linalg.solve(inner, cross))
+        columns, each = self.columns.reshape(len(miss), -1), tests / self.mean.shape[1]
+        inner = np.linalg.pinv(self.covariance, hermitian=True) + each * columns.T @ columns
+        cross = each * columns.T @ miss
+        return float(each * miss @ miss - cross @ np.linalg.solve(inner, cross))
 
 
 def nothing(base: Fit) -> Rival:
@@ -237,13 +243,8 @@ def explanation(fit: Fit) -> Rival:
     """Weigh a refit with its allowances."""
     observed, hypothesis = fit.observed, fit.hypothesis
     sizes, k = hypothesis.sizes, len(fit.sizes)
-    functions, degree = observed.smooth
-    bends = functions[:, (degree > 0) & (degree <= _ALLOWED_DEGREE)]
-    misfit, off = base_misfit(observed)
-    columns = np.concatenate([
-        fit.jacobian, misfit.columns(observed),
-        *(fit.jacobian[..., [i]] * fit.theta[i] * bends for i in sizes)], axis=-1)
-    count = bends.shape[1]
+    off, columns = base_misfit(observed)[1], _allowing(fit, observed)
+    count = (columns.shape[-1] - len(fit.theta) - len(off)) // k
     each = np.full(count * k, np.sqrt(len(observed.place) / count))
     widest = np.full(k, max(SIZE_SPREADS))
     spreads = np.stack([
@@ -259,6 +260,16 @@ def explanation(fit: Fit) -> Rival:
     plain, = weigh(observed, fit.jacobian, fit.target, hypothesis.spread(scales[scale])[None],
                    signs)
     return Rival(fit, tried[best], plain, float(log_mean(logs.ravel())))
+
+
+def _allowing(fit: Fit, campaign: Observations) -> Array:
+    """Columns of a refit, of a misfit of the base, and of the bends of each form."""
+    misfit, _ = base_misfit(campaign)
+    degree = campaign.smooth[1]
+    bends = misfit.functions(fit.observed)[:, (degree > 0) & (degree <= _ALLOWED_DEGREE)]
+    return np.concatenate([
+        fit.jacobian, misfit.columns(fit.observed),
+        *(fit.jacobian[..., [i]] * fit.theta[i] * bends for i in fit.hypothesis.sizes)], axis=-1)
 
 
 def exact(rival: Rival) -> Rival:
@@ -293,9 +304,10 @@ class Loss:
         Those of one channel after another.
         """
         return np.einsum("kcn,nm->cnkm", points.unit_loss[list(self.channels)],
-                         self._functions(points)).reshape(*points.measured.shape, -1)
+                         self.functions(points)).reshape(*points.measured.shape, -1)
 
-    def _functions(self, points: Observations) -> Array:
+    def functions(self, points: Observations) -> Array:
+        """What it may be made of, shape (n, m)."""
         if self.box is not None:
             low, high = self.box[..., None]
             inside = (points.place >= low) & (points.place <= high)

@@ -76,11 +76,12 @@ def cases(first: int, seeds: int, parts: Sequence[str] = PARTS) -> list[Case]:
 
     Args:
         first: seed from which all others are counted.
-        seeds: campaigns per single effect at either noise; a twelfth of it, at least one, test by
-            test and in each stress.
+        seeds: campaigns per single effect at either noise; a sixth of it test by test and a twelfth
+            in each stress, at least one.
         parts: which of `PARTS` to make.
     """
-    sizes = {**dict.fromkeys(NOISES, seeds), **dict.fromkeys((LOOP, *STRESS), max(1, seeds // 12))}
+    sizes = {**dict.fromkeys(NOISES, seeds), LOOP: max(1, seeds // 6),
+             **dict.fromkeys(STRESS, max(1, seeds // 12))}
     chosen = [name for name in sizes if name in parts or (name in STRESS and "stress" in parts)]
     return [Case(condition, kind, first + 1000 * (len(_KINDS) * place + number) + i)
             for place, condition in enumerate(sizes) if condition in chosen

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis import advice
+from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
 from hmcvt_core.diagnosis.procedure import _twins
 from hmcvt_core.diagnosis.ranking import Ranking
-from hmcvt_core.diagnosis.rivals import Foretold
+from hmcvt_core.diagnosis.rivals import Foretold, explanation, fields
+from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import BASE, NOISE, campaign, with_column
 
@@ -51,7 +54,26 @@ def test_a_set_is_told_from_the_loss_that_stands_beside_it():
 def test_which_sets_no_test_will_settle(names, p, stuck):
     rivals = [Foretold(np.full((1, 4), 9.0 * (name == ("far",))), np.zeros((1, 4, 1)), np.eye(1))
               for name in names]
-    assert advice._untold(rivals, names, np.array(p), points=4) == stuck
+    assert advice._untold(rivals, names, np.array(p)) == stuck
+
+
+def test_how_fine_the_tests_are_laid_out_does_not_decide_what_a_hundred_of_them_tell():
+    one, other = (Foretold(np.full((1, 4), mean), np.ones((1, 4, 1)), np.eye(1))
+                  for mean in (0.0, 1.0))
+    finer = one._replace(mean=np.zeros((1, 8)), columns=np.ones((1, 8, 1)))
+    told = one.against(other, 100.0)
+    assert told == pytest.approx(100.0 / 101.0)  # 100 deviations, of which a mean is free
+    assert finer.against(other._replace(mean=np.ones((1, 8))), 100.0) == pytest.approx(told)
+
+
+def test_what_is_foretold_of_the_campaign_is_what_was_weighed_there():
+    observed = observe(campaign([ChargePump(6.0)], seed=3), NOISE)
+    rival, _ = fields(explanation(refit(Hypothesis(Transmission(BASE), (ChargePump(),)), observed)))
+    elsewhere = observed.select(np.arange(len(observed)))
+    for allowing, model in ((False, rival.plain), (True, rival.weighed)):
+        told = rival.at(elsewhere, allowing)
+        np.testing.assert_allclose(told.mean, -model.left(), atol=1e-6)
+        np.testing.assert_allclose(told.columns, model.columns, atol=1e-6)
 
 
 def test_a_slipping_clutch_is_no_leakage_and_loses_efficiency_with_the_speed():
