@@ -241,14 +241,12 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
-    notes: list[str] = []
-    stages, pressure = list(model.stages), pressure_remark(model, samples)
+    notes, stages, warnings = list[str](), list(model.stages), _warnings(model, samples)
     return diagnose_system(
         Transmission(model, samples.pressure is not None),
         _distinct(samples, noise, stages, notes),
         None if holdout is None else _fresh(holdout, samples, stages, notes),
-        warnings=[*gear_train_remarks(model, samples), *filter(None, [pressure])],
-        notes=notes, seed=seed, progress=progress)
+        warnings=warnings, notes=notes, seed=seed, progress=progress)
 
 
 def next_test(
@@ -268,14 +266,20 @@ def next_test(
     Raises:
         InputError: as `diagnose`.
     """
-    stages, points = list(model.stages), None
-    observed = _distinct(samples, noise, stages, [])
+    stages, points, notes = list(model.stages), None, _warnings(model, samples)
+    observed = _distinct(samples, noise, stages, notes)
     if possible is not None:  # what a plan leaves out stays as it mostly was
         plan = observe(possible, noise, stages).points
         points = {name: plan.get(name, np.full(len(possible), np.median(row)))
                   for name, row in observed.points.items()}
     return next_test_of_system(
-        Transmission(model, samples.pressure is not None), observed, points)
+        Transmission(model, samples.pressure is not None), observed, points, notes=notes)
+
+
+def _warnings(model: EfficiencyModel, samples: BenchSamples) -> list[str]:
+    """Say why the readings may be of another machine; errors as of `stage_of_each`."""
+    pressure = pressure_remark(model, samples)
+    return [*gear_train_remarks(model, samples), *filter(None, [pressure])]
 
 
 def _distinct(
@@ -353,17 +357,19 @@ def read_plan(
         channels: what will be read besides the efficiency; a column of that name says so too.
 
     Raises:
-        InputError: as `read_bench`, or the model has no answer at a point.
+        InputError: as `read_bench` and `stage_of_each`, or the model has no answer at a point.
     """
-    known, extra, found = read_columns(path, _POINT)
-    points = ranges.OperatingPoints(
-        **{axis: known[axis] for axis in ranges.OperatingPoints._fields if axis in known},
-        stage=np.array(extra["stage"]) if "stage" in extra else None)
-    expected = dict(zip((item.name for item in CHANNELS), model.readings_at(points), strict=True))
-    stalled = np.flatnonzero(np.isnan(expected["efficiency"]))
-    if len(stalled):
-        raise InputError(f"{path}: row {found.rows[stalled[0]]}: load_torque = "
-                         f"{points.load_torque[stalled[0]]:g} cannot be carried there")
-    known.update({name: row for name, row in expected.items()
-                  if name in {"efficiency", *channels, *known}})
-    return BenchSamples(**known, extra=extra, source=found.source, sha256=found.sha256)
+    known, extra, table = read_columns(path, _POINT)
+    plan = BenchSamples(**{**known, "efficiency": np.ones(len(table.rows))}, extra=extra,
+                        source=table.source, sha256=table.sha256, rows=tuple(table.rows))
+    stage_of_each(model.stages, plan)
+    expected = dict(zip((item.name for item in CHANNELS), model.readings_at(plan.points),
+                        strict=True))
+    for i in np.flatnonzero(np.isnan(expected["efficiency"])):
+        loads = plan.load_torque[i] * np.linspace(0.01, 1.0, 100)
+        there = replace(plan.select(np.full(len(loads), i)), load_torque=loads)
+        most = loads[np.isfinite(model.readings_at(there.points)[0])].max(initial=0.0)
+        raise InputError(f"{path}: row {plan.rows[i]}: load_torque = {plan.load_torque[i]:g} "
+                         f"cannot be carried there; {most:.4g} N m can")
+    return replace(plan, **{name: row for name, row in expected.items()
+                            if name in {"efficiency", *channels, *known}})

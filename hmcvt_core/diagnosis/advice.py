@@ -14,7 +14,7 @@ B_kj being the Bhattacharyya distance of two components (Kolchinsky & Tracey 201
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -26,13 +26,12 @@ from .system import Array, Axis, Points
 
 SETTLED = 0.95
 """Probability at which an explanation stands."""
-_NO_TEST = "cannot be settled by tests"
+_NO_TEST, _REGIONS = "cannot be settled by tests", "look at the regions that hmcvt diagnose tells"
 
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
 _MANY = 100.0  # tests, evenly spread: what a campaign so large cannot tell apart, tests cannot
 _ODDS = math.log(SETTLED / (1.0 - SETTLED))
 _STUCK = 0.5  # probability that tests will not settle it, from which none is asked for
-_WORTH = 0.04  # nats: less is no test's worth
 
 
 def named(effects: Names | None) -> str:
@@ -77,6 +76,7 @@ class Advice:
             unlisted loss, and `no_gap` that of none.
         no_gap: probability that there is none, or none larger than a base that is a little off.
         axes: of the tests.
+        notes: on the campaign; what the readings do not fit goes first.
     """
 
     reason: str | None = None
@@ -88,6 +88,7 @@ class Advice:
     alive: tuple[tuple[Names, float], ...] = ()
     no_gap: float = 0.0
     axes: tuple[Axis, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def stop(self) -> bool:
@@ -113,6 +114,7 @@ class Advice:
             "alive": [{"effects": list(names), "probability": p} for names, p in self.alive],
             "no_gap_probability": self.no_gap,
             "tests_expected": self.tests_expected,
+            "notes": list(self.notes),
         }
 
 
@@ -133,17 +135,22 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     if labels[None][1] >= SETTLED:
         return answer("no gap worth a test")
     if alive[0][1] >= SETTLED:
-        return answer("settled", measure=None if alive[0][0] else "look at the regions")
-    pool = base.as_measured(possible)
+        return answer("settled", measure=None if alive[0][0] else _REGIONS)
+    p = np.array([each for _, each in labels.values()])
+    p /= p.sum()
+    likeliest = list(labels.values())[int(p.argmax())][0]
+    pool = replace(base, noise=likeliest.weighed.noise).as_measured(possible)
     rivals = [rival.at(pool, allowing=True) for rival, _ in labels.values()]
-    able = np.isfinite([each.mean for each in rivals]).all(axis=(0, 1))  # all can carry the load
+    carried = np.stack([np.isfinite(each.mean).all(axis=0) for each in rivals])
+    able = carried[-1] & (p @ carried > _STUCK)  # by the base, and by most
     if not able.any():
         return answer(_NO_TEST, measure="none of the tests can be carried")
     place = {name: row[able] for name, row in pool.points.items()}
-    rivals = [each._replace(mean=each.mean[:, able], columns=each.columns[:, able])
-              for each in rivals]
-    p = np.array([each for _, each in labels.values()])
-    p /= p.sum()
+    carried = carried[:, able]
+    # Who cannot carry a load has no say there.
+    rivals = [each._replace(mean=np.where(own, each.mean[:, able], 0.0),
+                            columns=np.where(own[:, None], each.columns[:, able], 0.0))
+              for each, own in zip(rivals, carried, strict=True)]
     names = list(labels)
     twins = _untold(rivals, names, p)
     if p[list(twins)].sum() > _STUCK:
@@ -154,12 +161,15 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
         if remedy:
             return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)),
                           parted=(named(rival.names), named(twin.names)))
+    says = p[:, None] * carried
+    says /= says.sum(axis=0)
     tests = []
     for _ in range(_TESTS):
         distance = _distances(rivals)
-        information = -np.einsum("k,kn->n", p, np.log(np.einsum("j,kjn->kn", p, np.exp(-distance))))
+        information = -np.einsum(
+            "kn,kn->n", says, np.log(np.einsum("jn,kjn->kn", says, np.exp(-distance))))
         best = int(np.argmax(information))
-        weight = p[:, None] * p * (1.0 - np.exp(-distance[:, :, best]))
+        weight = says[:, [best]] * says[:, best] * (1.0 - np.exp(-distance[:, :, best]))
         one, other = np.unravel_index(int(np.argmax(weight)), weight.shape)
         tests.append(NextTest(
             {axis.name: float(place[axis.name][best]) for axis in pool.steered},
@@ -168,13 +178,11 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
                      for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
     short = _ODDS - logit(p.max())
-    expected = math.ceil(max(1.0, short / max(2.0 * tests[0].gain, _WORTH)))
+    expected = math.ceil(np.clip(short / max(2.0 * tests[0].gain, 1.0 / _MANY**2), 1.0, _MANY))
     return answer(tests=tuple(tests), tests_expected=expected)
 
 
-def _untold(
-    rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array
-) -> dict[int, int]:
+def _untold(rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array) -> dict[int, int]:
     """Explanations that many tests would not tell from another: by which of those.
 
     Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
@@ -204,12 +212,13 @@ def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
                 if first.by_itself != bool(label) and rival.by_itself == bool(label):
                     first = rival
                 found[label] = first, total + (1.0 - ranking.no_gap) * share * p
-    _, misfit = found.pop(None, (ranking.bare, 0.0))
+    loose, misfit = found.pop(None, (ranking.bare, 0.0))
     kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),
                   key=lambda entry: -entry[1][1])[:_MOST]
     if not kept:  # the likeliest, however improbable
         kept = sorted(found.items(), key=lambda entry: -entry[1][1])[:1]
-    return {**dict(kept), None: (ranking.bare, ranking.no_gap + misfit)}
+    return {**dict(kept), None: (loose if misfit > ranking.no_gap else ranking.bare,
+                                 ranking.no_gap + misfit)}
 
 
 def _distances(rivals: Sequence[Foretold]) -> Array:

@@ -4,7 +4,7 @@
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -149,18 +149,20 @@ def diagnose_system(
 
 
 def next_test(
-    system: System, observed: Observations, possible: Points | None = None, seed: int = 0
+    system: System, observed: Observations, possible: Points | None = None, *,
+    notes: Sequence[str] = (), seed: int = 0,
 ) -> Advice:
     """Choose the next test of a campaign; arguments and errors as of `diagnose_system`.
 
     Args:
-        system, observed, seed: as there.
+        system, observed, notes, seed: as there.
         possible: the tests that can be run; None for those that the system knows.
     """
-    base, _ = admitted(system, observed)
+    base, more = admitted(system, observed)
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)
-    return advise(rank(base, regions(base.observed.place), seed), possible)
+    found = advise(rank(base, regions(base.observed.place), seed), possible)
+    return replace(found, notes=(*notes, *more))
 
 
 def shrinkage(

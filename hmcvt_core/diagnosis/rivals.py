@@ -36,7 +36,7 @@ which agree once their exponents do, to films that break (docs/diagnosis.md).
 # what its forms do (that allowance along three axes makes 0.19), and from which it is nearly all of
 # it; and how far the set is all of it then.
 _LOST, _MISSED, _LISTED = (0.06, 0.2), (0.25, 0.75), (1.0, 0.01)
-_EXACT = 1e-6  # in the place of a misfit: the base is exact
+_EXACT = 1e-3  # of a misfit, in its place: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
 _SCREENED_SPREAD = 1.5  # in typical sizes
@@ -48,8 +48,8 @@ class Rival:
 
     Attributes:
         fit: the refit near which it is linear.
-        weighed: the linear model with its allowances, at its most likely prior scale.
-        plain: without allowances: what is saved and foretold.
+        weighed: the linear model with its most likely allowances, at the widest prior of its sizes.
+        plain: without allowances, at their most likely prior: what is saved.
         log: log evidence over the prior scales.
         beside: a loss that nobody listed, or None.
     """
@@ -105,8 +105,9 @@ class Rival:
         model = self.weighed if allowing else self.plain
         there = self.fit if points is self.fit.observed else linearise(
             self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
-        columns = _allowing(there, self.fit.observed) if allowing and self.names else there.jacobian
-        change = np.zeros(len(model.mean))
+        columns, change = there.jacobian, np.zeros(len(model.mean))
+        if allowing and self.names:
+            columns = _allowance_columns(there, self.fit.observed)
         if self.beside is not None:
             columns = np.concatenate([columns, self.beside.columns(points)], axis=-1)
         if allowing or self.beside is not None:
@@ -143,12 +144,18 @@ class Foretold(NamedTuple):
         return self._replace(covariance=self.covariance - gain @ own @ self.covariance)
 
     def against(self, other: Foretold, tests: float) -> float:
-        """Squared deviations between two once this one has adapted to tests all over the points."""
+        """Squared deviations from another once this one has adapted, at the cost of its prior.
+
+        Args:
+            other: what the tests read.
+            tests: how many, evenly over the points.
+        """
         miss = (other.mean - self.mean).ravel()
         columns, each = self.columns.reshape(len(miss), -1), tests / self.mean.shape[1]
-        inner = np.linalg.pinv(self.covariance, hermitian=True) + each * columns.T @ columns
+        # Without the inverse of a covariance over units of very different sizes.
+        inner = np.eye(columns.shape[1]) + each * columns.T @ columns @ self.covariance
         cross = each * columns.T @ miss
-        return float(each * miss @ miss - cross @ np.linalg.solve(inner, cross))
+        return float(each * miss @ miss - cross @ self.covariance @ np.linalg.solve(inner, cross))
 
 
 def nothing(base: Fit) -> Rival:
@@ -243,13 +250,13 @@ def explanation(fit: Fit) -> Rival:
     """Weigh a refit with its allowances."""
     observed, hypothesis = fit.observed, fit.hypothesis
     sizes, k = hypothesis.sizes, len(fit.sizes)
-    off, columns = base_misfit(observed)[1], _allowing(fit, observed)
-    count = (columns.shape[-1] - len(fit.theta) - len(off)) // k
-    each = np.full(count * k, np.sqrt(len(observed.place) / count))
+    off, columns = base_misfit(observed)[1], _allowance_columns(fit, observed)
+    bends = columns.shape[-1] - len(fit.theta) - len(off)  # of k forms together
+    each = np.full(bends, np.sqrt(len(observed.place) * k / max(bends, 1)))
     widest = np.full(k, max(SIZE_SPREADS))
     spreads = np.stack([
         np.concatenate([hypothesis.spread(widest), misfitting, allowance * each])
-        for allowance in FORM_ALLOWANCES for misfitting in (off, np.full(len(off), _EXACT))])
+        for allowance in FORM_ALLOWANCES for misfitting in (off, _EXACT * off)])
     tried = weigh(observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan))
     scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=k)))
     signs = hypothesis.signs
@@ -262,8 +269,11 @@ def explanation(fit: Fit) -> Rival:
     return Rival(fit, tried[best], plain, float(log_mean(logs.ravel())))
 
 
-def _allowing(fit: Fit, campaign: Observations) -> Array:
-    """Columns of a refit, of a misfit of the base, and of the bends of each form."""
+def _allowance_columns(fit: Fit, campaign: Observations) -> Array:
+    """Columns of a refit, of a misfit of the base and of the bends of each form.
+
+    Smooth over the working space of a campaign; shape (channels, n, p).
+    """
     misfit, _ = base_misfit(campaign)
     degree = campaign.smooth[1]
     bends = misfit.functions(fit.observed)[:, (degree > 0) & (degree <= _ALLOWED_DEGREE)]

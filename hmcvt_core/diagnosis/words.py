@@ -102,13 +102,16 @@ def point_of(test: NextTest, axes: Sequence[Axis]) -> str:
 def advice(found: Advice) -> str:
     """Return which test to run next, or why to stop, and what is alive."""
     told = [f"{named(effects)} ({probability(p)})" for effects, p in found.alive]
-    lines = [f"stop: {found.reason}"]
-    if not found.stop:
-        lines = [f"next test: {point_of(found.tests[0], found.axes)}; "
-                 f"read {listed(found.channels, 'and')}",
-                 f"about {found.tests_expected} more until it is settled"]
+    lines = [f"note: {note}" for note in found.notes]
+    if found.stop:
+        lines.append(f"stop: {found.reason}")
+    else:
+        lines += [f"next test: {point_of(found.tests[0], found.axes)}; "
+                  f"read {listed(found.channels, 'and')}",
+                  f"about {found.tests_expected} more until it is settled"]
     if found.measure is not None:
-        lines.append(f"measure: {found.measure}")
+        apart = ": tells {} from {}".format(*found.parted) if found.parted else ""
+        lines.append(f"measure: {found.measure}{apart}")
     lines.append(f"alive: {', '.join(told)}, no gap or a base model a little off "
                  f"({probability(found.no_gap)})")
     return "\n".join(wrapped(line) for line in lines)

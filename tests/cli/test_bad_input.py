@@ -104,6 +104,17 @@ def test_usage(hmcvt, arguments, words):
     assert_refused(hmcvt(*arguments), *words)
 
 
+@pytest.mark.parametrize(("row", "words"), [
+    ("-0.5,200,5000,HM4", "row 3: load_torque = 5000 cannot be carried there; 2350 N m can"),
+    ("-0.5,200,150,XX", "row 3: stage 'XX' is not known to the model; there is HM4"),
+])
+def test_a_test_that_cannot_be_run(hmcvt, tmp_path, row, words):
+    limits = tmp_path / "limits.csv"
+    limits.write_text(f"displacement_ratio,engine_speed,load_torque,stage\n1,150,100,HM4\n{row}\n")
+    for asked in (("next", TABLE2, "--limits", limits), ("separable", limits)):
+        assert_refused(hmcvt(*asked), "limits.csv", words)
+
+
 @pytest.mark.parametrize("json", [(), ("--json",)])
 def test_no_working_point(hmcvt, json):
     stalled = (*POINT, "--load-torque", "5000", *json)

@@ -128,6 +128,9 @@ def test_a_sample_without_its_stage_is_named():
             ask(TRACTOR, replace(samples, extra={}), noise=NOISE)
         with pytest.raises(hmcvt.InputError, match="sample 2: stage 'HM9' is not known to the"):
             ask(TRACTOR, replace(samples, extra={"stage": wrong}), noise=NOISE)
+    for ask in (hmcvt.diagnose, hmcvt.next_test):
+        with pytest.raises(hmcvt.InputError, match="sample 2: stage 'HM1' is not known to"):
+            ask(TRACTOR.in_stage("HM4"), replace(samples, extra={"stage": ("HM4", *wrong[:-1])}))
 
 
 def test_the_next_test_names_its_stage():

@@ -311,11 +311,23 @@ def test_the_next_test_is_asked_for_and_its_end_is_told():
     plan = few.select(np.arange(3))
     limited = hmcvt.next_test(BASE, few, noise=NOISE, possible=plan)
     assert limited.tests[0].point["engine_speed"] in plan.engine_speed
+    in_bar = replace(few, pressure=1e-5 * BASE.readings_at(few.points)[2])
+    assert "the unit of the pressure" in hmcvt.next_test(BASE, in_bar, noise=NOISE).notes[0]
     quiet = hmcvt.next_test(BASE, campaign(seed=1, n=48), noise=NOISE)
     assert (quiet.stop, quiet.reason) == (True, "no gap worth a test")
     assert diagnosed("planetary mesh").advice.reason == "settled"
     pump = diagnosed("charge pump").advice
     assert pump.reason == "cannot be settled by tests" and "shaft torque" in pump.measure
+
+
+def test_what_an_improbable_cause_cannot_carry_may_be_tested():
+    table = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
+    heavy = hmcvt.BenchSamples([-1.0], [78.0], [600.0], [0.7])
+    asked = hmcvt.next_test(SHIPPED, table, noise=0.0085, possible=heavy)
+    assert asked.tests[0].point["load_torque"] == 600.0
+    heavier = replace(heavy, load_torque=[4000.0])
+    none = hmcvt.next_test(SHIPPED, table, noise=0.0085, possible=heavier)
+    assert none.stop and none.measure == "none of the tests can be carried"
 
 
 @pytest.mark.parametrize("n", [12, 24])

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What is made of the probabilities of sets: who is told from whom."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -45,6 +46,15 @@ def test_a_set_is_told_from_the_loss_that_stands_beside_it():
     assert labels[("a",)][1] == pytest.approx(0.65)
 
 
+@pytest.mark.parametrize("off", [0.1, 0.3])
+def test_no_gap_is_foretold_by_what_is_likelier_an_exact_base_or_one_a_little_off(off):
+    loose = SimpleNamespace(names=(), of_base=True, by_itself=False, listed=lambda bare: 0.0)
+    ranking = replace(_explained(("a", 1.0 - off)), no_gap=0.2)
+    ranking = replace(ranking, entries=(*ranking.entries, (loose, off)))
+    told = advice._labels(ranking)[None]
+    assert told == (loose if off > 0.25 else ranking.bare, pytest.approx(0.2 + 0.8 * off))
+
+
 @pytest.mark.parametrize(("names", "p", "stuck"), [
     ([("a",), ("b",), ("far",)], (0.4, 0.35, 0.25), {0: 1, 1: 0}),
     ([("a",), ("b",), ("far",)], (0.7, 0.03, 0.27), {1: 0}),  # 0.96 of the two is enough
@@ -64,6 +74,8 @@ def test_how_fine_the_tests_are_laid_out_does_not_decide_what_a_hundred_of_them_
     told = one.against(other, 100.0)
     assert told == pytest.approx(100.0 / 101.0)  # 100 deviations, of which a mean is free
     assert finer.against(other._replace(mean=np.ones((1, 8))), 100.0) == pytest.approx(told)
+    wide = one._replace(columns=np.array([[[0.0, 1e3]] * 4]), covariance=np.diag([1e9, 1e-6]))
+    assert wide.against(other, 100.0) == pytest.approx(told)  # in whatever unit
 
 
 def test_what_is_foretold_of_the_campaign_is_what_was_weighed_there():
