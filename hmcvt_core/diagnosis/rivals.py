@@ -36,7 +36,7 @@ which agree once their exponents do, to films that break (docs/diagnosis.md).
 # what its forms do (that allowance along three axes makes 0.19), and from which it is nearly all of
 # it; and how far the set is all of it then.
 _LOST, _MISSED, _LISTED = (0.06, 0.2), (0.25, 0.75), (1.0, 0.01)
-_EXACT = 1e-3  # of a misfit, in its place: the base is exact
+_EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
 _SCREENED_SPREAD = 1.5  # in typical sizes
@@ -256,7 +256,7 @@ def explanation(fit: Fit) -> Rival:
     widest = np.full(k, max(SIZE_SPREADS))
     spreads = np.stack([
         np.concatenate([hypothesis.spread(widest), misfitting, allowance * each])
-        for allowance in FORM_ALLOWANCES for misfitting in (off, _EXACT * off)])
+        for allowance in FORM_ALLOWANCES for misfitting in (off, np.full(len(off), _EXACT))])
     tried = weigh(observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan))
     scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=k)))
     signs = hypothesis.signs

@@ -211,7 +211,7 @@ def test_json_of_the_contract(name):
     assert data["delivered"].keys() == {"rmse_before", "rmse_after"}
     advice = data["advice"]
     assert advice.keys() == {"stop", "reason", "test", "measure", "alive", "no_gap_probability",
-                             "tests_expected"}
+                             "tests_expected", "notes"}
     assert advice["stop"] is (advice["reason"] is not None) is (advice["test"] is None)
     assert shrinkage.keys() == {"before", "after", "fraction", "interval", "on"}
     assert (shrinkage["fraction"] is None) is (shrinkage["interval"] is None)
