@@ -19,15 +19,15 @@ STAGE = ("--params", TRACTOR, "--stage", "HM3")
 SPEED = 1800 * RPM
 
 
-def test_a_point_by_whatever_is_measured(hmcvt):
-    """At other points: tests/core/test_drive_line.py."""
-    stroke, load = 0.725, -150.0
+@pytest.mark.parametrize(("stroke", "load"), [(0.725, -150), (-0.6, 60), (0.2, 0)])
+def test_a_point_by_whatever_is_measured(hmcvt, stroke, load):
     torque = load + HM3.power_loss(stroke, SPEED, load) / SPEED
     output = HM3.output_speed(stroke, SPEED, load)
     loads = {"--load-torque": f"{load:.12g}N m", "--output-power": f"{load * SPEED / 1e3:.12g}kW",
              "--output-torque": f"{load * SPEED / abs(output):.12g}Nm",
              "--engine-torque": f"{torque / 1e3:.12g}kNm"}
-    strokes = {"--displacement-ratio": "72,5%", "--output-speed": f"{output / RPM:.12g}r/min"}
+    strokes = {"--displacement-ratio": f"{100 * stroke:g}%".replace(".", ","),
+               "--output-speed": f"{output / RPM:.12g}r/min"}
     for by_load, by_stroke in product(loads.items(), strokes.items()):
         found = hmcvt("predict", *STAGE, "--engine-speed", "1800rpm", *by_load, *by_stroke,
                       "--json").json

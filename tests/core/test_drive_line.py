@@ -3,13 +3,11 @@
 
 import math
 import time
-from itertools import product
 
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.model.agreement import operating_point
 from hmcvt_core.transmission.ranges import RPM
 from studies.benchmarks.drive_line import brute_force, demands
 
@@ -92,17 +90,6 @@ def test_hysteresis_keeps_the_stage_engaged():
     assert changed
     for one, two in changed:
         assert two.stage == "HM3" and one.fuel_rate <= two.fuel_rate <= 1.03 * one.fuel_rate
-
-
-@pytest.mark.parametrize(("stroke", "load"), [(0.4, 210), (-0.6, 60), (0.2, 0), (0.7, -150)])
-def test_a_point_by_whatever_is_measured(stroke, load):
-    """In units, on the command line: tests/cli/test_drive_line.py."""
-    model, speed = TRACTOR.stages["HM3"], 188.5
-    output = model.output_speed(stroke, speed, load)
-    loads = {"load_torque": load, "output_power": load * speed, "output_torque": load * speed
-             / abs(output), "engine_torque": load + model.power_loss(stroke, speed, load) / speed}
-    for by in product(loads.items(), (("displacement_ratio", stroke), ("output_speed", output))):
-        assert operating_point(model, speed, dict(by)) == pytest.approx((stroke, load), abs=1e-4)
 
 
 def test_engine_by_hand():

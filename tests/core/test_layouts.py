@@ -145,8 +145,6 @@ def test_effects_cost_power_in_every_layout(name, effect):
      "a hydrostatic stage turns either way"),
     ("hydrostatic", "pump: {gear_pairs: [P]}", "pump: {gear_pairs: [P]}\n      mechanical: {}",
      "a hydrostatic stage has no mechanical path"),
-    ("tractor", "gear_pairs: [6, 11], member", "gear_pairs: [6, 11], direction: -1, member",
-     "stage HM4: output speed per engine speed at standing motor = -1.19.*check the directions"),
     ("tractor", "    HM2:\n", "    HM2:\n      clutch: c2\n",
      r"HM2\.clutch at line \d+ is not known"),
     ("tractor", "[0.4147, 0.6534]", "0.4", r"HM4\.open_clutches = .*allowed: name: \[slip per"),

@@ -119,16 +119,6 @@ def test_fingerprint_follows_the_physics(model, hm4):
     assert replace(bare, stage=hm4.with_gear_efficiency(0.97)).fingerprint != model.fingerprint
 
 
-def test_efficiency_map(model):
-    axes = ([-1.0, 0.0, 1.0], [100.0, 200.0], [50.0, 100.0, 150.0, 200.0])
-    found = model.efficiency_map(*axes)
-    assert found.efficiency.shape == (3, 2, 4)
-    for (i, j, k), value in np.ndenumerate(found.efficiency):
-        point = (axes[0][i], axes[1][j], axes[2][k])
-        assert value == pytest.approx(model.efficiency(*point), rel=1e-13)
-    np.testing.assert_array_equal(found.engine_speed, axes[1])
-
-
 @pytest.mark.parametrize(("axes", "message"), [
     (([], [100.0], [100.0]), r"map axis displacement_ratio has shape \(0,\)"),
     (([0.0], [[100.0]], [100.0]), r"map axis engine_speed has shape \(1, 1\)"),

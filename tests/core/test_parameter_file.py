@@ -47,19 +47,6 @@ def test_round_trip(model, saved):
     assert again.to_mapping() == model.to_mapping()
 
 
-def test_file_carries_units_provenance_and_schema(saved, table2):
-    data = yaml.safe_load(saved.read_text(encoding="utf-8"))
-    assert data["schema"] == "hmcvt-model/1"
-    assert {name: entry["unit"] for name, entry in data["parameters"].items()} == {
-        "leakage": "m3/(s Pa)", "motor_damping": "N m s/rad", "pump_damping": "N m s/rad"}
-    assert all(entry["standard_error"] > 0.0 for entry in data["parameters"].values())
-    assert data["provenance"]["data"] == "table2.csv"
-    assert data["provenance"]["data_sha256"] == table2.sha256
-    assert data["provenance"]["seed"] == 0
-    assert data["provenance"]["date"].endswith("Z")
-    assert set(data["transmission"]["gear_pairs"]) == {"2", "3", "4", "5", "6", "11"}
-
-
 def test_what_was_there_is_kept(model, saved, tmp_path):
     first = saved.read_bytes()
     other = dataclasses.replace(

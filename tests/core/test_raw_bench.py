@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Tables with names and units of their own, and torques of both shafts."""
 
-import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
@@ -26,17 +25,6 @@ def raw(tmp_path, text=TABLE, name="raw.csv"):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def test_units_and_shaft_torques_give_what_the_reader_would_work_out(tmp_path):
-    found = read_raw_bench(raw(tmp_path), SHAFTS)
-    assert found.displacement_ratio.tolist() == pytest.approx([0.5, -0.8])
-    assert found.engine_speed == pytest.approx(np.array([1400.0, 1000.0]) * np.pi / 30.0)
-    assert found.output_speed == pytest.approx(np.array([1890.0, 600.0]) * np.pi / 30.0)
-    assert found.load_torque == pytest.approx([140.0 * 1890.0 / 1400.0, 250.0 * 600.0 / 1000.0])
-    assert found.efficiency == pytest.approx(
-        [140.0 * 1890.0 / (250.0 * 1400.0), 250.0 * 600.0 / (200.0 * 1000.0)])
-    assert found.extra == {"no": ("1", "2"), "remark": ("warm", "")}
 
 
 def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
