@@ -31,7 +31,7 @@ _NO_TEST, _REGIONS = "cannot be settled by tests", "look at the regions that hmc
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
 _MANY = 100.0  # tests, evenly spread: what a campaign so large cannot tell apart, tests cannot
 _ODDS = math.log(SETTLED / (1.0 - SETTLED))
-_STUCK = 0.5  # probability that tests will not settle it, from which none is asked for
+_HALF = 0.5  # of the probability: where so much will not be settled, or carried, no test is made
 
 
 def named(effects: Names | None) -> str:
@@ -138,11 +138,11 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
         return answer("settled", measure=None if alive[0][0] else _REGIONS)
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
-    likeliest = list(labels.values())[int(p.argmax())][0]
+    likeliest, _ = max(labels.values(), key=lambda item: item[1])
     pool = replace(base, noise=likeliest.weighed.noise).as_measured(possible)
     rivals = [rival.at(pool, allowing=True) for rival, _ in labels.values()]
     carried = np.stack([np.isfinite(each.mean).all(axis=0) for each in rivals])
-    able = carried[-1] & (p @ carried > _STUCK)  # by the base, and by most
+    able = carried[-1] & (p @ carried > _HALF)  # by the base, and by most
     if not able.any():
         return answer(_NO_TEST, measure="none of the tests can be carried")
     place = {name: row[able] for name, row in pool.points.items()}
@@ -153,7 +153,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
               for each, own in zip(rivals, carried, strict=True)]
     names = list(labels)
     twins = _untold(rivals, names, p)
-    if p[list(twins)].sum() > _STUCK:
+    if p[list(twins)].sum() > _HALF:
         first = min(twins)  # they come most probable first
         rival, twin = (labels[names[i]][0] for i in (first, twins[first]))
         remedy = [effect.remedy for effect in (*rival.fit.effects, *twin.fit.effects)
@@ -178,7 +178,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
                      for axis in pool.axes if axis.labels}))
         rivals = [each.measured(best) for each in rivals]
     short = _ODDS - logit(p.max())
-    expected = math.ceil(np.clip(short / max(2.0 * tests[0].gain, 1.0 / _MANY**2), 1.0, _MANY))
+    expected = math.ceil(np.clip(short / max(2.0 * tests[0].gain, 1e-9), 1.0, _MANY))
     return answer(tests=tuple(tests), tests_expected=expected)
 
 

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 import hmcvt_core as hmcvt
 from hmcvt_core.identification import Schedule
 from hmcvt_core.identification.problem import Problem, hydraulic_roots
-from hmcvt_core.model.agreement import relative_errors
+from hmcvt_core.model.agreement import determination_loss, relative_errors
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 
 from .conftest import FIT
@@ -46,6 +46,15 @@ def test_the_targets_are_met(fitted, fitted_published, table2, formulation, fit,
     predicted = found.model.efficiency(*table2.select(FIT).points)
     assert relative_errors(predicted, measured).mean() == pytest.approx(found.fit_error)
     assert found.residuals == pytest.approx(predicted - measured, rel=1e-9)
+
+
+def test_objective_21_by_hand(fitted_published, table2):
+    """Predicted against measured, over predicted against the mean."""
+    measured = table2.select(FIT).efficiency
+    predicted = measured + fitted_published.residuals
+    loss = np.sum((predicted - measured) ** 2) / np.sum((predicted - measured.mean()) ** 2)
+    assert fitted_published.objective == pytest.approx(loss, rel=1e-9)
+    assert determination_loss(predicted, measured) == pytest.approx(loss, rel=1e-9)
 
 
 # Lowest weighted squares by least squares from 64 points (docs/benchmarks.md).

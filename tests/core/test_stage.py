@@ -1,10 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Gear trains from YAML: the paper's (Table 1, eq. (8)), a made-up one by hand, wrong ones."""
+"""Gear trains from YAML: the paper's (Table 1, eqs (5), (8)), a made-up one by hand, wrong ones."""
 
 import copy
 import csv
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.physics import published
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.transmission.ranges import OperatingPoints
-from hmcvt_core.transmission.stage import stages_to_mapping
+from hmcvt_core.transmission.stage import speed_ratio, stages_to_mapping
 
 from .strategies import stages
 
@@ -145,6 +146,15 @@ TABLE_1 = {
     "i7": "3.52", "i8": "2.767", "i9": "0.794", "i10": "2.767", "i11": "0.823", "i12": "1.093",
     "k1": "2.56", "k2": "3.56",
 }
+STROKES = [-1.0, -0.73, 0.0, 0.73, 1.0]
+
+
+def equation_5(displacement_ratio):
+    """Eq. (5) in exact fractions."""
+    i = {name: Fraction(value) for name, value in TABLE_1.items()}
+    k, eps = i["k1"], Fraction(displacement_ratio)
+    return float(((1 + k) * i["i4"] * i["i5"] + eps * i["i2"] * i["i3"])
+                 / (k * i["i2"] * i["i3"] * i["i4"] * i["i5"] * i["i6"] * i["i11"]))
 
 
 def test_table_1_stands_in_the_data_and_in_the_transmission_file():
@@ -154,3 +164,10 @@ def test_table_1_stands_in_the_data_and_in_the_transmission_file():
         hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
     assert ({f"i{name}": ratio for name, ratio in data["gear_pairs"].items()}
             | data["planetary_rows"]) == {name: float(value) for name, value in TABLE_1.items()}
+
+
+def test_speed_ratio_is_equation_5(hm4):
+    found = speed_ratio(hm4, np.array(STROKES))
+    np.testing.assert_allclose(found, [equation_5(str(eps)) for eps in STROKES], rtol=1e-14)
+    # The digits of docs/theory.md
+    np.testing.assert_allclose(found, [0.83286, 0.93107, 1.19658, 1.46209, 1.56029], atol=5e-6)

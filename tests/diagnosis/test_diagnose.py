@@ -325,8 +325,8 @@ def test_what_an_improbable_cause_cannot_carry_may_be_tested():
     heavy = hmcvt.BenchSamples([-1.0], [78.0], [600.0], [0.7])
     asked = hmcvt.next_test(SHIPPED, table, noise=0.0085, possible=heavy)
     assert asked.tests[0].point["load_torque"] == 600.0
-    heavier = replace(heavy, load_torque=[4000.0])
-    none = hmcvt.next_test(SHIPPED, table, noise=0.0085, possible=heavier)
+    heavy = replace(heavy, load_torque=[4000.0])
+    none = hmcvt.next_test(SHIPPED, table, noise=0.0085, possible=heavy)
     assert none.stop and none.measure == "none of the tests can be carried"
 
 
