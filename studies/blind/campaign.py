@@ -126,7 +126,10 @@ def make_campaign(
 def fresh(campaign: Campaign, seed: int, **options: Any) -> Campaign:
     """Measure the same plant anew: other operating points, other noise; options may be others."""
     bench = replace(campaign.bench, options=replace(campaign.bench.options, **options))
-    return bench.measure(seed)
+    try:
+        return bench.measure(seed)
+    except InputError:  # a point stalls at any load
+        return fresh(campaign, seed + 1, **options)
 
 
 def pressure_noise(pressure: FloatArray) -> FloatArray:
