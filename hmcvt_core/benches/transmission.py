@@ -35,8 +35,10 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage
 
 AXES = (
+    # Near standstill the motor sticks and slips, and no model has the sense of its friction. Makers
+    # ask for 50 r/min where it has to run evenly (Bosch Rexroth, RA 91001): 0.02 at 2500 r/min.
     Axis("displacement_ratio", "-", "displacement ratio", "stroke", 2, 0.001, graded=False,
-         told="stroke {0:+.2f}"),
+         told="stroke {0:+.2f}", turns=0.02),
     Axis("engine_speed", "rad/s", "engine speed", "speed [rad/s]", 1, ranges.RPM,
          told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / ranges.RPM),
     Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, told="{0:.0f} N m"),

@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from .ranking import ALIVE, Names, Ranking
+from .ranking import ALIVE, Ranking
 from .rivals import Foretold, Rival
+from .search import Names
 from .system import Array, Axis, Points
 
 SETTLED = 0.95

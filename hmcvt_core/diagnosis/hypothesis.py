@@ -31,7 +31,7 @@ More than any misfit, or refits to a large gap would hide the worst points where
 
 _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
-_PASSES = 60
+_PASSES, _ROUGH = 60, 6  # at most; of a rough refit
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down; at last none
 _SMALL = 0.3  # standard deviations: a step that changes or gains less is not worth making
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
@@ -123,6 +123,16 @@ class Hypothesis:
         names = [channel.name for channel in self.system.channels]
         return found[[names.index(channel.name) for channel in channels]] if channels else found
 
+    def turning(self, theta: Array, points: Points, channels: Sequence[Channel]) -> Array:
+        """How far readings turn within `Axis.turns` of points, in their units, (channels, n)."""
+        here = self.predict(theta, points, channels)
+        found = np.zeros_like(here)
+        for axis in (axis for axis in self.system.axes if axis.turns):
+            around = sum(self.predict(theta, {**points, axis.name: place}, channels)
+                         for place in points[axis.name] + axis.turns * np.array([[-1.0], [1.0]]))
+            found = np.fmax(found, np.abs(around / 2.0 - here))  # of NaN and a number, the number
+        return found
+
 
 def _scaled(item: Any, value: float) -> float:
     """A size in typical ones; a shape as the part of its range, in proportion where it can be."""
@@ -199,16 +209,17 @@ class Fit:
     @cached_property
     def signatures(self) -> list[Signature]:
         """Every form of the library that can show beside the base model."""
-        system, found = self.hypothesis.system, list[Signature]()
+        every = ((form, self.signature(form)) for kind in self.hypothesis.system.library
+                 for form in forms_of(kind))
+        return [(form, change) for form, change in every if np.abs(change).max() >= _UNSEEN]
+
+    def signature(self, form: Effect) -> Array:
+        """Change by one typical size of a form beside what there is, shape (channels, n)."""
+        more = replace(self.hypothesis, effects=(*self.hypothesis.effects, form))
         # The refit leaves little of an effect: the slope that counts is that of a small one.
-        theta = np.append(self.base, _SCREENED_SIZE)
-        for form in (form for kind in system.library for form in forms_of(kind)):
-            there = _whitened(Hypothesis(system, (form,)), self.observed, theta)
-            # Where the typical size cannot be carried it says nothing.
-            change = np.where(there == REFUSED, 0.0, self.whitened - there) / _SCREENED_SIZE
-            if np.abs(change).max() >= _UNSEEN:
-                found.append((form, change))
-        return found
+        there = _whitened(more, self.observed, np.append(self.theta, _SCREENED_SIZE))
+        # Where the typical size cannot be carried it says nothing.
+        return np.where(there == REFUSED, 0.0, self.whitened - there) / _SCREENED_SIZE
 
     def left(self, readings: Array, prior: Array | float = 0.0) -> Array:
         """What a refit leaves of changes of the readings, shape (k, channels, n), and of priors.
@@ -228,8 +239,10 @@ class Fit:
         deviation = np.stack([channel.deviation(row) for channel, row in zip(
             observed.channels, found, strict=True)])
         deviation[0] = np.median(observed.deviation[0])
+        deviation = np.hypot(deviation * np.sqrt(self.noise)[:, None],
+                             self.hypothesis.turning(self.theta, points, observed.channels))
         return replace(observed, points=points, measured=found, number=np.arange(found.shape[1]),
-                       deviation=deviation * np.sqrt(self.noise)[:, None])
+                       deviation=deviation)
 
 
 def refit(
@@ -259,7 +272,7 @@ def refit(
     exact = slopes is None
     jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
     prior = np.diag(1.0 / hypothesis.spread(np.inf))
-    for _ in range(_PASSES):
+    for _ in range(_ROUGH if rough else _PASSES):
         root = np.sqrt(_noise(observed, here, len(theta)))[:, None]
 
         def missed(here: Array, theta: Array, root: Array = root) -> Array:
@@ -286,7 +299,7 @@ def refit(
     return Fit(hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta)))
 
 
-def freed(fit: Fit) -> Fit:
+def freed(fit: Fit, rough: bool = False) -> Fit:
     """Refit with the shapes of all effects free, from where a refit ended."""
     before, observed = fit.hypothesis, fit.observed
     free = replace(before, effects=fit.effects, bent=len(fit.effects))
@@ -296,7 +309,16 @@ def freed(fit: Fit) -> Fit:
     slopes[..., known] = fit.jacobian
     slopes[..., ~known] = _jacobian(
         free, observed, theta, _whitened(free, observed, theta), np.flatnonzero(~known).tolist())
-    return refit(free, observed, theta, slopes)
+    return refit(free, observed, theta, slopes, rough=rough)
+
+
+def without(fit: Fit, i: int) -> Fit:
+    """Refit without one of the effects, from where a refit ended."""
+    before = fit.hypothesis
+    kept = np.array([*np.full(before.shared, True), *(place != i for place, _ in before.free)])
+    rest = replace(before, effects=(*fit.effects[:i], *fit.effects[i + 1:]),
+                   bent=before.bent - (i < before.bent))
+    return refit(rest, fit.observed, fit.theta[kept], fit.jacobian[..., kept], rough=True)
 
 
 def linearise(

@@ -46,7 +46,7 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         InputError: what remains cannot carry a diagnosis.
     """
     notes: list[str] = []
-    base = _answered(system, observed, notes)
+    base = _loosened(_answered(system, observed, notes))
     observed = base.observed
     slips, read = outliers(observed, base.whitened), observed.channels[0].name
     if len(slips) > _NAMED:
@@ -102,6 +102,14 @@ def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
     if fit is not None and np.array_equal(impossible, before):
         return fit
     return refit(base, observed.without(impossible))
+
+
+def _loosened(fit: Fit) -> Fit:
+    """Refit with the noise of readings that turn near their points."""
+    observed = fit.observed
+    turning = fit.hypothesis.turning(fit.theta, observed.points, observed.channels)
+    return refit(fit.hypothesis, replace(
+        observed, deviation=np.hypot(observed.deviation, turning)), fit.theta)
 
 
 def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:

@@ -1,8 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which explanation is how probable: sets of one, two or three effects, and what nobody listed.
 
-All compete with one evidence. The search always looks for sets: the linear screen proposes, the
-exact refit decides, and whoever leads is asked what may stand beside it.
+All compete with one evidence, and sets are always looked for.
 
 No form is quite that of a real loss, and evidence then prefers one wrong form to another too
 firmly, this bench the one and its repetition the other. Probabilities are therefore the means over
@@ -12,15 +11,16 @@ campaigns drawn from the samples (bagged posteriors; Huggins & Miller 2023, Baye
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from .hypothesis import Fit, Signature
+from .hypothesis import Fit
 from .regions import Regions
-from .rivals import Proposal, Rival, bend, exact, fields, local, misfitting, nothing, screen
+from .rivals import Rival, exact, fields, local, misfitting, nothing, screen
+from .search import Names, distinct, search
 from .system import Array, Points
 
 PRIOR_NO_GAP = 0.5
@@ -39,17 +39,10 @@ PRIOR_UNLISTED = 0.10
 """Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
 
 _CAMPAIGNS = 400  # drawn
-_KINDS = 12  # forms that may be refitted besides, and sets refitted exactly at the end
-_HOPELESS = 6.0  # nats behind the best: free shapes bring hardly any set 4 nearer
-_LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
 _BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
-# A form stays in the race whose gain is so near the best, in part and in nats.
-_NEAR, _BEHIND = 0.7, 4.0
 _OPPOSITE = 3  # effects tried with the wrong sign
 ALIVE = 0.01
 """Probability below which a rival is left out of what is foretold."""
-
-Names = tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +133,7 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
     from scipy.special import expit, logsumexp, softmax
 
     bare, library = nothing(base), base.signatures
-    sets, kinds = search(bare, library)
+    sets, kinds = search(bare, library, max(PRIOR_OF_SIZE))
     found = [(rival, math.log(PRIOR_OF_SIZE[len(rival.names)]
                               / math.comb(kinds, len(rival.names))) + log) for rival, log in sets]
     found.sort(key=lambda item: -item[1])
@@ -149,7 +142,7 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
         found += _shared(fields(rival), prior) + _shared(local(rival, boxes), prior)
     found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
-    wrong = _distinct(screen(base, library, opposite=True))
+    wrong = distinct(screen(base, library, opposite=True))
     turned = [replace(rival := exact(each.refit(opposite=True)), log=rival.log + each.price[0])
               for each in wrong[:_OPPOSITE] if each.gain > 0.0]
     for family, count in ((fields(bare), 0), (local(bare, boxes), 0), (turned, len(wrong))):
@@ -169,86 +162,3 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
 def _shared(rivals: Sequence[Rival], prior: float, count: int = 0) -> list[tuple[Rival, float]]:
     """Share a log prior among rivals, or as many as `count` of which these are the best."""
     return [(rival, prior + rival.log - math.log(count or len(rivals))) for rival in rivals]
-
-
-def search(bare: Rival, library: Sequence[Signature]) -> tuple[list[tuple[Rival, float]], int]:
-    """Refit the sets of listed effects that may explain a gap.
-
-    Returns:
-        The best refit of each set that is near the best and its log evidence over all forms, and
-        how many effects there are to choose from.
-    """
-    found: dict[Names, tuple[Rival, Array]] = {}  # and the price as it is, and with free shapes
-    refined = set[Names]()
-
-    def weight(names: Names) -> float:
-        rival, price = found[names]
-        return float(rival.log + price[0])
-
-    def refitted(proposals: Iterable[Proposal]) -> None:
-        for each in proposals:
-            rival = each.refit()
-            if rival.names not in found or rival.log + each.price[0] > weight(rival.names):
-                found[rival.names] = rival, each.price
-                refined.discard(rival.names)
-
-    def refine(names: Names) -> tuple[Rival, Array]:
-        if names not in refined:
-            rival, price = found[names]
-            found[names] = bend(rival), price[[1, 1]]
-            refined.add(names)
-        return found[names]
-
-    def near(kept: Iterable[Names]) -> list[Names]:
-        # Without allowances: what a misfit of the base explains is not theirs.
-        gains = {names: found[names][0].plain.log - bare.log for names in kept}
-        least = _least(max(gains.values(), default=0.0))
-        return [names for names, gain in gains.items() if gain > least]
-
-    def leaders(size: int, count: int) -> list[Names]:
-        sized = near(names for names in found if len(names) == size)
-        return sorted(sized, key=weight, reverse=True)[:count]
-
-    alone = screen(bare.fit, library)
-    # Where the base bends much the linear screen misleads: each effect is refitted once at least.
-    refitted(_distinct(alone))
-    refitted(item for item in _promising(_distinct(alone, by_form=True))[:_KINDS]
-             if item.effects != found[item.effects[0].name,][0].fit.hypothesis.effects)
-    for names in leaders(1, _LEADERS):
-        refitted(_promising([item for item in alone if item.effects[0].name in names
-                             and item.effects != found[names][0].fit.hypothesis.effects])[:_SETS])
-    (first,), = leaders(1, 1)  # two that hold the leader are found from it, below
-    refitted([item for item in _promising(_distinct(screen(bare.fit, library, 2)))
-              if first not in {effect.name for effect in item.effects}][:_SETS])
-    for size in range(1, max(PRIOR_OF_SIZE)):
-        refitted(_distinct(sorted((
-            each._replace(gain=rival.log + each.gain, price=each.price + price)
-            for rival, price in map(refine, leaders(size, _LEADERS))
-            for each in _distinct(screen(rival.fit, library))[:_SETS] if each.gain > 0.0),
-            key=lambda each: -each.gain))[:2 * _SETS])
-    best = max(map(weight, found))
-    for names in sorted(found, key=weight, reverse=True)[:_KINDS]:
-        if weight(names) > best - _HOPELESS:
-            refine(names)
-    return [(found[names][0], weight(names)) for names in near(found)], len(
-        {each.effects[0].name for each in alone})
-
-
-def _promising(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Leave out what the screen, which is linear, puts far behind the best."""
-    least = _least(proposals[0].gain if proposals else 0.0)
-    return [proposal for proposal in proposals if proposal.gain > least]
-
-
-def _least(best: float) -> float:
-    """The gain above which a rival of the best stays in the race."""
-    return min(_NEAR * best, best) - _BEHIND
-
-
-def _distinct(proposals: Sequence[Proposal], by_form: bool = False) -> list[Proposal]:
-    """The best shapes of each set of names (and forms), best first."""
-    first: dict[Names, Proposal] = {}
-    for proposal in proposals:
-        first.setdefault(tuple(sorted(
-            effect.name + by_form * effect.form for effect in proposal.effects)), proposal)
-    return list(first.values())

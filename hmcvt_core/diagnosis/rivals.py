@@ -175,7 +175,6 @@ class Proposal(NamedTuple):
         effects: all forms, those of the start first; `changes` of the prediction by the others.
         price: log of the mean against the best, over all forms of these names, and over those that
             remain once their shapes are free, shape (2,).
-        mean: of the parameters.
     """
 
     gain: float
@@ -183,13 +182,14 @@ class Proposal(NamedTuple):
     effects: tuple[Effect, ...]
     changes: tuple[Array, ...]
     price: Array
-    mean: Array
 
     def refit(self, opposite: bool = False) -> Rival:
-        """Refit from where the linear approximation ends, and weigh."""
+        """Refit from where the start ended, and weigh."""
         hypothesis = replace(self.start.hypothesis, effects=self.effects, opposite=opposite)
         slopes = np.concatenate([self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1)
-        return explanation(refit(hypothesis, self.start.observed, self.mean, slopes, rough=True))
+        # Sizes of zero: the steps then never leave what the start had reached.
+        start = np.append(self.start.theta, np.zeros(len(self.changes)))
+        return explanation(refit(hypothesis, self.start.observed, start, slopes, rough=True))
 
 
 def screen(
@@ -199,7 +199,7 @@ def screen(
 
     Args:
         fit: what they are added to, without names that it has.
-        library: the forms; that their signatures are those at the base is near enough to propose.
+        library: the forms.
         count: how many at a time.
         opposite: with the wrong sign; effects that have either sign are left out.
     """
@@ -225,7 +225,6 @@ def screen(
     found = [evidence(grams, len(observed), np.append(spread, np.full(count, scale)),
                       observed.trust, signs) for scale in SIZE_SPREADS]
     log = log_mean([each.log for each in found]) - without.log
-    theta = found[-1].mean + np.append(hypothesis.prior_mean, np.zeros(count))
     # Members of one set come in the order of the library.
     kinds = [tuple(forms[i].name for i in chosen) for chosen in combined]
     fixed = list(map(_fixed, forms))
@@ -236,7 +235,7 @@ def screen(
                              log_mean(list(map(max, values.values())))])
              - max(map(max, values.values())) for kind, values in of_kind.items()}
     return [Proposal(float(log[i]), fit, (*hypothesis.effects, *(forms[j] for j in combined[i])),
-                     tuple(kept[j][1] for j in combined[i]), price[kinds[i]], theta[i])
+                     tuple(kept[j][1] for j in combined[i]), price[kinds[i]])
             for i in np.argsort(-log)]
 
 
@@ -287,9 +286,9 @@ def exact(rival: Rival) -> Rival:
     return explanation(refit(rival.fit.hypothesis, rival.fit.observed, rival.fit.theta))
 
 
-def bend(rival: Rival) -> Rival:
-    """Refit a rival with its shapes free as well, and weigh it with slopes taken there."""
-    return explanation(freed(rival.fit))
+def bend(rival: Rival, rough: bool = False) -> Rival:
+    """Refit a rival with its shapes free as well, and weigh it with slopes taken there or rough."""
+    return explanation(freed(rival.fit, rough))
 
 
 @dataclass(frozen=True, eq=False)

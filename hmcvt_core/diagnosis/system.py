@@ -35,6 +35,8 @@ class Axis:
         labels: names of the values 0, 1, ... of an axis that is only recorded; a test names its.
         told: form of a value in the description of a test; `{0}` is the value, `{1}` the same in
             another unit, `second` times as large.
+        turns: how far from where the model has it a machine may turn from one way of working to
+            another; readings as near as that are known no better than how far apart the two are.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Axis:
     labels: tuple[str, ...] = ()
     told: str = "{0:g}"
     second: float = 1.0
+    turns: float = 0.0
 
 
 @dataclass(frozen=True)

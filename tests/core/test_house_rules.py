@@ -39,7 +39,7 @@ def test_all_is_sorted_and_complete():
 
 def test_the_house_stays_small():
     files = sorted(SOURCE.rglob("*.py"))
-    assert len(files) <= 77
+    assert len(files) <= 78
     assert all(len(file.read_text(encoding="utf-8").splitlines()) <= 400 for file in files)
     entries = [path for path in SOURCE.iterdir() if path.name != "__pycache__"]
     assert len(entries) <= 14, entries

@@ -1,0 +1,205 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which sets of effects are worth weighing: the linear screen proposes, refits decide.
+
+From single effects on, whoever leads is asked what may stand beside it. An effect came in the form,
+or in the place of another, that was best while the rest was missing: of the leading sets each is
+therefore held against its other forms, against other effects and against none.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from .hypothesis import Fit, Signature, without
+from .rivals import Proposal, Rival, bend, explanation, screen
+from .system import Array, Effect
+
+Names = tuple[str, ...]
+
+_LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
+_FORMS = 16  # that the library proposes beside a set, before they are looked at there
+_ROUNDS, _BEST = 3, 2  # of exchange; sets that take part
+_OTHER_FORMS, _OTHERS = 2, 1  # an effect is held against
+_EXACTLY = 8  # sets refitted so at the end
+_HOPELESS = 6.0  # nats behind the best: free shapes bring hardly any set 4 nearer
+# Who stays in the race has a gain so near the best, in part and in nats.
+_NEAR, _BEHIND = 0.7, 4.0
+
+
+def search(
+    bare: Rival, library: Sequence[Signature], most: int
+) -> tuple[list[tuple[Rival, float]], int]:
+    """Refit the sets of listed effects that may explain a gap.
+
+    Args:
+        bare: the base model alone.
+        library: all forms, with their signatures beside it.
+        most: effects of the largest set.
+
+    Returns:
+        The best refit of each set that is near the best and its log evidence over all forms, and
+        how many effects there are to choose from.
+    """
+    found = _Search(bare, library)
+    kinds = found.start()
+    for size in range(1, most):
+        found.grow(found.leaders(size))
+    found.exchange(most)
+    return found.settled(), kinds
+
+
+class _Search:
+    """The best refit of each set so far, with the price of its forms; see `Proposal.price`."""
+
+    def __init__(self, bare: Rival, library: Sequence[Signature]) -> None:
+        self.bare, self.library = bare, library
+        self.found: dict[Names, tuple[Rival, Array]] = {}
+        self.bent, self.grown, self.exchanged = set[Rival](), set[Rival](), set[Rival]()
+
+    def start(self) -> int:
+        """Refit single effects; return how many there are."""
+        alone = screen(self.bare.fit, self.library)
+        # Where the base bends much the linear screen misleads: each is refitted once at least.
+        self.refit(distinct(alone))
+        kinds = len(self.found)
+        forms = distinct(alone, by_form=True)
+        for names in self.leaders(1):
+            self.refit(_promising([each for each in forms if each.effects[0].name in names]),
+                       bent=True)
+        # Two that show together only; those with the leader are found from it.
+        first = self._ranked(self.found)[0]
+        pairs = screen(self.bare.fit, [(each.effects[0], each.changes[0]) for each in forms], 2)
+        self.refit([each._replace(price=self._price(each.effects))
+                    for each in _promising(distinct(pairs))
+                    if not {effect.name for effect in each.effects}.intersection(first)][:_SETS])
+        return kinds
+
+    def grow(self, sets: Iterable[Names]) -> None:
+        """Refit what may stand beside some sets."""
+        proposals = list[Proposal]()
+        for rival, price in map(self.refined, sets):
+            if rival not in self.grown:
+                self.grown.add(rival)
+                proposals += [each._replace(gain=rival.log + each.gain, price=each.price + price)
+                              for each in distinct(self._beside(rival.fit))[:_SETS]
+                              if each.gain > 0.0]
+        self.refit(distinct(sorted(proposals, key=lambda each: -each.gain))[:2 * _SETS])
+
+    def exchange(self, most: int) -> None:
+        """Hold each effect of the leading sets against its other forms, others and none."""
+        for _ in range(_ROUNDS):
+            leading = (self.refined(names)[0] for names in self._ranked(self.found)[:_BEST])
+            rival = next((each for each in leading if each not in self.exchanged), None)
+            if rival is None:
+                break
+            self.exchanged.add(rival)
+            if rival.plain.log < rival.log:  # a form bends
+                for i in range(len(rival.names)):
+                    self._hold_against(rival, i)
+            if len(rival.names) < most:
+                self.grow([rival.names])
+
+    def settled(self) -> list[tuple[Rival, float]]:
+        """The sets near the best, those that matter refitted exactly."""
+        ranked = self._ranked(self.found)
+        best = self.weight(ranked[0])
+        for names in ranked[:_EXACTLY]:
+            if self.weight(names) > best - _HOPELESS:
+                rival, price = self.found[names]
+                self.found[names] = bend(rival), price[[1, 1]]
+        return [(self.found[names][0], self.weight(names)) for names in self._near(self.found)]
+
+    # --- steps --------------------------------------------------------------------------------
+
+    def weight(self, names: Names) -> float:
+        """Log evidence of a set over its forms."""
+        rival, price = self.found[names]
+        return float(rival.log + price[0])
+
+    def consider(self, rival: Rival, price: Array) -> None:
+        """Keep a refit if it is the best of its set."""
+        if rival.names not in self.found or rival.log + price[0] > self.weight(rival.names):
+            self.found[rival.names] = rival, price
+
+    def bend(self, rival: Rival, price: Array) -> tuple[Rival, Array]:
+        """Refit with free shapes."""
+        rival = bend(rival, rough=True)
+        self.bent.add(rival)
+        return rival, price[[1, 1]]
+
+    def refit(self, proposals: Iterable[Proposal], bent: bool = False) -> None:
+        """Refit proposals, with free shapes as well if they are to be bent."""
+        for each in proposals:
+            item = each.refit(), each.price
+            self.consider(*(self.bend(*item) if bent else item))
+
+    def refined(self, names: Names) -> tuple[Rival, Array]:
+        """Return a set with its shapes free."""
+        if self.found[names][0] not in self.bent:
+            self.found[names] = self.bend(*self.found[names])
+        return self.found[names]
+
+    def leaders(self, size: int) -> list[Names]:
+        """The best sets of a size."""
+        return self._ranked(self._near(names for names in self.found if len(names) == size)
+                            )[:_LEADERS]
+
+    def _price(self, effects: Iterable[Effect]) -> Array:
+        """What the forms of a set cost, as those of each effect alone."""
+        return np.sum([np.zeros(2), *(self.found[effect.name,][1] for effect in effects)], axis=0)
+
+    def _ranked(self, sets: Iterable[Names]) -> list[Names]:
+        return sorted(sets, key=self.weight, reverse=True)
+
+    def _near(self, sets: Iterable[Names]) -> list[Names]:
+        # Without allowances: what a misfit of the base explains is not theirs.
+        gains = {names: self.found[names][0].plain.log - self.bare.log for names in sets}
+        least = _least(max(gains.values(), default=0.0))
+        return [names for names, gain in gains.items() if gain > least]
+
+    def _hold_against(self, rival: Rival, i: int) -> None:
+        own, rest = rival.fit.effects[i], without(rival.fit, i)
+        price = self._price(rest.effects)
+        if rest.effects:
+            self.consider(*self.bend(explanation(rest), price))
+        forms, others = list[Proposal](), list[Proposal]()
+        for each in self._beside(rest):
+            effect = each.effects[-1]
+            if effect.name != own.name:
+                others.append(each)
+            elif effect.form != own.form:
+                forms.append(each)
+        tried = [(each.refit(), each.price + price)
+                 for each in (*forms[:_OTHER_FORMS], *others[:_OTHERS])]
+        if tried:
+            self.consider(*self.bend(*max(tried, key=lambda item: item[0].log + item[1][0])))
+
+    def _beside(self, fit: Fit) -> list[Proposal]:
+        """Weigh what may stand beside a refit, the best shapes of each form, best first.
+
+        The library proposes with signatures beside the base; what they are here decides.
+        """
+        told = distinct(screen(fit, self.library), by_form=True)[:_FORMS]
+        prices = {each.effects: each.price for each in told}
+        here = [(each.effects[-1], fit.signature(each.effects[-1])) for each in told]
+        return [each._replace(price=prices[each.effects]) for each in screen(fit, here)]
+
+
+def distinct(proposals: Sequence[Proposal], by_form: bool = False) -> list[Proposal]:
+    """The best shapes of each set of names (and forms), best first."""
+    first: dict[Names, Proposal] = {}
+    for proposal in proposals:
+        first.setdefault(tuple(sorted(
+            effect.name + by_form * effect.form for effect in proposal.effects)), proposal)
+    return list(first.values())
+
+
+def _promising(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Leave out what the screen, which is linear, puts far behind the best."""
+    least = _least(proposals[0].gain if proposals else 0.0)
+    return [proposal for proposal in proposals if proposal.gain > least]
+
+
+def _least(best: float) -> float:
+    """The gain above which a rival of the best stays in the race."""
+    return min(_NEAR * best, best) - _BEHIND
