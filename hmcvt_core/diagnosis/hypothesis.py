@@ -124,13 +124,17 @@ class Hypothesis:
         return found[[names.index(channel.name) for channel in channels]] if channels else found
 
     def turning(self, theta: Array, points: Points, channels: Sequence[Channel]) -> Array:
-        """How far readings turn within `Axis.turns` of points, in their units, (channels, n)."""
+        """How far readings turn within `Axis.turns` of points, in their units, (channels, n).
+
+        The first channel hardly does, and what is stated of its noise stands.
+        """
         here = self.predict(theta, points, channels)
         found = np.zeros_like(here)
         for axis in (axis for axis in self.system.axes if axis.turns):
             around = sum(self.predict(theta, {**points, axis.name: place}, channels)
                          for place in points[axis.name] + axis.turns * np.array([[-1.0], [1.0]]))
             found = np.fmax(found, np.abs(around / 2.0 - here))  # of NaN and a number, the number
+        found[:1] = 0.0
         return found
 
 
