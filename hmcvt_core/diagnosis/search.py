@@ -93,9 +93,8 @@ class _Search:
             if rival is None:
                 break
             self.exchanged.add(rival)
-            if rival.plain.log < rival.log:  # a form bends
-                for i in range(len(rival.names)):
-                    self._hold_against(rival, i)
+            for i in range(len(rival.names)):
+                self._hold_against(rival, i, bends=rival.plain.log < rival.log)
             if len(rival.names) < most:
                 self.grow([rival.names])
 
@@ -157,11 +156,13 @@ class _Search:
         least = _least(max(gains.values(), default=0.0))
         return [names for names, gain in gains.items() if gain > least]
 
-    def _hold_against(self, rival: Rival, i: int) -> None:
+    def _hold_against(self, rival: Rival, i: int, bends: bool) -> None:
         own, rest = rival.fit.effects[i], without(rival.fit, i)
         price = self._price(rest.effects)
         if rest.effects:
             self.consider(*self.bend(explanation(rest), price))
+        if not bends:
+            return
         forms, others = list[Proposal](), list[Proposal]()
         for each in self._beside(rest):
             effect = each.effects[-1]
