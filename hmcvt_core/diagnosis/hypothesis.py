@@ -251,7 +251,7 @@ class Fit:
 
 def refit(
     hypothesis: Hypothesis, observed: Observations, start: Array | None = None,
-    slopes: Array | None = None, *, rough: bool = False,
+    slopes: Array | None = None, *, rough: bool = False, noise: Array | None = None,
 ) -> Fit:
     """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
 
@@ -264,6 +264,7 @@ def refit(
         slopes: `Fit.jacobian` there, nearly. The steps mend it (Broyden 1965); it is taken anew
             where they lead nowhere and at the end.
         rough: whether to end there instead.
+        noise: variance of each channel to weigh them by; None for what the residuals say.
     """
     from scipy.optimize import lsq_linear
 
@@ -277,7 +278,8 @@ def refit(
     jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
     prior = np.diag(1.0 / hypothesis.spread(np.inf))
     for _ in range(_ROUGH if rough else _PASSES):
-        root = np.sqrt(_noise(observed, here, len(theta)))[:, None]
+        weight = _noise(observed, here, len(theta)) if noise is None else noise
+        root = np.sqrt(weight)[:, None]
 
         def missed(here: Array, theta: Array, root: Array = root) -> Array:
             return np.append(here / root, prior @ (middle - theta))

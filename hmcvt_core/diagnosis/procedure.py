@@ -128,9 +128,10 @@ def diagnose_system(
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
     else:
-        rivals = [rival for rival, _ in list(ranking.sets.values())[:_RIVALS]] if real else []
-        before, after = residuals, study.errors([ranking.bare, *rivals])
-        noise, judged, held_out = study.noise, observed, []
+        before, after, noise, judged, held_out = residuals, left, study.noise, observed, []
+        if real and verdict not in NAMING:  # what would go if the best were picked each time
+            after = study.errors([ranking.bare, *(
+                rival for rival, _ in list(ranking.sets.values())[:_RIVALS])])
     shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
                        seed, real)
     gap = result.Gap(len(residuals), _rms(residuals), _rms(study.noise), observed.usual_noise,
@@ -229,7 +230,7 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
 
 def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
     """Mean over the samples, of the leading set [W]; where none is named, over where the gap is."""
-    fit = study.leading[0].fit if verdict in NAMING else study.base
+    fit = study.leading[0].delivered if verdict in NAMING else study.base
     system, points = fit.hypothesis.system, study.base.observed.points
     expected, = system.predict(fit.base, (), points)[:1]
     if fit is not study.base:
@@ -257,7 +258,7 @@ def _errors_on(
     their noise have that of the campaign.
     """
     base, refusal = study.base, study.base.hypothesis.system.refusal
-    first = study.leading[0].fit
+    first = study.leading[0].delivered
     before, after = (held.measured[0] - fit.hypothesis.predict(fit.theta, held.points)[0]
                      for fit in (base, first if study.significant else base))
     usable = np.isfinite(before) & np.isfinite(after)
@@ -285,9 +286,10 @@ def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
 
 def _cause(study: _Study, name: str) -> Cause:
     rival = study.ranking.best_with(name)
-    effects = rival.fit.effects
+    fit = rival.delivered
+    effects = fit.effects
     index = [effect.name for effect in effects].index(name)
-    effect, hypothesis = effects[index], rival.fit.hypothesis
+    effect, hypothesis = effects[index], fit.hypothesis
     # At the fitted shapes: with them free, a size may be anything that keeps the loss.
     kept = [*range(hypothesis.shared), *hypothesis.sizes]
     known = np.linalg.inv(rival.plain.covariance)[np.ix_(kept, kept)]
@@ -299,8 +301,8 @@ def _cause(study: _Study, name: str) -> Cause:
         _twins(study.ranking, name), " and ".join(partners) or None,
         _parameters(effect, errors[hypothesis.shared + index]),
         shrunk.after, shrunk.fraction,
-        _drift(study.base, rival.fit, errors), effect.summary, effect.source, effect.remedy,
-        _model_of(rival.fit))
+        _drift(study.base, fit, errors), effect.summary, effect.source, effect.remedy,
+        _model_of(fit))
 
 
 def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:

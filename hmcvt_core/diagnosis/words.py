@@ -214,18 +214,12 @@ def _removed(found: Outcome) -> str:
     fraction, limits = found.shrinkage.fraction, found.shrinkage.interval
     if fraction is None:
         return "How far the gap would shrink cannot be told from these samples."
-    lead = found.causes[0]
-    held_out = found.shrinkage.on == "holdout"
-    place = ("On the samples held out, with the leading set added," if held_out else
-             "On samples left out, with the effect picked anew without them each time,")
+    place = (f"On samples {'held' if found.shrinkage.on == 'holdout' else 'left'} out, with "
+             f"{named(found.sets[0].effects)} added,")
     if fraction <= 0.0:
         return f"{place} the gap does not shrink yet."
     span = "" if limits is None else f" ({fraction_interval(limits)})"
-    sentence = f"{place} {percent(fraction)} of the squared gap is removed{span}"
-    if held_out or lead.shrinkage is None or lead.shrinkage <= 0.0:
-        return f"{sentence}."
-    lead_named = named(found.sets[0].effects)
-    return f"{sentence}; {percent(lead.shrinkage)} with {lead_named} held as the effect."
+    return f"{place} {percent(fraction)} of the squared gap is removed{span}."
 
 
 def fraction_interval(limits: Sequence[float]) -> str:

@@ -82,6 +82,7 @@ class Shafts(Quadrant):
         self.engine_speed = points.engine_speed
         self.load_power = points.load_torque * points.engine_speed
         self.row = member_speed_coefficients(stage.planetary_constant)
+        self.rolling, self.sun_share = self._sun() if stage.has_row else ((0.0, 0.0), 0.0)
         self.stroke = self.true_stroke(points.displacement_ratio)
 
     def true_stroke(self, displacement_ratio: Array) -> Array:
@@ -89,6 +90,25 @@ class Shafts(Quadrant):
         for effect in self.effects:
             displacement_ratio = effect.true_displacement_ratio(displacement_ratio)
         return displacement_ratio
+
+    def _sun(self) -> tuple[tuple[Value, Value], float]:
+        """Sun against carrier per engine and output speed, eq. (4); its torque per the given one.
+
+        That is load power / output speed, where the pump braces the row pressure times stroke.
+        """
+        stage, row, against = self.stage, self.row, list[float]()
+        for member, turns in (
+            (stage.mechanical_member, stage.mechanical.direction / stage.mechanical.ratio),
+            (stage.output_member, stage.output.direction * stage.output.ratio),
+        ):
+            speeds = dict.fromkeys(row, 0.0) | {
+                member: turns, stage.motor_member: -turns * row[member] / row[stage.motor_member]}
+            against.append(speeds["sun"] - speeds["carrier"])
+        engine, output = against
+        share = row["sun"] / (
+            row[stage.motor_member] / (stage.pump_motor.pump_displacement * stage.pump.ratio)
+            if self.braced else row[stage.output_member] * stage.output.ratio)
+        return (engine, output * self.turning), share
 
     def power_flow(self) -> PowerFlow:
         """Return the whole power flow."""
@@ -287,29 +307,17 @@ class Shafts(Quadrant):
         self, speed: Array, output_speed: Array, stroke: Array, pressure: Array
     ) -> ShaftState:
         """Return what effects may read: as if the output turned forward."""
-        units, stage, row = self.stage.pump_motor, self.stage, self.row
-        output, rolling = np.abs(output_speed), np.zeros_like(speed)
-        sun_torque = rolling
-        if stage.has_row:
-            speeds = {
-                stage.mechanical_member:
-                    stage.mechanical.direction * self.engine_speed / stage.mechanical.ratio,
-                stage.output_member:
-                    stage.output.direction * self.turning * output * stage.output.ratio}
-            speeds[stage.motor_member] = -sum(
-                row[member] * turns for member, turns in speeds.items()) / row[stage.motor_member]
-            rolling = speeds["sun"] - speeds["carrier"]
-            sun_torque = np.abs(
-                pressure * units.pump_displacement * stroke * stage.pump.ratio
-                * row["sun"] / row[stage.motor_member] if self.braced else
-                self.load_power / output * row["sun"] / row[stage.output_member]
-                / stage.output.ratio)
+        units, output, still = self.stage.pump_motor, np.abs(output_speed), np.zeros_like(speed)
+        engine, turns = self.rolling
+        sun_torque = self.sun_share * (
+            pressure * stroke if self.braced else self.load_power / output)
         return ShaftState(
-            _like(self.engine_speed, speed), self._pump_speed(output_speed), output,
-            self.sense * speed, _like(self.sense * np.sign(self.full) * stroke, speed),
-            self.sense * pressure, _like(self.viscosity, speed), rolling, sun_torque,
-            _like(self.load_power, speed), max(units.pump_displacement, units.motor_displacement),
-            [(engine, self.turning * output) for _, engine, output in stage.open_clutches]
+            self.engine_speed + still, self._pump_speed(output_speed), output, self.sense * speed,
+            self.sense * np.sign(self.full) * stroke + still, self.sense * pressure,
+            self.viscosity + still, engine * self.engine_speed + turns * output,
+            np.abs(sun_torque), self.load_power + still,
+            max(units.pump_displacement, units.motor_displacement),
+            [(engine, self.turning * turns) for _, engine, turns in self.stage.open_clutches]
             or ((0.0, 1.0),))
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
@@ -390,9 +398,8 @@ def _stepped(function: Callable[..., Array], first: Array, scale: Value, longest
 
 
 def _like(value: Value, other: Array) -> Array:
-    """A value in the shape of another, which effects may fill in place."""
-    return np.asarray(value) if np.shape(value) == other.shape else np.broadcast_to(
-        value, other.shape).copy()
+    """A value in the shape of another."""
+    return np.asarray(value + np.zeros_like(other))
 
 
 def _along(one: Array, other: Array) -> Array:

@@ -305,12 +305,12 @@ class CoulombStribeckFull(CoulombStribeck):
 
 @dataclass(frozen=True)
 class PortPressureDrop(Effect):
-    """dp = k Q |Q|^(m - 1): what lines and ports between pump and motor take."""
+    """dp = k Q |Q|^(m - 1) mu^(2 - m): what lines and ports between pump and motor take."""
 
     name = "port_pressure_drop"
     component = "motor"
     summary = "ports and lines between pump and motor take pressure: the loss grows as speed cubed"
-    source = "line loss, laminar (m = 1) to turbulent (m = 2); Ivantysyn & Ivantysynova"
+    source = "laminar (m = 1), Blasius (1.75) to rough (2) lines; Ivantysyn & Ivantysynova"
     remedy = "measure the pressure at the pump and at the motor"
 
     drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
@@ -318,7 +318,8 @@ class PortPressureDrop(Effect):
 
     def pressure_drop(self, state: ShaftState) -> Value:
         x = state.motor_speed / 200.0
-        return self.drop * np.sign(x) * np.abs(x) ** self.exponent
+        return (self.drop * np.sign(x) * np.abs(x) ** self.exponent
+                * state.viscosity_ratio ** (2.0 - self.exponent))
 
 
 def walther_log_viscosity(oil_temperature: Array) -> Array:
