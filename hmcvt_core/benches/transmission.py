@@ -56,11 +56,11 @@ EFFICIENCY_CHANNEL = Channel("efficiency", "points", 100.0, 2, PAPER_EFFICIENCY_
 # much more torque, and efficiency is lost with it.
 OUTPUT_SPEED_CHANNEL = Channel("output_speed", "rad/s", 1.0, 2, 0.001, relative=True,
                                field_spreads=(0.001, 0.004, 0.016), step_spreads=(0.01, 0.03),
-                               misfit_spread=0.0004)
+                               misfit_spread=0.0004, served=False)
 # ISO 4409: 0.5 % of the reading in class A; near zero a gauge of 40 MPa resolves little more.
 PRESSURE_CHANNEL = Channel("pressure", "MPa", 1e-6, 2, 0.005, relative=False,
                            field_spreads=(1e5, 4e5, 1.6e6), step_spreads=(4e5, 1.2e6),
-                           misfit_spread=5e4, least=5e4)
+                           misfit_spread=5e4, least=5e4, served=False)
 CHANNELS = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL, PRESSURE_CHANNEL)
 
 _ASSUMED = "assumed, 1.12 % (paper, eq. (3))"

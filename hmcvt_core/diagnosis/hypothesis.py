@@ -8,6 +8,8 @@ Parameters are theta: scaled base parameters, then of every effect its size, in 
 its shapes where they are free, as parts of their range.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +35,7 @@ _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _PASSES, _ROUGH = 60, 6  # at most; of a rough refit
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down; at last none
+_OTHERS_BEAR = 3.0  # times their noise, the channels that are not served
 _SMALL = 0.3  # standard deviations: a step that changes or gains less is not worth making
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 # Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
@@ -235,6 +238,16 @@ class Fit:
             readings.reshape(len(readings), -1),
             np.broadcast_to(prior, (len(readings), len(self.theta)))], axis=1)
         return np.asarray(whole - whole @ self.absorbed @ self.absorbed.T)
+
+    def delivered(self, noise: Array) -> Fit:
+        """Refit so that channels that are not served bear what forms are off.
+
+        The likeliest refit may give up one that is, to meet another to the last digit. `noise` is
+        that of each channel, forms aside, shape (channels,).
+        """
+        served = [channel.served for channel in self.observed.channels]
+        return refit(self.hypothesis, self.observed, self.theta, self.jacobian, rough=True,
+                     noise=noise * np.where(served, 1.0, _OTHERS_BEAR**2))
 
     def as_measured(self, points: Points) -> Observations:
         """Other points as if read there: what is foretold, with the noise of the campaign."""

@@ -36,7 +36,6 @@ which agree once their exponents do, to films that break (docs/diagnosis.md).
 # what its forms do (that allowance along three axes makes 0.19), and from which it is nearly all of
 # it; and how far the set is all of it then.
 _LOST, _MISSED, _LISTED = (0.06, 0.2), (0.25, 0.75), (1.0, 0.01)
-_BESIDE_FIRST = 3.0  # times their noise, the other channels in what is handed over
 _EXACT = 1e-6  # in the place of a misfit: the base is exact
 _ALLOWED_DEGREE = 2
 _NOTHING_LEFT = 1e-9
@@ -68,14 +67,8 @@ class Rival:
 
     @cached_property
     def delivered(self) -> Fit:
-        """The refit that is handed over: the other channels bear what their forms are off.
-
-        Where a form is off, the likeliest refit may give up the first channel, which is served, to
-        meet another to the last digit.
-        """
-        noise = np.where(np.arange(len(self.weighed.noise)) > 0, _BESIDE_FIRST**2, 1.0)
-        return refit(self.fit.hypothesis, self.fit.observed, self.fit.theta,
-                     noise=noise * self.weighed.noise)
+        """The refit that is handed over."""
+        return self.fit.delivered(self.weighed.noise)
 
     @property
     def by_itself(self) -> bool:

@@ -69,6 +69,7 @@ class Channel:
         step_spreads: the same for one inside a region.
         misfit_spread: the same for a smooth misfit of the base model that is no cause.
         least: standard deviation of a reading of zero, in the channel's unit.
+        served: whether the model is there to foretell it; others help to find what is lost.
     """
 
     name: str
@@ -81,6 +82,7 @@ class Channel:
     step_spreads: tuple[float, ...]
     misfit_spread: float
     least: float = 0.0
+    served: bool = True
 
     def deviation(self, reading: Array) -> Array:
         """Standard deviation of readings that nobody states, same shape."""

@@ -82,7 +82,11 @@ class Shafts(Quadrant):
         self.engine_speed = points.engine_speed
         self.load_power = points.load_torque * points.engine_speed
         self.row = member_speed_coefficients(stage.planetary_constant)
-        self.rolling, self.sun_share = self._sun() if stage.has_row else ((0.0, 0.0), 0.0)
+        # Torque of the sun per load power / output speed; braced, per pressure times stroke.
+        self.sun_share = self.row["sun"] / (
+            self.row[stage.motor_member] / (stage.pump_motor.pump_displacement * stage.pump.ratio)
+            if self.braced else self.row[stage.output_member] * stage.output.ratio
+        ) if stage.has_row else 0.0
         self.stroke = self.true_stroke(points.displacement_ratio)
 
     def true_stroke(self, displacement_ratio: Array) -> Array:
@@ -90,25 +94,6 @@ class Shafts(Quadrant):
         for effect in self.effects:
             displacement_ratio = effect.true_displacement_ratio(displacement_ratio)
         return displacement_ratio
-
-    def _sun(self) -> tuple[tuple[Value, Value], float]:
-        """Sun against carrier per engine and output speed, eq. (4); its torque per the given one.
-
-        That is load power / output speed, where the pump braces the row pressure times stroke.
-        """
-        stage, row, against = self.stage, self.row, list[float]()
-        for member, turns in (
-            (stage.mechanical_member, stage.mechanical.direction / stage.mechanical.ratio),
-            (stage.output_member, stage.output.direction * stage.output.ratio),
-        ):
-            speeds = dict.fromkeys(row, 0.0) | {
-                member: turns, stage.motor_member: -turns * row[member] / row[stage.motor_member]}
-            against.append(speeds["sun"] - speeds["carrier"])
-        engine, output = against
-        share = row["sun"] / (
-            row[stage.motor_member] / (stage.pump_motor.pump_displacement * stage.pump.ratio)
-            if self.braced else row[stage.output_member] * stage.output.ratio)
-        return (engine, output * self.turning), share
 
     def power_flow(self) -> PowerFlow:
         """Return the whole power flow."""
@@ -308,16 +293,17 @@ class Shafts(Quadrant):
     ) -> ShaftState:
         """Return what effects may read: as if the output turned forward."""
         units, output, still = self.stage.pump_motor, np.abs(output_speed), np.zeros_like(speed)
-        engine, turns = self.rolling
+        per_engine, per_output = self.stage.sun_speed_ratios
         sun_torque = self.sun_share * (
             pressure * stroke if self.braced else self.load_power / output)
         return ShaftState(
             self.engine_speed + still, self._pump_speed(output_speed), output, self.sense * speed,
             self.sense * np.sign(self.full) * stroke + still, self.sense * pressure,
-            self.viscosity + still, engine * self.engine_speed + turns * output,
+            self.viscosity + still,
+            per_engine * self.engine_speed + per_output * self.turning * output,
             np.abs(sun_torque), self.load_power + still,
             max(units.pump_displacement, units.motor_displacement),
-            [(engine, self.turning * turns) for _, engine, turns in self.stage.open_clutches]
+            [(engine, self.turning * output) for _, engine, output in self.stage.open_clutches]
             or ((0.0, 1.0),))
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:

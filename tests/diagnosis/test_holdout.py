@@ -61,4 +61,4 @@ def test_the_model_measured_is_the_model_saved():
         np.testing.assert_allclose(errors, held.efficiency - model.efficiency(
             held.displacement_ratio, held.engine_speed, held.load_torque), atol=1e-12)
     text = found.report().replace("\n", " ")
-    assert "On the samples held out, with the leading set added," in text
+    assert "On samples held out, with planetary mesh added," in text

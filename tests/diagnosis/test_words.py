@@ -84,9 +84,8 @@ def test_verdicts():
     found = replace(band, verdict="cause_found", causes=(alone,), sets=(one,), shrinkage=replace(
         band.shrinkage, fraction=0.8, interval=(0.6, 0.9), on="cross-validation"))
     assert words.verdict(found).endswith(
-        "; charge pump (90 %) explains it. On samples left out, with the effect picked anew "
-        "without them each time, 80 % of the squared gap is removed (60 to 90 %); 70 % with charge "
-        "pump held as the effect.")
+        "; charge pump (90 %) explains it. On samples left out, with charge pump added, 80 % of "
+        "the squared gap is removed (60 to 90 %).")
     pair = CauseSet(("charge_pump", "churning"), 0.85, 0.001, None)
     both = replace(found, causes=(replace(alone, together_with="churning"),), sets=(pair, one))
     assert "; charge pump + churning (85 %) explain it. On samples" in words.verdict(both)
