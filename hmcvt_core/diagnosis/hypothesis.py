@@ -35,7 +35,7 @@ _SCREENED_SIZE = 0.1  # in typical sizes
 _UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
 _PASSES, _ROUGH = 60, 6  # at most; of a rough refit
 _PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down; at last none
-_OTHERS_BEAR = 3.0  # times their noise, the channels that are not served
+_OTHERS_BEAR = 9.0  # times the variance of their noise, at least, the channels not served
 _SMALL = 0.3  # standard deviations: a step that changes or gains less is not worth making
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 # Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
@@ -247,7 +247,7 @@ class Fit:
         """
         served = [channel.served for channel in self.observed.channels]
         return refit(self.hypothesis, self.observed, self.theta, self.jacobian, rough=True,
-                     noise=noise * np.where(served, 1.0, _OTHERS_BEAR**2))
+                     noise=np.where(served, noise, np.maximum(self.noise, _OTHERS_BEAR * noise)))
 
     def as_measured(self, points: Points) -> Observations:
         """Other points as if read there: what is foretold, with the noise of the campaign."""
@@ -276,7 +276,7 @@ def refit(
         start: theta to start from, or its base part; None for the middle of the prior.
         slopes: `Fit.jacobian` there, nearly. The steps mend it (Broyden 1965); it is taken anew
             where they lead nowhere and at the end.
-        rough: whether to end there instead.
+        rough: whether to end there instead, unless they lead nowhere from the start.
         noise: variance of each channel to weigh them by; None for what the residuals say.
     """
     from scipy.optimize import lsq_linear
@@ -287,7 +287,7 @@ def refit(
         theta[:len(start)] = start
     theta = theta.clip(*bounds)
     here = _whitened(hypothesis, observed, theta)
-    exact = slopes is None
+    exact, moved = slopes is None, False
     jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
     prior = np.diag(1.0 / hypothesis.spread(np.inf))
     for _ in range(_ROUGH if rough else _PASSES):
@@ -309,9 +309,9 @@ def refit(
         if part:
             step = theta - before
             along = columns.T @ columns @ step
-            exact, jacobian = False, jacobian + (
+            moved, exact, jacobian = True, False, jacobian + (
                 whitened - here - jacobian @ step)[..., None] * along / (step @ along)
-        elif exact or rough:
+        elif exact or (rough and (small or moved)):
             break
         else:
             exact, jacobian = True, _jacobian(hypothesis, observed, theta, here)

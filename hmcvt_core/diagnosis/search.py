@@ -17,7 +17,7 @@ from .system import Array, Effect
 Names = tuple[str, ...]
 
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
-_FORMS = 16  # that the library proposes beside a set, before they are looked at there
+_FORMS = 8  # besides the best of each effect, that are looked at beside a set
 _ROUNDS, _BEST = 3, 2  # of exchange; sets that take part
 _OTHER_FORMS, _OTHERS = 2, 1  # an effect is held against
 _EXACTLY = 8  # sets refitted so at the end
@@ -180,7 +180,9 @@ class _Search:
 
         The library proposes with signatures beside the base; what they are here decides.
         """
-        told = distinct(screen(fit, self.library), by_form=True)[:_FORMS]
+        proposed = screen(fit, self.library)
+        first = distinct(proposed)  # each effect, however little it gained beside the base
+        told = distinct([*first, *proposed], by_form=True)[:len(first) + _FORMS]
         prices = {each.effects: each.price for each in told}
         here = [(each.effects[-1], fit.signature(each.effects[-1])) for each in told]
         return [each._replace(price=prices[each.effects]) for each in screen(fit, here)]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hmcvt_core.benches.transmission import Transmission, observe
+from hmcvt_core.benches.transmission import CHANNELS, Transmission, observe
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, freed, linearise, refit
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.effects.hydraulic import PistonLeakage
@@ -14,7 +14,7 @@ from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, GearMesh
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 from hmcvt_core.transmission.parameters import HydraulicParameters, to_scaled
 
-from .campaigns import BASE, campaign
+from .campaigns import BASE, campaign, fitted, with_column
 
 SYSTEM = Transmission(BASE)
 TRUE = to_scaled(BASE.parameters.to_array())
@@ -113,6 +113,29 @@ def test_gears_are_known_within_a_tolerance_as_are_gauges_where_they_are_read():
     off = gauged.predict(np.array([*TRUE, 0.0, 2.0, 1.0]), (), observed.points)
     np.testing.assert_allclose(off[2], 1.02 * here[2] + 1e5)
     np.testing.assert_array_equal(off[:2], here[:2])
+
+
+def test_readings_turn_where_the_motor_comes_to_rest():
+    stroke = np.linspace(-0.9, 0.9, 181)
+    points = {"displacement_ratio": stroke, "engine_speed": np.full(181, 150.0),
+              "load_torque": np.full(181, 300.0)}
+    hypothesis, theta = Hypothesis(SYSTEM), np.append(TRUE, 0.0)
+    turning = hypothesis.turning(theta, points, CHANNELS)
+    assert (turning[0] == 0.0).all()  # the noise of what is served is as stated
+    _, speed, pressure = hypothesis.predict(theta, points)
+    standing = np.abs(speed / 150.0 - BASE.stage.mechanical_speed_ratio) < 0.005
+    assert standing.any() and turning[2][standing].max() > 0.005 * pressure[standing].max()
+    assert (turning[2][np.abs(stroke - stroke[standing].mean()) > 0.1] < 1e-3 * 2e7).all()
+
+
+def test_what_is_handed_over_meets_what_is_served():
+    # Speed and efficiency ask for different leakages; the likeliest refit gives one of them up.
+    samples, leaky = campaign(seed=2, n=40), HydraulicParameters(2.6e-11, 0.12, 0.2)
+    fit = fitted(with_column(samples, efficiency=replace(BASE, parameters=leaky).efficiency(
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque)), 0.001)
+    likeliest, served = (np.mean(each.whitened**2, axis=1)
+                         for each in (fit, fit.delivered(np.ones(2))))
+    assert likeliest[1] < 1.5 and served[0] < 0.3 * likeliest[0]
 
 
 def test_effects_with_the_wrong_sign_are_refitted_below_zero():
