@@ -222,28 +222,25 @@ def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
 
 
 def cross_validated_errors(
-    rivals: Sequence[Linear], observed: Observations, dealt: Sequence[Sequence[NDArray[np.intp]]]
+    model: Linear, observed: Observations, dealt: Sequence[Sequence[NDArray[np.intp]]]
 ) -> Array:
-    """Errors of the first channel at samples left out, (n,).
+    """Errors of the first channel at samples left out, (n,); all coefficients refitted each time.
 
-    Base parameters are refitted in every fold, and the rival is chosen on the others: choosing it
-    on all samples first would promise too much. How samples are dealt to the folds is chance: over
-    several deals the root of the mean square at each sample, with the sign of the mean.
+    How samples are dealt to the folds is chance: over several deals the root of the mean square at
+    each sample, with the sign of the mean.
     """
     n, errors = len(observed), np.empty((len(dealt), len(observed)))
     for parts, own in zip(dealt, errors, strict=True):
-        best, count = np.full(len(parts), -np.inf), np.array([[n - len(part)] for part in parts])
-        for rival in rivals:
-            left_out = np.stack([gram(rival.columns[:, part], rival.target[:, part])
-                                 for part in parts])
-            found = evidence(gram(rival.columns, rival.target) - left_out, count, rival.spread,
-                             observed.trust, rival.signs)
-            for i in np.flatnonzero(found.log > best).tolist():
-                best[i], part, mean = found.log[i], parts[i], found.mean[i]
-                for size in np.flatnonzero(rival.signs * mean < 0.0):
-                    # The others as they are once it is known to be zero.
-                    along = found.covariance[i, :, size]
-                    mean = mean - along * mean[size] / along[size]
-                own[part] = rival.target[0, part] - rival.columns[0, part] @ mean
+        count = np.array([[n - len(part)] for part in parts])
+        left_out = np.stack([gram(model.columns[:, part], model.target[:, part])
+                             for part in parts])
+        found = evidence(gram(model.columns, model.target) - left_out, count, model.spread,
+                         observed.trust, model.signs)
+        for part, mean, covariance in zip(parts, found.mean, found.covariance, strict=True):
+            for size in np.flatnonzero(model.signs * mean < 0.0):
+                # The others as they are once it is known to be zero.
+                along = covariance[:, size]
+                mean = mean - along * mean[size] / along[size]
+            own[part] = model.target[0, part] - model.columns[0, part] @ mean
     errors *= observed.deviation[0]
     return np.asarray(np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0)))

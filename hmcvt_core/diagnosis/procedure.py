@@ -30,7 +30,6 @@ UNEXPLAINED = 0.5  # probability of an unlisted loss from which no cause is name
 _TWIN = math.log(FOUND / (1.0 - FOUND))  # evidence, forms aside: less does not tell two sets apart
 _ROUNDING = 1e-9
 _MOST_REGIONS = 5
-_RIVALS = 12
 _TOLD_SETS = 5
 _DRAWS, _TAIL = 999, 0.025
 
@@ -62,22 +61,33 @@ class _Study:
     @cached_property
     def before(self) -> Array:
         """Errors of the base model at samples left out, shape (n,)."""
-        return self.errors([self.ranking.bare])
+        return self.errors(self.ranking.bare)
 
-    def errors(self, rivals: Sequence[Rival]) -> Array:
-        """Errors of the best of some rivals at samples left out, shape (n,)."""
-        return cross_validated_errors(
-            [rival.plain for rival in rivals], self.base.observed, self._dealt)
-
-    @cached_property
-    def _dealt(self) -> list[list[NDArray[np.intp]]]:
-        return deals(self.base.observed, self.seed)
+    def errors(self, rival: Rival) -> Array:
+        """Errors of a rival at samples left out, shape (n,)."""
+        return cross_validated_errors(rival.plain, self.base.observed, self._dealt)
 
     @cached_property
     def shrunk(self) -> Callable[[Rival], result.ShrinkageSummary]:
         """How far the gap shrinks with a set held in every fold; worked out once for each."""
         return cache(lambda rival: shrinkage(
-            self.before, self.errors([rival]), self.noise, "cross-validation", self.seed))
+            self.before, self.errors(rival), self.noise, "cross-validation", self.seed,
+            least=self._foretold(rival)))
+
+    @cached_property
+    def expected(self) -> tuple[Array, Array]:
+        """The gap at the samples and its standard deviation, over all that is alive."""
+        return self.ranking.alive.gap_at()
+
+    def _foretold(self, rival: Rival) -> Array:
+        """Mean squares expected of the gap before and after a set, shape (2,)."""
+        (mean, deviation), unit = self.expected, self.base.observed.deviation[0]
+        after = mean - (self.base.whitened[0] - rival.delivered.whitened[0]) * unit
+        return np.mean([mean**2, after**2], axis=1) + np.mean(deviation**2)
+
+    @cached_property
+    def _dealt(self) -> list[list[NDArray[np.intp]]]:
+        return deals(self.base.observed, self.seed)
 
     @cached_property
     def noise(self) -> Array:
@@ -124,29 +134,25 @@ def diagnose_system(
     tell("step 3 of 3, how far the gap shrinks")
     ranking, residuals, real = study.ranking, study.before, study.significant
     verdict, why = _verdict(study)
-    left = study.errors([study.leading[0]]) if verdict in NAMING else residuals
+    after = study.errors(study.leading[0]) if real else residuals
+    delivered = result.Delivered(_rms(residuals), _rms(after if verdict in NAMING else residuals))
+    before, noise, judged, held_out = residuals, study.noise, observed, list[str]()
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
-    else:
-        before, after, noise, judged, held_out = residuals, left, study.noise, observed, []
-        if real and verdict not in NAMING:  # what would go if the best were picked each time
-            after = study.errors([ranking.bare, *(
-                rival for rival, _ in list(ranking.sets.values())[:_RIVALS])])
-    shrunk = shrinkage(before, after, noise, "cross-validation" if held is None else "holdout",
-                       seed, real)
+    shrunk = study.shrunk(study.leading[0]) if real and held is None else shrinkage(
+        before, after, noise, "cross-validation" if held is None else "holdout", seed, real)
     gap = result.Gap(len(residuals), _rms(residuals), _rms(study.noise), observed.usual_noise,
                      observed.noise_source, found.p_value, real)
     advice = advise(ranking, system.candidates(observed.points, base.base))
-    alive = ranking.alive
-    expected = alive.gap_at()[0]
+    expected = study.expected[0]
     return Diagnosis(
         gap, _where(study, expected), verdict, _causes(study, verdict),
-        _sets(study) if real else (), shrunk, result.Delivered(_rms(residuals), _rms(left)),
+        _sets(study) if real else (), shrunk, delivered,
         advice.next_tests, advice, ranking.unlisted if real else 0.0,
         ranking.misfit if real else 0.0, _lost_power(study, verdict, expected), tuple(warnings),
         (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
          *why),
-        _model_of(base), alive, observed.samples, residuals, judged.samples, before, after)
+        _model_of(base), ranking.alive, observed.samples, residuals, judged.samples, before, after)
 
 
 def next_test(
@@ -167,7 +173,8 @@ def next_test(
 
 
 def shrinkage(
-    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True
+    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True,
+    least: Array | float = 0.0,
 ) -> result.ShrinkageSummary:
     r"""Say how far the gap shrinks, on data not used for the fit.
 
@@ -181,22 +188,23 @@ def shrinkage(
         on: where the errors come from.
         seed: of the bootstrap over points.
         real: whether there is a gap at all; without one `fraction` is None.
+        least: G^2 before and after, shape (2,), where other channels tell more than these errors;
+            a gap below the noise is none.
     """
     squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
         np.square(noise), before.shape)[:, None]
-    mean = squares.mean(axis=0)
+    mean = np.maximum(squares.mean(axis=0), least)
     fraction, interval = None, None
     if real and mean[0] > 0.0:
         rng, n = np.random.default_rng(seed), len(squares)
-        drawn = np.stack([mean, *(squares[rng.integers(0, n, n)].mean(axis=0)
+        drawn = np.stack([mean, *(np.maximum(squares[rng.integers(0, n, n)].mean(axis=0), least)
                                   for _ in range(_DRAWS))])
         drawn = drawn[drawn[:, 0] > 0.0]
-        # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
-        fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()
+        fraction, *others = np.maximum(1.0 - drawn[:, 1] / drawn[:, 0], -10.0).tolist()
         if others:
             low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
             interval = low, high
-    gap = np.sqrt(np.maximum(mean, 0.0)).tolist()
+    gap = np.sqrt(mean).tolist()
     return result.ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
 
 

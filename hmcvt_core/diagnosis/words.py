@@ -160,7 +160,7 @@ def verdict(found: Outcome) -> str:
                 "smoothly: smaller than what a cause would need, and none is named.")
     if found.verdict == "unexplained" or not found.causes:
         fraction = found.shrinkage.fraction or 0.0
-        best = (f": picking the best of them removes {percent(fraction)} of the squared gap in "
+        best = (f": the likeliest set removes {percent(fraction)} of the squared gap in "
                 f"{plain(found.channel.name)}") if fraction > 0.0 else ""
         return f"{_lies(found)}. No effect in the library explains it by itself{best}."
     return f"{_lies(found)}; {_explained(found)}. {_removed(found)}"
