@@ -17,10 +17,10 @@ from .system import Array, Effect
 Names = tuple[str, ...]
 
 _LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
-_FORMS = 8  # besides the best of each effect, that are looked at beside a set
+_FORMS = 8  # that the library proposes beside a set, besides the best of each effect
 _ROUNDS, _BEST = 3, 2  # of exchange; sets that take part
 _OTHER_FORMS, _OTHERS = 2, 1  # an effect is held against
-_EXACTLY = 8  # sets refitted so at the end
+_EXACTLY = 5  # sets refitted so at the end
 _HOPELESS = 6.0  # nats behind the best: free shapes bring hardly any set 4 nearer
 # Who stays in the race has a gain so near the best, in part and in nats.
 _NEAR, _BEHIND = 0.7, 4.0
@@ -80,8 +80,11 @@ class _Search:
         for rival, price in map(self.refined, sets):
             if rival not in self.grown:
                 self.grown.add(rival)
+                told = screen(rival.fit, self.library)
+                first = distinct(told)  # each effect, however little it gained beside the base
+                told = distinct([*first, *told], by_form=True)[:len(first) + _FORMS]
                 proposals += [each._replace(gain=rival.log + each.gain, price=each.price + price)
-                              for each in distinct(self._beside(rival.fit))[:_SETS]
+                              for each in distinct(self._there(rival.fit, told))[:_SETS]
                               if each.gain > 0.0]
         self.refit(distinct(sorted(proposals, key=lambda each: -each.gain))[:2 * _SETS])
 
@@ -163,26 +166,18 @@ class _Search:
             self.consider(*self.bend(explanation(rest), price))
         if not bends:
             return
-        forms, others = list[Proposal](), list[Proposal]()
-        for each in self._beside(rest):
-            effect = each.effects[-1]
-            if effect.name != own.name:
-                others.append(each)
-            elif effect.form != own.form:
-                forms.append(each)
+        told = distinct(screen(rest, self.library), by_form=True)
+        forms = self._there(rest, [each for each in told if each.effects[-1].name == own.name
+                                   and each.effects[-1].form != own.form])
+        others = self._there(rest, [each for each in told if each.effects[-1].name != own.name
+                                    ][:_FORMS])
         tried = [(each.refit(), each.price + price)
                  for each in (*forms[:_OTHER_FORMS], *others[:_OTHERS])]
         if tried:
             self.consider(*self.bend(*max(tried, key=lambda item: item[0].log + item[1][0])))
 
-    def _beside(self, fit: Fit) -> list[Proposal]:
-        """Weigh what may stand beside a refit, the best shapes of each form, best first.
-
-        The library proposes with signatures beside the base; what they are here decides.
-        """
-        proposed = screen(fit, self.library)
-        first = distinct(proposed)  # each effect, however little it gained beside the base
-        told = distinct([*first, *proposed], by_form=True)[:len(first) + _FORMS]
+    def _there(self, fit: Fit, told: Sequence[Proposal]) -> list[Proposal]:
+        """Weigh forms with signatures taken beside a refit, not beside the base, best first."""
         prices = {each.effects: each.price for each in told}
         here = [(each.effects[-1], fit.signature(each.effects[-1])) for each in told]
         return [each._replace(price=prices[each.effects]) for each in screen(fit, here)]

@@ -26,6 +26,7 @@ _ITERATIONS = 40
 _MEMORY = 8  # steps that are remembered
 _TOLERANCE = 1e-9  # of the unknown, relative to its scale: the step from there is the last
 _PRESSURE = 2e7  # Pa, its scale
+_FRICTION = 1e2  # that of a part of the friction, which is a hundredth of a torque
 _SHORT = 0.5  # of the scales, where longer steps lead nowhere
 _LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
@@ -138,10 +139,9 @@ class Shafts(Quadrant):
         whole = np.stack([np.ones_like(speed), -np.ones_like(speed)])
         (ahead, back), _ = self._surplus(
             speed, whole, self.stroke, self._estimate(speed, whole, self.stroke))
-        share = 0.5 * (back - ahead)
-        part, pressure = self._found(
-            0.0 * speed, 1.0, lambda part: (speed, part, self.stroke),
-            np.where(share == 0.0, np.inf, share))  # without friction there is nothing to find
+        share = np.where(ahead == back, np.inf, 0.5 * (back - ahead))
+        part, pressure = self._found(  # without friction there is nothing to find
+            0.5 * (ahead + back) / share, _FRICTION, lambda part: (speed, part, self.stroke), share)
         return np.stack([np.clip(part, -1.0, 1.0), pressure])
 
     def _settled(
@@ -181,7 +181,7 @@ class Shafts(Quadrant):
         """
         def better(unknown: Array, pressure: Array) -> Array:
             surplus, pressure = self._surplus(*given(unknown), pressure)
-            return np.stack([unknown + surplus / gain, pressure])
+            return np.array([unknown + surplus / gain, pressure])
 
         start = np.stack([first, self._estimate(*given(first))])
         found = _stepped(better, start, scale, np.inf)
@@ -259,7 +259,8 @@ class Shafts(Quadrant):
 
     def _lagged(self, state: ShaftState) -> ShaftState:
         return state._replace(
-            displacement_ratio=state.displacement_ratio - self._sum("stroke_lag", state))
+            displacement_ratio=state.displacement_ratio - self._sum("stroke_lag", state)
+        ) if self.acting["stroke_lag"] else state
 
     def _braced(self, state: ShaftState, output_speed: Array) -> dict[str, list[Array]]:
         """Torques of pump, engine and output paths where the pump braces the row."""
@@ -313,7 +314,8 @@ class Shafts(Quadrant):
         return np.asarray(torque / (units.motor_displacement * (1.0 - friction)))
 
     def _sum(self, hook: str, state: ShaftState) -> Value:
-        return sum((effect.at(hook, state) for effect in self.acting[hook]), 0.0)
+        acting = self.acting[hook]
+        return sum((effect.at(hook, state) for effect in acting), 0.0) if acting else 0.0
 
     def _geared(
         self, path: str, torque: Array, speed: Array, direction: Value, from_row: bool = False
