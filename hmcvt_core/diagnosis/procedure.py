@@ -83,7 +83,7 @@ class _Study:
         """Mean squares expected of the gap before and after a set, shape (2,)."""
         (mean, deviation), unit = self.expected, self.base.observed.deviation[0]
         after = mean - (self.base.whitened[0] - rival.delivered.whitened[0]) * unit
-        return np.mean([mean**2, after**2], axis=1) + np.mean(deviation**2)
+        return np.nanmean([mean**2, after**2] + deviation**2, axis=1)
 
     @cached_property
     def _dealt(self) -> list[list[NDArray[np.intp]]]:

@@ -110,8 +110,7 @@ def number(value):
 
 
 def temperature(value, seconds=0.0):
-    return TYPES.types[TEMPERATURE](
-        header=header(seconds), temperature=float(value), variance=0.0)
+    return TYPES.types[TEMPERATURE](header=header(seconds), temperature=float(value), variance=0.0)
 
 
 def bench_records(bench, topic="/bench_sample", stamped=True, latency=0.003):

@@ -70,8 +70,7 @@ def test_transients_are_rejected_and_counted(campaign, bench, plan):
     assert report.clock == "header stamp" and report.gaps == 0
     assert report.windows_found == len(plan) and report.windows_refused == {}
     assert report.seconds_logged == pytest.approx(12.0 * len(plan), abs=0.1)
-    assert report.seconds_logged == pytest.approx(
-        report.seconds_steady + report.seconds_transient)
+    assert report.seconds_logged == pytest.approx(report.seconds_steady + report.seconds_transient)
     # Each way to another point takes about four time constants of 0.5 s.
     moving = np.count_nonzero(~bench.settled) / RATE
     assert moving < report.seconds_transient < moving + 3.0 * len(plan)

@@ -94,8 +94,7 @@ def test_map_of_the_drive_line(hmcvt, tmp_path):
         if not row["stage"]:
             assert row["fuel_rate"] == ""
             continue
-        point = [float(row[name]) for name in ("displacement_ratio", "engine_speed",
-                                               "load_torque")]
+        point = [float(row[name]) for name in ("displacement_ratio", "engine_speed", "load_torque")]
         assert WHOLE.output_speed(*point, stage=row["stage"]) == pytest.approx(
             float(row["output_speed"]), rel=1e-6)
         assert point[1] * point[2] == pytest.approx(float(row["output_power"]))

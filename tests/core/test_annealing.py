@@ -127,8 +127,7 @@ def test_each_chain_cools_by_itself():
         return np.where(points[:, 0] < 20.0, 0.0, falling(points))
 
     asked = Recorder(half)
-    minimise(asked, [(0.0, 40.0)], schedule=Schedule(chains=2, moves=1),
-             start=[[0.0], [40.0]])
+    minimise(asked, [(0.0, 40.0)], schedule=Schedule(chains=2, moves=1), start=[[0.0], [40.0]])
     assert [len(points) for points in asked.asked[1:]] == [2] * 39 + [1] * (132 - 39)
 
 

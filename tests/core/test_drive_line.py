@@ -130,8 +130,7 @@ def test_wrong_engine_files_are_one_line(tmp_path, old, new, message):
     path.write_text(TABLE, encoding="utf-8")
     engine = hmcvt.load_engine(path)
     # 220 g/kWh at 600 N m and 1000 r/min; below 100 N m the line of the lowest two rows goes on.
-    assert engine.fuel_rate(1000 * RPM, 600.0) == pytest.approx(
-        220e-3 / 3.6e6 * 600 * 1000 * RPM)
+    assert engine.fuel_rate(1000 * RPM, 600.0) == pytest.approx(220e-3 / 3.6e6 * 600 * 1000 * RPM)
     assert 0.0 < engine.fuel_rate(1000 * RPM, 0.0) < engine.fuel_rate(1000 * RPM, 100.0)
     assert old in TABLE
     path.write_text(TABLE.replace(old, new, 1), encoding="utf-8")

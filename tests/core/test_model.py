@@ -78,8 +78,7 @@ def test_prediction_at_a_point_is_that_of_arrays(model):
     for point in (POINT, (0.03, 80.0, 40.0), (-1.0, 230.0, 400.0), (-1.0, 20.0, 5000.0)):
         alone, among = model.predict(*point), model.predict([point[0]], *point[1:])
         assert alone.efficiency == pytest.approx(among.efficiency[0], rel=1e-12, nan_ok=True)
-        assert alone.standard_error == pytest.approx(
-            among.standard_error[0], rel=1e-6, nan_ok=True)
+        assert alone.standard_error == pytest.approx(among.standard_error[0], rel=1e-6, nan_ok=True)
         assert alone.inside_domain == among.inside_domain[0]
 
 

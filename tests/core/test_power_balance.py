@@ -94,8 +94,7 @@ def test_point_array_and_balance_agree(stage, found, engine_speed, load_torque):
     points = OperatingPoints(*np.broadcast_arrays(FINE, engine_speed, load_torque))
     many, shafts = model.solution_at(points), BalanceSolver(stage, found, NO_DRAG).solve(points)
     for name in ("efficiency", "output_speed"):
-        one = [getattr(model, name)(stroke, engine_speed, load_torque)
-               for stroke in FINE.tolist()]
+        one = [getattr(model, name)(stroke, engine_speed, load_torque) for stroke in FINE.tolist()]
         np.testing.assert_array_equal(getattr(many, name), one)  # to the last digit
         np.testing.assert_allclose(getattr(shafts, name), one, rtol=1e-9)
 

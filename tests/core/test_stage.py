@@ -160,8 +160,7 @@ def equation_5(displacement_ratio):
 def test_table_1_stands_in_the_data_and_in_the_transmission_file():
     with hmcvt.data_path("data/table1.csv").open(encoding="utf-8") as file:
         assert {row["symbol"]: row["value"] for row in csv.DictReader(file)} == TABLE_1
-    data = yaml.safe_load(
-        hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
+    data = yaml.safe_load(hmcvt.data_path("params/transmission.yaml").read_text(encoding="utf-8"))
     assert ({f"i{name}": ratio for name, ratio in data["gear_pairs"].items()}
             | data["planetary_rows"]) == {name: float(value) for name, value in TABLE_1.items()}
 

@@ -31,8 +31,7 @@ def test_a_gap_that_opens_is_noticed_sized_and_dated(gap):
         assert np.median([each.size for each in found]) == pytest.approx(-size, rel=0.15)
         held += sum(each.interval[0] <= -size <= each.interval[1] for each in found)
         # An interval holds where it opened; a large gap is dated to two samples.
-        dated = sum(each.since_interval[0] <= OPENS + 1 <= each.since_interval[1]
-                    for each in found)
+        dated = sum(each.since_interval[0] <= OPENS + 1 <= each.since_interval[1] for each in found)
         assert dated >= 4
     assert delays == sorted(delays, reverse=True) and delays[0] < 50 and delays[-1] < 7
     assert held >= 13  # of 20

@@ -20,8 +20,7 @@ def _observed(samples, trust=1e8):
 
 
 def _linear(observed, columns, target, spread, signs=np.nan):
-    linear, = weigh(observed, columns, target, spread[None],
-                    np.broadcast_to(signs, spread.shape))
+    linear, = weigh(observed, columns, target, spread[None], np.broadcast_to(signs, spread.shape))
     return linear
 
 
@@ -78,6 +77,12 @@ def test_without_a_gap_there_is_no_fraction(before, real):
                       "cross-validation", seed=0, real=real)
     assert found.fraction is None
     assert found.interval is None
+
+
+def test_a_gap_is_at_least_what_all_channels_foretell():
+    found = shrinkage(np.full(20, 0.004), np.full(20, 0.001), np.array(0.005), "cross-validation",
+                      seed=0, least=np.array([4e-6, 1e-6]))
+    assert (found.before, found.after, found.fraction) == pytest.approx((0.002, 0.001, 0.75))
 
 
 def _problem(seed=0, n=30, p=3):
