@@ -35,10 +35,8 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage
 
 AXES = (
-    # Near standstill the motor sticks and slips, and no model has the sense of its friction. Makers
-    # ask for 50 r/min where it has to run evenly (Bosch Rexroth, RA 91001): 0.02 at 2500 r/min.
     Axis("displacement_ratio", "-", "displacement ratio", "stroke", 2, 0.001, graded=False,
-         told="stroke {0:+.2f}", turns=0.02),
+         told="stroke {0:+.2f}"),
     Axis("engine_speed", "rad/s", "engine speed", "speed [rad/s]", 1, ranges.RPM,
          told="{0:.1f} rad/s ({1:.0f} r/min)", second=1.0 / ranges.RPM),
     Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, told="{0:.0f} N m"),
@@ -74,6 +72,10 @@ _POINT = tuple(axis.name for axis in AXES)
 _TOLERANCES = {"gear_loss": 0.0006, "pressure_gain": 0.01, "pressure_zero": 1e5}
 _FURTHEST = 6.0
 
+# Near standstill the motor sticks and slips, and no model has the sense of its friction. Makers ask
+# for 50 r/min where it has to run evenly (Bosch Rexroth, RA 91001): so much stroke at 2500 r/min.
+_TURNS = 0.02
+
 # What is lost without a column.
 _UNREAD = {"output_speed": "losses of flow and of torque look alike",
            "oil_temperature": "viscosity cannot be judged"}
@@ -100,6 +102,8 @@ class Transmission:
             raise InputError("diagnosis needs formulation power_balance, "
                              f"not {model.formulation!r}")
         self.model = model
+        if all(stage.layout == "input_coupled" for stage in (model.stage, *model.other_stages)):
+            self.axes = (replace(AXES[0], turns=_TURNS), *self.axes[1:])
         tolerances = np.ones(len(_TOLERANCES) if pressure else 1)
         low, high = (to_scaled(np.array([getattr(limits, end) for limits in PARAMETER_RANGES]))
                      for end in ("low", "high"))

@@ -246,8 +246,9 @@ class Fit:
         that of each channel, forms aside, shape (channels,).
         """
         served = [channel.served for channel in self.observed.channels]
-        return refit(self.hypothesis, self.observed, self.theta, self.jacobian, rough=True,
-                     noise=np.where(served, noise, np.maximum(self.noise, _OTHERS_BEAR * noise)))
+        weights = np.where(served, noise, np.maximum(self.noise, _OTHERS_BEAR * noise))
+        return self if all(served) else refit(
+            self.hypothesis, self.observed, self.theta, self.jacobian, rough=True, noise=weights)
 
     def as_measured(self, points: Points) -> Observations:
         """Other points as if read there: what is foretold, with the noise of the campaign."""

@@ -109,7 +109,8 @@ def _loosened(fit: Fit) -> Fit:
     observed = fit.observed
     turning = fit.hypothesis.turning(fit.theta, observed.points, observed.channels)
     return refit(fit.hypothesis, replace(
-        observed, deviation=np.hypot(observed.deviation, turning)), fit.theta)
+        observed, deviation=np.hypot(observed.deviation, turning)), fit.theta
+    ) if turning.any() else fit
 
 
 def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:

@@ -15,7 +15,7 @@ from ..errors import InputError
 from . import result
 from .advice import Advice, advise
 from .evidence import cross_validated_errors, deals
-from .hypothesis import Fit, refit
+from .hypothesis import REFUSED, Fit, refit
 from .intake import admitted, listed_samples
 from .observations import FEW, Observations
 from .ranking import Ranking, rank
@@ -82,7 +82,9 @@ class _Study:
     def _foretold(self, rival: Rival) -> Array:
         """Mean squares expected of the gap before and after a set, shape (2,)."""
         (mean, deviation), unit = self.expected, self.base.observed.deviation[0]
-        after = mean - (self.base.whitened[0] - rival.delivered.whitened[0]) * unit
+        before, after = (np.where(fit.whitened[0] == REFUSED, np.nan, fit.whitened[0] * unit)
+                         for fit in (self.base, rival.delivered))
+        after = mean - before + after
         return np.nanmean([mean**2, after**2] + deviation**2, axis=1)
 
     @cached_property
@@ -176,7 +178,7 @@ def shrinkage(
     before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True,
     least: Array | float = 0.0,
 ) -> result.ShrinkageSummary:
-    r"""Say how far the gap shrinks, on data not used for the fit.
+    r"""Say how far the gap shrinks, from errors on data not used for the fit.
 
     .. math:: G^2 = \overline{e^2} - \sigma^2, \qquad S = 1 - G^2_{after} / G^2_{before}
 
@@ -197,13 +199,14 @@ def shrinkage(
     fraction, interval = None, None
     if real and mean[0] > 0.0:
         rng, n = np.random.default_rng(seed), len(squares)
-        drawn = np.stack([mean, *(np.maximum(squares[rng.integers(0, n, n)].mean(axis=0), least)
+        drawn = np.stack([mean, *(squares[rng.integers(0, n, n)].mean(axis=0)
                                   for _ in range(_DRAWS))])
         drawn = drawn[drawn[:, 0] > 0.0]
-        fraction, *others = np.maximum(1.0 - drawn[:, 1] / drawn[:, 0], -10.0).tolist()
+        # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
+        fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()
         if others:
             low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
-            interval = low, high
+            interval = min(low, fraction), max(high, fraction)
     gap = np.sqrt(mean).tolist()
     return result.ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
 

@@ -81,7 +81,7 @@ class Cause:
             fold; None without a gap.
         drift: change of each base parameter when it is added, in words and numbers.
         summary: what it does, in plain words; `source` of its form; `remedy` that settles it.
-        model: the base model refitted with it.
+        model: the base model refitted with it, for the channels that it serves.
     """
 
     effect: str
@@ -133,11 +133,12 @@ class Delivered:
 class ShrinkageSummary:
     """How far the gap shrinks.
 
-    By cross-validation it is that of the procedure, which picks the effect anew in every fold; on a
-    holdout that of the model of the first cause.
+    By cross-validation it is that of the leading set, held in every fold; on a holdout that of the
+    model of the first cause.
 
     Attributes:
-        before, after: root of the mean squared error above noise; 0 where below noise.
+        before, after: root of the mean squared error above noise; 0 where below noise, but no less
+            than what everything alive foretells of it (`gap_at`), where it is cross-validated.
         fraction: 1 - G2_after / G2_before, or None where there is no gap before.
         interval: of `fraction`, 95 %, or None.
         on: `cross-validation` or `holdout`.

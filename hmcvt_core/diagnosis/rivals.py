@@ -49,7 +49,7 @@ class Rival:
     Attributes:
         fit: the refit near which it is linear.
         weighed: the linear model with its most likely allowances, at the widest prior of its sizes.
-        plain: without allowances, at their most likely prior: what is saved.
+        plain: without allowances, at their most likely prior.
         log: log evidence over the prior scales.
         beside: a loss that nobody listed, or None.
     """

@@ -54,6 +54,7 @@ class _Search:
     def __init__(self, bare: Rival, library: Sequence[Signature]) -> None:
         self.bare, self.library = bare, library
         self.found: dict[Names, tuple[Rival, Array]] = {}
+        self.prices: dict[str, Array] = {}  # of single effects
         self.bent, self.grown, self.exchanged = set[Rival](), set[Rival](), set[Rival]()
 
     def start(self) -> int:
@@ -61,6 +62,7 @@ class _Search:
         alone = screen(self.bare.fit, self.library)
         # Where the base bends much the linear screen misleads: each is refitted once at least.
         self.refit(distinct(alone))
+        self.prices = {each.effects[0].name: each.price for each in alone}
         kinds = len(self.found)
         forms = distinct(alone, by_form=True)
         for names in self.leaders(1):
@@ -97,7 +99,8 @@ class _Search:
                 break
             self.exchanged.add(rival)
             for i in range(len(rival.names)):
-                self._hold_against(rival, i, bends=rival.plain.log < rival.log)
+                # Forms that need an allowance may be others.
+                self._hold_against(rival, i, allowing=rival.plain.log < rival.log)
             if len(rival.names) < most:
                 self.grow([rival.names])
 
@@ -148,7 +151,7 @@ class _Search:
 
     def _price(self, effects: Iterable[Effect]) -> Array:
         """What the forms of a set cost, as those of each effect alone."""
-        return np.sum([np.zeros(2), *(self.found[effect.name,][1] for effect in effects)], axis=0)
+        return np.sum([np.zeros(2), *(self.prices[effect.name] for effect in effects)], axis=0)
 
     def _ranked(self, sets: Iterable[Names]) -> list[Names]:
         return sorted(sets, key=self.weight, reverse=True)
@@ -159,12 +162,12 @@ class _Search:
         least = _least(max(gains.values(), default=0.0))
         return [names for names, gain in gains.items() if gain > least]
 
-    def _hold_against(self, rival: Rival, i: int, bends: bool) -> None:
+    def _hold_against(self, rival: Rival, i: int, allowing: bool) -> None:
         own, rest = rival.fit.effects[i], without(rival.fit, i)
         price = self._price(rest.effects)
         if rest.effects:
             self.consider(*self.bend(explanation(rest), price))
-        if not bends:
+        if not allowing:
             return
         told = distinct(screen(rest, self.library), by_form=True)
         forms = self._there(rest, [each for each in told if each.effects[-1].name == own.name

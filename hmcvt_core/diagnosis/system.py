@@ -36,7 +36,7 @@ class Axis:
         told: form of a value in the description of a test; `{0}` is the value, `{1}` the same in
             another unit, `second` times as large.
         turns: how far from where the model has it a machine may turn from one way of working to
-            another; readings as near as that are known no better than how far apart the two are.
+            another; readings as near as that are known no better than by half of what lies between.
     """
 
     name: str

@@ -26,7 +26,6 @@ _ITERATIONS = 40
 _MEMORY = 8  # steps that are remembered
 _TOLERANCE = 1e-9  # of the unknown, relative to its scale: the step from there is the last
 _PRESSURE = 2e7  # Pa, its scale
-_FRICTION = 1e2  # that of a part of the friction, which is a hundredth of a torque
 _SHORT = 0.5  # of the scales, where longer steps lead nowhere
 _LEAST = 1e-300  # a step that is none has no direction
 _SETTLED = 1e-6  # the same, where the last digits of the terms are noise
@@ -84,10 +83,9 @@ class Shafts(Quadrant):
         self.load_power = points.load_torque * points.engine_speed
         self.row = member_speed_coefficients(stage.planetary_constant)
         # Torque of the sun per load power / output speed; braced, per pressure times stroke.
-        self.sun_share = self.row["sun"] / (
+        self.sun_share = 0.0 if not stage.has_row else self.row["sun"] / (
             self.row[stage.motor_member] / (stage.pump_motor.pump_displacement * stage.pump.ratio)
-            if self.braced else self.row[stage.output_member] * stage.output.ratio
-        ) if stage.has_row else 0.0
+            if self.braced else self.row[stage.output_member] * stage.output.ratio)
         self.stroke = self.true_stroke(points.displacement_ratio)
 
     def true_stroke(self, displacement_ratio: Array) -> Array:
@@ -141,7 +139,8 @@ class Shafts(Quadrant):
             speed, whole, self.stroke, self._estimate(speed, whole, self.stroke))
         share = np.where(ahead == back, np.inf, 0.5 * (back - ahead))
         part, pressure = self._found(  # without friction there is nothing to find
-            0.5 * (ahead + back) / share, _FRICTION, lambda part: (speed, part, self.stroke), share)
+            np.clip(0.5 * (ahead + back) / share, -1.0, 1.0), 1.0,
+            lambda part: (speed, part, self.stroke), share)
         return np.stack([np.clip(part, -1.0, 1.0), pressure])
 
     def _settled(
@@ -295,7 +294,7 @@ class Shafts(Quadrant):
         """Return what effects may read: as if the output turned forward."""
         units, output, still = self.stage.pump_motor, np.abs(output_speed), np.zeros_like(speed)
         per_engine, per_output = self.stage.sun_speed_ratios
-        sun_torque = self.sun_share * (
+        sun_torque = still if not self.stage.has_row else self.sun_share * (
             pressure * stroke if self.braced else self.load_power / output)
         return ShaftState(
             self.engine_speed + still, self._pump_speed(output_speed), output, self.sense * speed,

@@ -65,8 +65,7 @@ def excel_of_two_heads(folder):
     sheet = book.create_sheet("Messung")
     sheet.append(["Bench report", None, None, None, None])
     sheet.append(["Pump", "Engine", None, "Output", None])
-    sheet.append(["displacement [%]", "speed [min-1]", "power [kW]", "speed [min-1]",
-                  "power [kW]"])
+    sheet.append(["displacement [%]", "speed [min-1]", "power [kW]", "speed [min-1]", "power [kW]"])
     sheet.merge_cells("B2:C2")
     for i in range(TESTS):
         sheet.append([100.0 * EPS[i], SPEED[i], POWER[i] / ETA[i] / 1e3 if i != 7 else None,

@@ -131,8 +131,7 @@ def test_arrays_equal_scalars(model, hold):
 ])
 def test_bad_requests(model, options, message):
     with pytest.raises(hmcvt.InputError, match=message):
-        model.optimal_displacement_ratio(
-            **{"engine_speed": 120.0, "load_torque": 150.0, **options})
+        model.optimal_displacement_ratio(**{"engine_speed": 120.0, "load_torque": 150.0, **options})
 
 
 @given(stages(), moderate, engine_speeds, load_torques)

@@ -37,8 +37,7 @@ def test_torque_of_the_engine_and_load_torque_are_enough(tmp_path):
 @pytest.mark.parametrize("name", ["oil-temperature", "Output Speed", "Efficiency"])
 def test_a_column_with_the_name_of_a_quantity_that_is_not_asked_for_is_renamed(tmp_path, name):
     """It would be read as that quantity, in whatever unit, from the file written."""
-    path = raw(tmp_path, f"eps,n,M,eta,{name},,,a,a,a (2)\n"
-               "0.5,146,200,0.8,353,1,2,x,y,z\n")
+    path = raw(tmp_path, f"eps,n,M,eta,{name},,,a,a,a (2)\n" "0.5,146,200,0.8,353,1,2,x,y,z\n")
     found = read_raw_bench(path, PLAIN)
     assert found.extra == {f"raw {name}": ("353",), "unnamed": ("1",), "unnamed (2)": ("2",),
                            "a": ("x",), "a (3)": ("y",), "a (2)": ("z",)}

@@ -42,8 +42,7 @@ def test_only_the_exact_set_that_is_named_counts_as_first():
 def test_what_something_else_listed_imitates_has_a_row_without_it():
     records = [record(["churning"], ["gear_mesh"], beyond=3.0), record(["churning"], ["churning"])]
     assert "1/2 = 50 %" in row(records, "single without a twin: first")
-    assert "1/1 = 100 %" in row(
-        records, "single: first, where nothing else listed imitates it")
+    assert "1/1 = 100 %" in row(records, "single: first, where nothing else listed imitates it")
 
 
 def test_a_set_longer_than_three_does_not_count():
