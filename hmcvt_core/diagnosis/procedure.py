@@ -9,7 +9,6 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from . import result
@@ -65,7 +64,10 @@ class _Study:
 
     def errors(self, rival: Rival) -> Array:
         """Errors of a rival at samples left out, shape (n,)."""
-        return cross_validated_errors(rival.plain, self.base.observed, self._dealt)
+        observed = self.base.observed
+        left = cross_validated_errors(rival.plain, observed, deals(observed, self.seed))
+        own = rival.delivered.whitened[0] * observed.deviation[0]
+        return max(left, own, key=_rms)  # a size is held at its bound in what is handed over
 
     @cached_property
     def shrunk(self) -> Callable[[Rival], result.ShrinkageSummary]:
@@ -84,12 +86,7 @@ class _Study:
         (mean, deviation), unit = self.expected, self.base.observed.deviation[0]
         before, after = (np.where(fit.whitened[0] == REFUSED, np.nan, fit.whitened[0] * unit)
                          for fit in (self.base, rival.delivered))
-        after = mean - before + after
-        return np.nanmean([mean**2, after**2] + deviation**2, axis=1)
-
-    @cached_property
-    def _dealt(self) -> list[list[NDArray[np.intp]]]:
-        return deals(self.base.observed, self.seed)
+        return np.nanmean([mean**2, (mean - before + after) ** 2] + deviation**2, axis=1)
 
     @cached_property
     def noise(self) -> Array:
@@ -190,12 +187,13 @@ def shrinkage(
         on: where the errors come from.
         seed: of the bootstrap over points.
         real: whether there is a gap at all; without one `fraction` is None.
-        least: G^2 before and after, shape (2,), where other channels tell more than these errors;
-            a gap below the noise is none.
+        least: G^2 before and after, shape (2,), where the noise hides more of it than other
+            channels tell; a gap below the noise is none.
     """
     squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
         np.square(noise), before.shape)[:, None]
-    mean = np.maximum(squares.mean(axis=0), least)
+    mean, hidden = np.maximum(squares.mean(axis=0), 0.0), np.mean(np.square(noise))
+    mean = np.maximum(mean, least * hidden / max(hidden + mean[0], _ROUNDING**2))
     fraction, interval = None, None
     if real and mean[0] > 0.0:
         rng, n = np.random.default_rng(seed), len(squares)

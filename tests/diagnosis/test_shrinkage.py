@@ -83,6 +83,8 @@ def test_a_gap_is_at_least_what_all_channels_foretell():
     found = shrinkage(np.full(20, 0.004), np.full(20, 0.001), np.array(0.005), "cross-validation",
                       seed=0, least=np.array([4e-6, 1e-6]))
     assert (found.before, found.after, found.fraction) == pytest.approx((0.002, 0.001, 0.75))
+    seen = shrinkage(np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, least=np.array([0, 1e-4]))
+    assert seen.after == pytest.approx((1e-4 * 0.005**2 / 0.04**2) ** 0.5), "hardly hidden"
 
 
 def _problem(seed=0, n=30, p=3):
