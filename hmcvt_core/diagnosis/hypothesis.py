@@ -126,18 +126,19 @@ class Hypothesis:
         names = [channel.name for channel in self.system.channels]
         return found[[names.index(channel.name) for channel in channels]] if channels else found
 
-    def turning(self, theta: Array, points: Points, channels: Sequence[Channel]) -> Array:
-        """How far readings turn within `Axis.turns` of points, in their units, (channels, n).
+    def turning(
+        self, theta: Array, points: Points, channels: Sequence[Channel], here: Array
+    ) -> Array:
+        """How far readings, `here`, turn within `Axis.turns` of points, in their units.
 
-        The first channel hardly does, and what is stated of its noise stands.
+        What is served hardly does, and what is stated of its noise stands. Shape (channels, n).
         """
-        here = self.predict(theta, points, channels)
         found = np.zeros_like(here)
         for axis in (axis for axis in self.system.axes if axis.turns):
             around = sum(self.predict(theta, {**points, axis.name: place}, channels)
                          for place in points[axis.name] + axis.turns * np.array([[-1.0], [1.0]]))
             found = np.fmax(found, np.abs(around / 2.0 - here))  # of NaN and a number, the number
-        found[:1] = 0.0
+        found[[channel.served for channel in channels]] = 0.0
         return found
 
 
@@ -258,7 +259,7 @@ class Fit:
             observed.channels, found, strict=True)])
         deviation[0] = np.median(observed.deviation[0])
         deviation = np.hypot(deviation * np.sqrt(self.noise)[:, None],
-                             self.hypothesis.turning(self.theta, points, observed.channels))
+                             self.hypothesis.turning(self.theta, points, observed.channels, found))
         return replace(observed, points=points, measured=found, number=np.arange(found.shape[1]),
                        deviation=deviation)
 

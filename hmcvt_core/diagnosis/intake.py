@@ -106,11 +106,13 @@ def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
 
 def _loosened(fit: Fit) -> Fit:
     """Refit with the noise of readings that turn near their points."""
-    observed = fit.observed
-    turning = fit.hypothesis.turning(fit.theta, observed.points, observed.channels)
-    return refit(fit.hypothesis, replace(
-        observed, deviation=np.hypot(observed.deviation, turning)), fit.theta
-    ) if turning.any() else fit
+    hypothesis, observed = fit.hypothesis, fit.observed
+    at = fit.theta, observed.points, observed.channels
+    turning = hypothesis.turning(*at, hypothesis.predict(*at))
+    if not turning.any():
+        return fit
+    loose = replace(observed, deviation=np.hypot(observed.deviation, turning))
+    return refit(hypothesis, loose, fit.theta)
 
 
 def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:

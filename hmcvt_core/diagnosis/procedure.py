@@ -62,12 +62,14 @@ class _Study:
         """Errors of the base model at samples left out, shape (n,)."""
         return self.errors(self.ranking.bare)
 
-    def errors(self, rival: Rival) -> Array:
-        """Errors of a rival at samples left out, shape (n,)."""
-        observed = self.base.observed
-        left = cross_validated_errors(rival.plain, observed, deals(observed, self.seed))
-        own = rival.delivered.whitened[0] * observed.deviation[0]
-        return max(left, own, key=_rms)  # a size is held at its bound in what is handed over
+    @cached_property
+    def errors(self) -> Callable[[Rival], Array]:
+        """Errors of a rival at samples left out, shape (n,); worked out once for each."""
+        observed, dealt = self.base.observed, deals(self.base.observed, self.seed)
+        # A size is held at its bound in what is handed over, not in the folds.
+        return cache(lambda rival: max(
+            cross_validated_errors(rival.plain, observed, dealt),
+            rival.delivered.whitened[0] * observed.deviation[0], key=_rms))
 
     @cached_property
     def shrunk(self) -> Callable[[Rival], result.ShrinkageSummary]:
@@ -187,8 +189,8 @@ def shrinkage(
         on: where the errors come from.
         seed: of the bootstrap over points.
         real: whether there is a gap at all; without one `fraction` is None.
-        least: G^2 before and after, shape (2,), where the noise hides more of it than other
-            channels tell; a gap below the noise is none.
+        least: G^2 before and after, shape (2,), as far as the noise hides them; by default a gap
+            below the noise is none.
     """
     squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
         np.square(noise), before.shape)[:, None]

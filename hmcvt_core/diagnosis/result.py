@@ -138,7 +138,8 @@ class ShrinkageSummary:
 
     Attributes:
         before, after: root of the mean squared error above noise; 0 where below noise, but no less
-            than what everything alive foretells of it (`gap_at`), where it is cross-validated.
+            than what everything alive foretells of it (`gap_at`), as far as the noise hides it,
+            where it is cross-validated.
         fraction: 1 - G2_after / G2_before, or None where there is no gap before.
         interval: of `fraction`, 95 %, or None.
         on: `cross-validation` or `holdout`.

@@ -41,11 +41,11 @@ def search(
         how many effects there are to choose from.
     """
     found = _Search(bare, library)
-    kinds = found.start()
+    found.start()
     for size in range(1, most):
         found.grow(found.leaders(size))
     found.exchange(most)
-    return found.settled(), kinds
+    return found.settled(), len(found.prices)
 
 
 class _Search:
@@ -57,24 +57,22 @@ class _Search:
         self.prices: dict[str, Array] = {}  # of single effects
         self.bent, self.grown, self.exchanged = set[Rival](), set[Rival](), set[Rival]()
 
-    def start(self) -> int:
-        """Refit single effects; return how many there are."""
+    def start(self) -> None:
+        """Refit single effects, and pairs that show together only."""
         alone = screen(self.bare.fit, self.library)
         # Where the base bends much the linear screen misleads: each is refitted once at least.
         self.refit(distinct(alone))
         self.prices = {each.effects[0].name: each.price for each in alone}
-        kinds = len(self.found)
         forms = distinct(alone, by_form=True)
         for names in self.leaders(1):
             self.refit(_promising([each for each in forms if each.effects[0].name in names]),
                        bent=True)
-        # Two that show together only; those with the leader are found from it.
+        # Pairs with the leader are found from it.
         first = self._ranked(self.found)[0]
         pairs = screen(self.bare.fit, [(each.effects[0], each.changes[0]) for each in forms], 2)
         self.refit([each._replace(price=self._price(each.effects))
                     for each in _promising(distinct(pairs))
                     if not {effect.name for effect in each.effects}.intersection(first)][:_SETS])
-        return kinds
 
     def grow(self, sets: Iterable[Names]) -> None:
         """Refit what may stand beside some sets."""

@@ -192,15 +192,17 @@ class Stage:
     @cached_property
     def sun_speed_ratios(self) -> tuple[float, float]:
         """Sun speed against the carrier per engine and per output speed [-]; 0 without a row."""
-        against = [0.0, 0.0]
-        for i, (member, turns) in enumerate((
-            (self.mechanical_member, self.mechanical.direction / self.mechanical.ratio),
-            (self.output_member, self.output.direction * self.output.ratio),
-        ) if self.has_row else ()):
-            speeds = {member: turns, self.motor_member: turns * self._member_ratio(
-                member, self.motor_member)}
-            against[i] = speeds.get("sun", 0.0) - speeds.get("carrier", 0.0)
-        return against[0], against[1]
+        if not self.has_row:
+            return 0.0, 0.0
+        return (self._rolling(self.mechanical_member,
+                              self.mechanical.direction / self.mechanical.ratio),
+                self._rolling(self.output_member, self.output.direction * self.output.ratio))
+
+    def _rolling(self, member: str, speed: float) -> float:
+        """Sun speed against the carrier, from one member that drives that of the motor alone."""
+        speeds = {member: speed,
+                  self.motor_member: speed * self._member_ratio(member, self.motor_member)}
+        return speeds.get("sun", 0.0) - speeds.get("carrier", 0.0)
 
     def _output_share(self, path: Path, member: str) -> float:
         row = self._member_ratio(member, self.output_member) if self.has_row else 1.0

@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.physics.effects import mechanical
 from hmcvt_core.physics.effects.hydraulic import CompressibilityStroke, PressureLeakage
-from hmcvt_core.physics.effects.mechanical import (
-    ChargePump,
-    ClutchDrag,
-    PlanetaryMesh,
-    PlanetaryRolling,
-)
+from hmcvt_core.physics.effects.mechanical import ChargePump, ClutchDrag, PlanetaryMesh
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
 from hmcvt_core.transmission.stage import speed_ratio
@@ -183,7 +179,8 @@ def test_files_of_several_stages_survive_saving(tmp_path, file):
 
 @pytest.mark.parametrize(("name", "parameters", "effects", "point"), [
     ("hydrostatic H", None, (), (0.0, 150.0, 0.0)),  # in neutral
-    ("hydrostatic H", None, (ChargePump(4.0), PlanetaryRolling(0.03)), (0.0, 150.0, 0.0)),
+    ("hydrostatic H", None, (ChargePump(4.0), mechanical.PlanetaryRolling(0.03)),
+     (0.0, 150.0, 0.0)),
     ("tractor H0", None, (ChargePump(4.0),), (0.0, 80.0, 0.0)),
     # A long step would turn the output back, where nothing drives the load.
     ("hydrostatic H", None, (PressureLeakage(3.75e-11, 2.0),), (0.0529, 94.7, -144.06)),

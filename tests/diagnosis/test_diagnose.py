@@ -65,6 +65,15 @@ def test_an_implausible_size_is_said_to_be_so():
     assert not entry["plausible"]
 
 
+def test_a_constant_torque_may_be_the_charge_pump_or_the_meter():
+    found = diagnosed("charge pump")
+    assert found.causes[0].effect in ("charge_pump", "torque_sensor", "bearing_drag")
+    others = {cause.effect for cause in found.causes[1:]}
+    others |= set(found.causes[0].indistinguishable_from)
+    assert others & {"torque_sensor", "bearing_drag"}
+    assert found.causes[0].probability < 0.97
+
+
 def test_a_loss_in_a_band_of_engine_speed_is_unexplained_and_placed():
     found = diagnosed("band")
     assert found.verdict == "unexplained"
@@ -383,14 +392,14 @@ def test_the_simulated_bench_gives_these_numbers():
         ("charge_pump",): 0.337, ("bearing_drag",): 0.266, ("clutch_drag",): 0.152,
         ("torque_sensor",): 0.049}, abs=5e-3)
     assert found.unlisted == pytest.approx(0.144, abs=5e-3)
-    assert found.shrinkage.fraction == pytest.approx(0.89, abs=5e-3)
+    assert found.shrinkage.fraction == pytest.approx(0.891, abs=2e-3)
     assert found.shrinkage.interval == pytest.approx((0.54, 1.0), abs=1e-2)
     assert found.delivered.rmse_after == pytest.approx(0.00464, rel=5e-3)
     assert found.lost_power == pytest.approx(1340.0, rel=1e-2)
     entry = found.causes[0].parameters["torque"]
     assert (entry["value"], *entry["interval"]) == pytest.approx((5.80, 4.31, 7.29), rel=1e-2)
     drift = found.causes[0].drift["pump_damping"]
-    assert [*drift.values()] == pytest.approx([0.10713, 0.08801, 7.14], rel=1e-2)
+    assert [*drift.values()] == pytest.approx([0.10713, 0.08798, 7.12], rel=5e-3)
     first = found.where[0]
     assert [*first.limits["engine_speed"], first.mean_residual, first.samples] == pytest.approx(
         [80.804, 147.117, -0.007130, 12], rel=1e-3)

@@ -120,9 +120,9 @@ def test_readings_turn_where_the_motor_comes_to_rest():
     points = {"displacement_ratio": stroke, "engine_speed": np.full(181, 150.0),
               "load_torque": np.full(181, 300.0)}
     hypothesis, theta = Hypothesis(SYSTEM), np.append(TRUE, 0.0)
-    turning = hypothesis.turning(theta, points, CHANNELS)
+    _, speed, pressure = here = hypothesis.predict(theta, points)
+    turning = hypothesis.turning(theta, points, CHANNELS, here)
     assert (turning[0] == 0.0).all()  # the noise of what is served is as stated
-    _, speed, pressure = hypothesis.predict(theta, points)
     standing = np.abs(speed / 150.0 - BASE.stage.mechanical_speed_ratio) < 0.005
     assert standing.any() and turning[2][standing].max() > 0.005 * pressure[standing].max()
     assert (turning[2][np.abs(stroke - stroke[standing].mean()) > 0.1] < 1e-3 * 2e7).all()

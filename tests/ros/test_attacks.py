@@ -225,8 +225,7 @@ def reported(node, point, level, *words):
 def test_coasting_is_silence_and_no_trouble(node):
     before = counted(node, "points not answered, coasting")
     for torque in (0.9, 0.0, -250.0):
-        assert node.player.hold(
-            GOOD._replace(load_torque=torque), patience=0.0).efficiency is None
+        assert node.player.hold(GOOD._replace(load_torque=torque), patience=0.0).efficiency is None
     point = GOOD._replace(load_torque=-250.0)
     assert reported(node, point, DiagnosticStatus.OK, "load_torque = -250 N m: coasting")
     assert node.value("load_torque state", "inputs") == "coasting"

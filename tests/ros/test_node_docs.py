@@ -209,10 +209,8 @@ def test_refit_that_leads_too_far_is_refused_and_kept_as_a_candidate(refused):
     for word in (f"{100 * data['drift']:.1f} points", "the 2 points allowed", data["candidate"]):
         assert word in data["error"]
     assert node.says("reidentify: the refit would differ from the base model")
-    assert "[WARN]" in next(
-        line for line in node.log.splitlines() if "points allowed" in line)
-    assert node.comes(
-        lambda: "not adopted: the refit would differ" in node.value("last refit"))
+    assert "[WARN]" in next(line for line in node.log.splitlines() if "points allowed" in line)
+    assert node.comes(lambda: "not adopted: the refit would differ" in node.value("last refit"))
 
     # The refit to all samples is there to be looked at; nothing of the service has changed.
     found = refit(hmcvt.read_bench(node.bench_file), served, served)
@@ -348,6 +346,5 @@ def test_namespace_as_the_page_tells(path, kept, tmp_path):
         return re.findall(r'"(/[\w/]+)', text)
 
     plain = topics(path.read_text(encoding="utf-8"))
-    assert topics(done.stdout) == [
-        name if name in kept else f"/tractor1{name}" for name in plain]
+    assert topics(done.stdout) == [name if name in kept else f"/tractor1{name}" for name in plain]
     assert len(plain) >= 5

@@ -157,8 +157,7 @@ def test_bench_samples_are_logged_and_bad_ones_refused(start_node, table2):
                     bench_sample_to_message(1.3, 100.0, 100.0, 80.0, 100.0)]:
         player.send_sample(refused)
     assert node.comes(lambda: node.value("bench samples refused, invalid") == "4")
-    assert "bench_sample: displacement_ratio = 1.3 is outside" in (
-        node.status()["message"])
+    assert "bench_sample: displacement_ratio = 1.3 is outside" in (node.status()["message"])
     for i in range(3):
         player.send_sample(message(table2, i))
     assert node.comes(lambda: "takes no more" in node.status()["message"])

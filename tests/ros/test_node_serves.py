@@ -244,8 +244,7 @@ def test_stale_input_silences_the_node(node):
             publisher.publish(publisher.msg_type(data=value))
         node.player.spin_for(0.05)
     assert node.player.efficiencies == []
-    assert node.reports(
-        DiagnosticStatus.STALE, "load_torque: nothing received for", part="inputs")
+    assert node.reports(DiagnosticStatus.STALE, "load_torque: nothing received for", part="inputs")
     assert node.player.hold(GOOD).efficiency is not None
 
 

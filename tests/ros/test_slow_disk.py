@@ -208,8 +208,7 @@ def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_fi
 
     # And while it runs.
     shutil.copy(paper_file, first)
-    hmcvt.write_bench(tmp_path / "mine.csv", hmcvt.read_bench(
-        hmcvt.data_path("data/table2.csv")))
+    hmcvt.write_bench(tmp_path / "mine.csv", hmcvt.read_bench(hmcvt.data_path("data/table2.csv")))
     node.set(samples_file="mine.csv")
     reply = node.player.call("reidentify")
     assert not reply.success and "0001.yaml: is not what was written" in reply.data["error"]
