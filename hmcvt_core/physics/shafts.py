@@ -304,7 +304,7 @@ class Shafts(Quadrant):
             np.abs(sun_torque), self.load_power + still,
             max(units.pump_displacement, units.motor_displacement),
             [(engine, self.turning * output) for _, engine, output in self.stage.open_clutches]
-            or ((0.0, 1.0),))
+            or ((0.0, 1.0),), abs(self.full))
 
     def _pressure(self, torque: Array, speed: Array, direction: Array) -> Array:
         # Eq. (14); friction resists the motion, also where the pressure is reversed.

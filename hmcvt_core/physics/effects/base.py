@@ -41,6 +41,7 @@ class ShaftState(NamedTuple):
         displacement: V_p = V_m of the larger unit, for forms that scale with size [m3/rad].
         open_clutches: slip of each per engine speed and per output speed [-], as the data of the
             stage say; without data one that slips as the output turns.
+        pump_per_motor: V_p / V_m [-].
     """
 
     engine_speed: Array
@@ -55,6 +56,7 @@ class ShaftState(NamedTuple):
     load_power: Array
     displacement: float
     open_clutches: Sequence[tuple[float, float]] = ((0.0, 1.0),)
+    pump_per_motor: float = 1.0
 
 
 @dataclass(frozen=True)

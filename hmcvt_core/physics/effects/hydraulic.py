@@ -305,7 +305,11 @@ class CoulombStribeckFull(CoulombStribeck):
 
 @dataclass(frozen=True)
 class PortPressureDrop(Effect):
-    """dp = k Q |Q|^(m - 1) mu^(2 - m): what lines and ports between pump and motor take."""
+    """dp = k Q |Q|^(m - 1) mu^(2 - m): what lines and ports between pump and motor take.
+
+    Q lies between the flow of the motor, where the pump leaks, and that of the pump, where the
+    motor does.
+    """
 
     name = "port_pressure_drop"
     component = "motor"
@@ -315,9 +319,12 @@ class PortPressureDrop(Effect):
 
     drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
     exponent: float = shape("-", (1.0, 1.75, 2.0), "power of the flow")
+    leaking_behind: float = shape("-", (1.0, 0.0), "part of the leakage that passes the lines")
 
     def pressure_drop(self, state: ShaftState) -> Value:
-        x = state.motor_speed / 200.0
+        delivered = state.pump_per_motor * state.displacement_ratio * state.pump_speed
+        x = state.motor_speed / 200.0 + self.leaking_behind * (
+            delivered - state.motor_speed) / 200.0
         return (self.drop * np.sign(x) * np.abs(x) ** self.exponent
                 * state.viscosity_ratio ** (2.0 - self.exponent))
 
