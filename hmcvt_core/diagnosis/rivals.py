@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .evidence import Linear, evidence, gram, log_mean, respread, weigh
-from .hypothesis import REFUSED, Fit, Hypothesis, Signature, freed, linearise, refit
+from .hypothesis import REFUSED, Fit, Hypothesis, Signature, linearise, refit
 from .observations import SMOOTH_DEGREE, Observations, smooth_functions
 from .regions import Regions
 from .system import Array, Effect
@@ -188,13 +188,13 @@ class Proposal(NamedTuple):
     changes: tuple[Array, ...]
     price: Array
 
-    def refit(self, opposite: bool = False) -> Rival:
-        """Refit from where the start ended, and weigh."""
+    def refit(self, opposite: bool = False) -> Fit:
+        """Refit roughly from where the start ended."""
         hypothesis = replace(self.start.hypothesis, effects=self.effects, opposite=opposite)
         slopes = np.concatenate([self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1)
         # Sizes of zero: the steps then never leave what the start had reached.
         start = np.append(self.start.theta, np.zeros(len(self.changes)))
-        return explanation(refit(hypothesis, self.start.observed, start, slopes, rough=True))
+        return refit(hypothesis, self.start.observed, start, slopes, rough=True)
 
 
 def screen(
@@ -286,14 +286,9 @@ def _allowance_columns(fit: Fit, campaign: Observations) -> Array:
         *(fit.jacobian[..., [i]] * fit.theta[i] * bends for i in fit.hypothesis.sizes)], axis=-1)
 
 
-def exact(rival: Rival) -> Rival:
-    """Weigh a rival at its refit with slopes taken there, not mended on the way."""
-    return explanation(refit(rival.fit.hypothesis, rival.fit.observed, rival.fit.theta))
-
-
-def bend(rival: Rival, rough: bool = False) -> Rival:
-    """Refit a rival with its shapes free as well, and weigh it with slopes taken there or rough."""
-    return explanation(freed(rival.fit, rough))
+def exact(fit: Fit) -> Rival:
+    """Weigh a refit with slopes taken there, not mended on the way."""
+    return explanation(refit(fit.hypothesis, fit.observed, fit.theta))
 
 
 @dataclass(frozen=True, eq=False)

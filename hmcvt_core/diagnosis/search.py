@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from .hypothesis import Fit, Signature, without
-from .rivals import Proposal, Rival, bend, explanation, screen
+from .hypothesis import Fit, Signature, freed, without
+from .rivals import Proposal, Rival, explanation, screen
 from .system import Array, Effect
 
 Names = tuple[str, ...]
@@ -56,6 +56,7 @@ class _Search:
         self.found: dict[Names, tuple[Rival, Array]] = {}
         self.prices: dict[str, Array] = {}  # of single effects
         self.bent, self.grown, self.exchanged = set[Rival](), set[Rival](), set[Rival]()
+        self.rests = {Names()}  # names and forms of what exchange has looked beside
 
     def start(self) -> None:
         """Refit single effects, and pairs that show together only."""
@@ -97,8 +98,7 @@ class _Search:
                 break
             self.exchanged.add(rival)
             for i in range(len(rival.names)):
-                # Forms that need an allowance may be others.
-                self._hold_against(rival, i, allowing=rival.plain.log < rival.log)
+                self._hold_against(rival, i)
             if len(rival.names) < most:
                 self.grow([rival.names])
 
@@ -109,7 +109,7 @@ class _Search:
         for names in ranked[:_EXACTLY]:
             if self.weight(names) > best - _HOPELESS:
                 rival, price = self.found[names]
-                self.found[names] = bend(rival), price[[1, 1]]
+                self.found[names] = explanation(freed(rival.fit)), price[[1, 1]]
         return [(self.found[names][0], self.weight(names)) for names in self._near(self.found)]
 
     # --- steps --------------------------------------------------------------------------------
@@ -124,22 +124,24 @@ class _Search:
         if rival.names not in self.found or rival.log + price[0] > self.weight(rival.names):
             self.found[rival.names] = rival, price
 
-    def bend(self, rival: Rival, price: Array) -> tuple[Rival, Array]:
+    def bend(self, fit: Fit, price: Array) -> tuple[Rival, Array]:
         """Refit with free shapes."""
-        rival = bend(rival, rough=True)
+        rival = explanation(freed(fit, rough=True))
         self.bent.add(rival)
         return rival, price[[1, 1]]
 
     def refit(self, proposals: Iterable[Proposal], bent: bool = False) -> None:
         """Refit proposals, with free shapes as well if they are to be bent."""
         for each in proposals:
-            item = each.refit(), each.price
-            self.consider(*(self.bend(*item) if bent else item))
+            fit = each.refit()
+            self.consider(*(self.bend(fit, each.price) if bent
+                            else (explanation(fit), each.price)))
 
     def refined(self, names: Names) -> tuple[Rival, Array]:
         """Return a set with its shapes free."""
         if self.found[names][0] not in self.bent:
-            self.found[names] = self.bend(*self.found[names])
+            rival, price = self.found[names]
+            self.found[names] = self.bend(rival.fit, price)
         return self.found[names]
 
     def leaders(self, size: int) -> list[Names]:
@@ -160,22 +162,27 @@ class _Search:
         least = _least(max(gains.values(), default=0.0))
         return [names for names, gain in gains.items() if gain > least]
 
-    def _hold_against(self, rival: Rival, i: int, allowing: bool) -> None:
-        own, rest = rival.fit.effects[i], without(rival.fit, i)
-        price = self._price(rest.effects)
-        if rest.effects:
-            self.consider(*self.bend(explanation(rest), price))
-        if not allowing:
+    def _hold_against(self, rival: Rival, i: int) -> None:
+        own, beside = rival.fit.effects[i], (*rival.fit.effects[:i], *rival.fit.effects[i + 1:])
+        forms_beside = tuple(sorted(each.name + each.form for each in beside))
+        if forms_beside in self.rests:
             return
+        rest, price = without(rival.fit, i), self._price(beside)
+        if rest.effects:
+            self.consider(*self.bend(rest, price))
+        if rival.plain.log >= rival.log:  # forms that need no allowance are no others
+            return
+        self.rests.add(forms_beside)
         told = distinct(screen(rest, self.library), by_form=True)
         forms = self._there(rest, [each for each in told if each.effects[-1].name == own.name
                                    and each.effects[-1].form != own.form])
         others = self._there(rest, [each for each in told if each.effects[-1].name != own.name
                                     ][:_FORMS])
-        tried = [(each.refit(), each.price + price)
+        tried = [(explanation(each.refit()), each.price + price)
                  for each in (*forms[:_OTHER_FORMS], *others[:_OTHERS])]
         if tried:
-            self.consider(*self.bend(*max(tried, key=lambda item: item[0].log + item[1][0])))
+            best, price = max(tried, key=lambda item: item[0].log + item[1][0])
+            self.consider(*self.bend(best.fit, price))
 
     def _there(self, fit: Fit, told: Sequence[Proposal]) -> list[Proposal]:
         """Weigh forms with signatures taken beside a refit, not beside the base, best first."""

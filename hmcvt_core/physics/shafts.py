@@ -24,7 +24,7 @@ from .steady_state import Quadrant, Ways
 
 _ITERATIONS = 40
 _MEMORY = 8  # steps that are remembered
-_TOLERANCE = 1e-9  # of the unknown, relative to its scale: the step from there is the last
+_TOLERANCE = 1e-7  # of the unknown, relative to its scale: the step from there is the last
 _PRESSURE = 2e7  # Pa, its scale
 _SHORT = 0.5  # of the scales, where longer steps lead nowhere
 _LEAST = 1e-300  # a step that is none has no direction
@@ -40,19 +40,20 @@ class PowerFlow(NamedTuple):
         state: speeds and pressure, and the power that the bench reads at the output.
         output_speed: y times engine speed, with its sign [rad/s].
         output_power: power that really leaves [W].
-        pump_pressure: pressure over the pump [Pa].
         leakage_flow: flow that does not reach the motor [m3/s].
         torques: by path, before and after each gear pair from the output end back, referred to the
             shaft at that end (output, motor) or to the engine [N m].
-        engine_power: power that the engine gives [W]; NaN as long as the pump is left out.
+        pump_pressure: pressure over the pump [Pa]; NaN while only the motor's is sought, for which
+            `torques` has the paths that it needs.
+        engine_power: power that the engine gives [W]; the same.
     """
 
     state: ShaftState
     output_speed: Array
     output_power: Array
-    pump_pressure: Array
     leakage_flow: Array
     torques: dict[str, list[Array]]
+    pump_pressure: Value = np.nan
     engine_power: Value = np.nan
 
 
@@ -81,6 +82,7 @@ class Shafts(Quadrant):
         super().__init__(stage, self.given, *ways)
         self.engine_speed = points.engine_speed
         self.load_power = points.load_torque * points.engine_speed
+        self.idle = self.load_power == 0.0
         self.row = member_speed_coefficients(stage.planetary_constant)
         # Torque of the sun per load power / output speed; braced, per pressure times stroke.
         self.sun_share = 0.0 if not stage.has_row else self.row["sun"] / (
@@ -99,12 +101,15 @@ class Shafts(Quadrant):
         speed, direction, pressure = self._motor_speed()
         found = self.torques(speed, direction, self.stroke, pressure)
         state, torques = found.state, found.torques
-        pump = torques.get("pump") or self._pump(state)
-        torque = self._sum("engine_drag", state) + torques["mechanical"][-1]
+        engine_torque = self._sum("engine_drag", state)
         if not self.braced:
-            torque = torque + pump[-1] * self.pump_ratios[0]
-        return found._replace(torques={**torques, "pump": pump},
-                              engine_power=np.asarray(torque * self.engine_speed))
+            reaction = torques["output"][-1] * self.mechanical_ratio * self._output_shares(state)[1]
+            torques = {**torques, "pump": self._pump(state), "mechanical": self._geared(
+                "mechanical", reaction, self.engine_speed, np.sign(self.mechanical_ratio))}
+            engine_torque = engine_torque + torques["pump"][-1] * self.pump_ratios[0]
+        engine_torque = engine_torque + torques["mechanical"][-1]
+        return found._replace(torques=torques, pump_pressure=self._pump_pressure(state),
+                              engine_power=np.asarray(engine_torque * self.engine_speed))
 
     # --- the unknown -------------------------------------------------------------------------
 
@@ -192,8 +197,8 @@ class Shafts(Quadrant):
     def _estimate(self, speed: Array, direction: Array, stroke: Array) -> Array:
         """Pressure without effects, eq. (14)."""
         output_speed = self.mechanical_ratio * self.engine_speed + self.hydraulic_ratio * speed
-        idle = self.load_power == 0.0  # also where the output stands
-        torque = np.where(idle, 0.0, self.load_power / output_speed) * self.hydraulic_ratio
+        # Without load none, also where the output stands.
+        torque = np.where(self.idle, 0.0, self.load_power / output_speed) * self.hydraulic_ratio
         return self._pressure(torque / (1.0 - self._row_share(stroke)), speed, direction)
 
     def _surplus(
@@ -221,11 +226,9 @@ class Shafts(Quadrant):
         self, speed: Array, direction: Array, stroke: Array, pressure: Array
     ) -> PowerFlow:
         """Go from the load back to the pressure, from one assumed, and from it to the leakage."""
-        ratio, hydraulic = self.mechanical_ratio, self.hydraulic_ratio
-        output_speed = ratio * self.engine_speed + hydraulic * speed  # (4)
-        idle = self.load_power == 0.0
+        hydraulic, idle, power = self.hydraulic_ratio, self.idle, self.load_power
+        output_speed = self.mechanical_ratio * self.engine_speed + hydraulic * speed  # (4)
         output_speed = np.where((output_speed * self.sense > 0.0) | idle, output_speed, np.nan)
-        power = self.load_power
         for effect in self.acting["true_load_power"]:
             power = effect.true_load_power(_like(power, speed), np.abs(output_speed))
         load = np.where(idle & (power == 0.0), 0.0, power / output_speed)
@@ -240,21 +243,16 @@ class Shafts(Quadrant):
         else:
             output = self._geared("output", load, output_speed, self.power)
             # Ideal row: virtual work shares the output torque by the speed ratios.
-            motor_share, mechanical_share = self._row_shares(
-                state, self.stage.output_member, self.stage.motor_member,
-                -self.reflection * self.stage.output.direction)
-            motor = self._geared("motor", output[-1] * hydraulic * motor_share, speed, direction)
-            torques = {"output": output, "mechanical": self._geared(
-                "mechanical", output[-1] * ratio * mechanical_share, self.engine_speed,
-                np.sign(ratio))}
+            motor = self._geared("motor", output[-1] * hydraulic * self._output_shares(state)[0],
+                                 speed, direction)
+            torques = {"output": output}
         found = self._pressure(motor[-1] + drag * direction, speed, direction)
         # What pump and motor share answers the pressure assumed: a step of Newton.
         pressure = pressure + (found - pressure) / (1.0 - self._row_share(stroke))
         state = self._lagged(state._replace(pressure=self.sense * pressure))
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         lost = self.given.leakage * state.pressure + self._sum("leakage_flow", state)
-        return PowerFlow(state, output_speed, power, self._pump_pressure(state),
-                         np.asarray(lost), {**torques, "motor": motor})
+        return PowerFlow(state, output_speed, power, np.asarray(lost), {**torques, "motor": motor})
 
     def _lagged(self, state: ShaftState) -> ShaftState:
         return state._replace(
@@ -332,6 +330,10 @@ class Shafts(Quadrant):
             torques.append(np.asarray(torques[-1] / passed**direction))
         return torques
 
+    def _output_shares(self, state: ShaftState) -> tuple[Value, Value]:
+        return self._row_shares(state, self.stage.output_member, self.stage.motor_member,
+                                -self.reflection * self.stage.output.direction)
+
     def _row_shares(
         self, state: ShaftState, known: str, other: str, way: Value
     ) -> tuple[Value, Value]:
@@ -375,7 +377,8 @@ def _stepped(function: Callable[..., Array], first: Array, scale: Value, longest
             if bent.any():
                 step = np.where(bent, error, step)
                 along = [np.where(bent, 0.0, way) for way in along]
-        step = step / np.maximum(1.0, np.abs(step).max(axis=0) / longest)
+        if longest < np.inf:
+            step = step / np.maximum(1.0, np.abs(step).max(axis=0) / longest)
         x = x + step
         if not (np.abs(error) > _TOLERANCE).any():
             break
