@@ -270,7 +270,9 @@ def refit(
 ) -> Fit:
     """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
 
-    Sizes are held by their bounds alone; their prior enters when evidence is weighed.
+    Sizes are held by their bounds alone; their prior enters when evidence is weighed. Where every
+    step from the start loses an answer, at the edge of what can be carried, the middle of the prior
+    is another start.
 
     Args:
         hypothesis: what is assumed.
@@ -302,18 +304,23 @@ def refit(
         columns = np.concatenate([(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
         left, before, whitened = missed(here, theta), theta, here
         aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
-        small = np.linalg.norm(columns @ (aim - theta)) < _SMALL
+        small, edge = np.linalg.norm(columns @ (aim - theta)) < _SMALL, False
         for part in (0.0,) if small else _PARTS:
             theta = (before + part * (aim - before)).clip(*bounds)  # `aim` may miss by rounding
             here = _whitened(hypothesis, observed, theta) if part else whitened
             if np.sum(missed(here, theta) ** 2) <= np.sum(left**2) - _SMALL**2:
                 break
+            edge = edge or bool(((here == REFUSED) > (whitened == REFUSED)).any())
         if part:
             step = theta - before
             along = columns.T @ columns @ step
             moved, exact, jacobian = True, False, jacobian + (
                 whitened - here - jacobian @ step)[..., None] * along / (step @ along)
         elif exact or (rough and (small or moved)):
+            if edge and not moved and start is not None:
+                other = refit(hypothesis, observed, rough=rough, noise=noise)
+                if np.sum(missed(other.whitened, other.theta) ** 2) < np.sum(left**2):
+                    return other
             break
         else:
             exact, jacobian = True, _jacobian(hypothesis, observed, theta, here)

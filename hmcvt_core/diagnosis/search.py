@@ -56,7 +56,7 @@ class _Search:
         self.found: dict[Names, tuple[Rival, Array]] = {}
         self.prices: dict[str, Array] = {}  # of single effects
         self.bent, self.grown, self.exchanged = set[Rival](), set[Rival](), set[Rival]()
-        self.rests = {Names()}  # names and forms of what exchange has looked beside
+        self.held = set[Names]()  # what exchange has held, each beside what forms
 
     def start(self) -> None:
         """Refit single effects, and pairs that show together only."""
@@ -164,15 +164,15 @@ class _Search:
 
     def _hold_against(self, rival: Rival, i: int) -> None:
         own, beside = rival.fit.effects[i], (*rival.fit.effects[:i], *rival.fit.effects[i + 1:])
-        forms_beside = tuple(sorted(each.name + each.form for each in beside))
-        if forms_beside in self.rests:
+        held = own.name, *sorted(each.name + each.form for each in beside)
+        if held in self.held:
             return
         rest, price = without(rival.fit, i), self._price(beside)
         if rest.effects:
             self.consider(*self.bend(rest, price))
         if rival.plain.log >= rival.log:  # forms that need no allowance are no others
             return
-        self.rests.add(forms_beside)
+        self.held.add(held)
         told = distinct(screen(rest, self.library), by_form=True)
         forms = self._there(rest, [each for each in told if each.effects[-1].name == own.name
                                    and each.effects[-1].form != own.form])
