@@ -126,7 +126,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
         ranking: of the explanations.
         possible: the tests that can be run, by axis.
     """
-    from scipy.special import logit
+    from scipy.special import logit, xlogy
 
     labels, base = _labels(ranking), ranking.bare.fit
     alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
@@ -167,8 +167,8 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     tests = []
     for _ in range(_TESTS):
         distance = _distances(rivals)
-        information = -np.einsum(
-            "kn,kn->n", says, np.log(np.einsum("jn,kjn->kn", says, np.exp(-distance))))
+        information = -xlogy(
+            says, np.einsum("jn,kjn->kn", says, np.exp(-distance))).sum(axis=0)
         best = int(np.argmax(information))
         weight = says[:, [best]] * says[:, best] * (1.0 - np.exp(-distance[:, :, best]))
         one, other = np.unravel_index(int(np.argmax(weight)), weight.shape)

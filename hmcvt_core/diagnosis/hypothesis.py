@@ -319,7 +319,7 @@ def refit(
         elif exact or (rough and (small or moved)):
             if edge and not moved and start is not None:
                 other = refit(hypothesis, observed, rough=rough, noise=noise)
-                if np.sum(missed(other.whitened, other.theta) ** 2) < np.sum(left**2):
+                if np.sum(np.log(other.noise / _noise(observed, here, len(theta)))) < 0.0:
                     return other
             break
         else:

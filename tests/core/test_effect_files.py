@@ -9,6 +9,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
+from hmcvt_core.physics.effects.base import ShaftState
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain, OutputTorqueZero
@@ -88,6 +89,16 @@ def test_leakage_is_a_loss_also_behind_a_line_that_takes_pressure(model):
     watts = drop.breakdown([[-1.0], [-0.6], [0.3], [0.6], [1.0]], 200.0, [20.0, 100.0, 300.0])
     assert (watts.losses["leakage"] >= 0.0).all()
     np.testing.assert_allclose(sum(watts.losses.values()), watts.input_power - watts.output_power)
+
+
+@pytest.mark.parametrize("part", [0.0, 1.0])
+def test_lines_carry_what_the_motor_leaks(model, part):
+    still = np.zeros(2)
+    state = ShaftState(still, still + 100.0, still, np.array([0.0, 60.0]), still + 1.0, still,
+                       1.0, still, still, still, 1e-5, pump_per_motor=0.8)
+    flow = np.array([0.0, 60.0]) if part else 80.0  # of the motor, or of the smaller pump
+    np.testing.assert_allclose(PortPressureDrop(5e6, 1.0, part).pressure_drop(state),
+                               5e6 * flow / 200.0)
 
 
 def test_an_effect_may_fill_an_array_where_another_is_large():

@@ -307,8 +307,8 @@ class CoulombStribeckFull(CoulombStribeck):
 class PortPressureDrop(Effect):
     """dp = k Q |Q|^(m - 1) mu^(2 - m): what lines and ports between pump and motor take.
 
-    Q lies between the flow of the motor, where the pump leaks, and that of the pump, where the
-    motor does.
+    Q lies between the flow of the pump, where only the motor leaks, and that of the motor, where
+    only the pump does.
     """
 
     name = "port_pressure_drop"
@@ -319,12 +319,11 @@ class PortPressureDrop(Effect):
 
     drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
     exponent: float = shape("-", (1.0, 1.75, 2.0), "power of the flow")
-    leaking_behind: float = shape("-", (1.0, 0.0), "part of the leakage that passes the lines")
+    leaking_before: float = shape("-", (0.0, 1.0), "part of the leakage off before the lines")
 
     def pressure_drop(self, state: ShaftState) -> Value:
         delivered = state.pump_per_motor * state.displacement_ratio * state.pump_speed
-        x = state.motor_speed / 200.0 + self.leaking_behind * (
-            delivered - state.motor_speed) / 200.0
+        x = (delivered + self.leaking_before * (state.motor_speed - delivered)) / 200.0
         return (self.drop * np.sign(x) * np.abs(x) ** self.exponent
                 * state.viscosity_ratio ** (2.0 - self.exponent))
 
