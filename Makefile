@@ -74,7 +74,7 @@ system:
 
 # Goes on where it was interrupted; remove blind-results.jsonl to start anew.
 blind: $(VENV)/.dev
-	$(BIN)/python -m studies.blind --seed-base 800000000 --out docs/blind.md
+	$(BIN)/python -m studies.blind --seed-base 900000000 --out docs/blind.md
 
 reproduce: $(VENV)/.dev
 	$(BIN)/python -m studies.reproduce --out reproduction

@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -182,15 +183,8 @@ def context(environment: Mapping[str, str]) -> Iterator[Context]:
 @pytest.fixture(scope="session")
 def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
     """Make a client in a namespace."""
-    players = []
-
-    def connect(namespace: str) -> BenchPlayer:
-        players.append(Client(context, namespace))
-        return players[-1]
-
-    yield connect
-    for player in players:
-        player.close()
+    with ExitStack() as opened:
+        yield lambda namespace: opened.enter_context(closing(Client(context, namespace)))
 
 
 @pytest.fixture(scope="session")
@@ -203,7 +197,7 @@ def start_anywhere(
 
     `launcher` are the words of a command that goes before that of the node.
     """
-    nodes: list[NodeUnderTest] = []
+    started = ExitStack()
 
     def start(model_file: Path, state: Path | None = None, launcher: tuple[str, ...] = (),
               **parameters: Any) -> NodeUnderTest:
@@ -217,14 +211,13 @@ def start_anywhere(
                                      arguments=("-r", f"__ns:={namespace}"))],
                 stdout=log, stderr=log)
         node = NodeUnderTest(process, folder / "log", state, namespace, connect)
-        nodes.append(node)
+        started.callback(node.kill)
         up = node.player.wait_for_node(running=lambda: process.poll() is None)
         assert up, f"the node did not come up:\n{node.log}"
         return node
 
-    yield start
-    for node in nodes:
-        node.kill()
+    with started:
+        yield start
 
 
 @pytest.fixture(scope="module")
@@ -232,15 +225,13 @@ def start_node(
     start_anywhere: Callable[..., NodeUnderTest]
 ) -> Iterator[Callable[..., NodeUnderTest]]:
     """Start a node that lives as long as the module, as `start_anywhere` does."""
-    nodes: list[NodeUnderTest] = []
+    with ExitStack() as started:
+        def start(*arguments: Any, **parameters: Any) -> NodeUnderTest:
+            node = start_anywhere(*arguments, **parameters)
+            started.callback(node.kill)
+            return node
 
-    def start(*arguments: Any, **parameters: Any) -> NodeUnderTest:
-        nodes.append(start_anywhere(*arguments, **parameters))
-        return nodes[-1]
-
-    yield start
-    for node in nodes:
-        node.kill()
+        yield start
 
 
 @pytest.fixture(scope="session")

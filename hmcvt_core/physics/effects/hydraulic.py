@@ -317,7 +317,7 @@ class PortPressureDrop(Effect):
     source = "laminar (m = 1), Blasius (1.75) to rough (2) lines; Ivantysyn & Ivantysynova"
     remedy = "measure the pressure at the pump and at the motor"
 
-    drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at a motor speed of 200 rad/s")
+    drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at the flow of a motor at 200 rad/s")
     exponent: float = shape("-", (1.0, 1.75, 2.0), "power of the flow")
     leaking_before: float = shape("-", (0.0, 1.0), "part of the leakage off before the lines")
 
