@@ -9,6 +9,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from cli.running import run
 
+from hmcvt_core import data_path, read_bench
+
 # The tables of makers are not copied here (docs/units.md).
 collect_ignore = [] if "HMCVT_REAL_UNITS" in os.environ else ["units/test_real.py"]
 
@@ -18,6 +20,11 @@ def pytest_configure():
     # process that they start.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def table2():
+    return read_bench(data_path("data/table2.csv"))
 
 
 @pytest.fixture

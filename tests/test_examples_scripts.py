@@ -138,10 +138,9 @@ def test_the_notebook_runs_and_shows_pictures_and_text(tmp_path, monkeypatch):
     assert (tmp_path / "report.html").is_file() and (tmp_path / "diagnosed.yaml").is_file()
 
 
-def test_the_map_is_white_for_nothing_only_and_its_line_is_broken_where_the_optimum_jumps():
+def test_the_map_is_white_for_nothing_only_and_its_line_is_broken_where_the_optimum_jumps(table2):
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    samples = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
-    axes = model.plot_map(23e3, samples).axes[0]
+    axes = model.plot_map(23e3, table2).axes[0]
     fills = np.concatenate([each.get_facecolor() for each in axes.collections
                             if len(each.get_facecolor()) > 5])
     assert fills[:, :3].max() < 0.95
@@ -152,5 +151,5 @@ def test_the_map_is_white_for_nothing_only_and_its_line_is_broken_where_the_opti
     assert np.isnan(speed).sum() >= 1 and np.nanmin(steps) > -0.01 * np.ptp(axes.get_xlim())
     # Of eight tests four have a power within 15 % of 23 kW.
     marks, = (line for label, line in lines.items() if "tests of this power" in label)
-    power = samples.load_torque * samples.engine_speed
+    power = table2.load_torque * table2.engine_speed
     assert len(marks.get_xdata()) == (np.abs(power / 23e3 - 1.0) <= 0.15).sum() == 4

@@ -24,11 +24,6 @@ def assert_refused(load, path, message):
 
 
 @pytest.fixture(scope="session")
-def table2():
-    return hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
-
-
-@pytest.fixture(scope="session")
 def hm4():
     return hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
 

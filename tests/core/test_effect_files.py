@@ -100,7 +100,7 @@ def test_lines_carry_what_the_motor_leaks():
         np.testing.assert_allclose(drop, 5e6 * flow / 200.0)
 
 
-def test_an_effect_may_fill_an_array_where_another_is_large():
+def test_an_effect_may_fill_an_array_where_another_is_large(table2):
     def filled(self, state):
         found = np.zeros_like(state.engine_speed)
         found[state.pressure > 7e6] = self.torque
@@ -111,5 +111,4 @@ def test_an_effect_may_fill_an_array_where_another_is_large():
     model, point = replace(shipped, effects=(own,)), (np.linspace(-1.0, 1.0, 9), 150.0, 300.0)
     assert 0 < np.sum(model.efficiency(*point) < shipped.efficiency(*point)) < 9
     assert model.optimal_displacement_ratio(*point[1:]).efficiency > 0.5
-    samples = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
-    assert hmcvt.identify(samples, effects=(own,)).model.effects == (own,)
+    assert hmcvt.identify(table2, effects=(own,)).model.effects == (own,)

@@ -336,13 +336,12 @@ def test_the_next_test_is_asked_for_and_its_end_is_told():
     assert pump.reason == "cannot be settled by tests" and "shaft torque" in pump.measure
 
 
-def test_what_an_improbable_cause_cannot_carry_may_be_tested():
-    table = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
+def test_what_an_improbable_cause_cannot_carry_may_be_tested(table2):
     heavy = hmcvt.BenchSamples([-1.0], [78.0], [600.0], [0.7])
-    asked = hmcvt.next_test(SHIPPED, table, noise=0.0085, possible=heavy)
+    asked = hmcvt.next_test(SHIPPED, table2, noise=0.0085, possible=heavy)
     assert asked.tests[0].point["load_torque"] == 600.0
     heavy = replace(heavy, load_torque=[4000.0])
-    none = hmcvt.next_test(SHIPPED, table, noise=0.0085, possible=heavy)
+    none = hmcvt.next_test(SHIPPED, table2, noise=0.0085, possible=heavy)
     assert none.stop and none.measure == "none of the tests can be carried"
 
 
@@ -363,9 +362,8 @@ def test_noise_that_nobody_stated_is_told_as_what_it_looks_like():
     assert float(stated[2]) == pytest.approx(float(stated[1]) / 100.0)
 
 
-def test_the_papers_own_tests_rest_on_the_noise():
-    table = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
-    assumed, stated = (hmcvt.diagnose(SHIPPED, table, noise=noise) for noise in (None, 0.0085))
+def test_the_papers_own_tests_rest_on_the_noise(table2):
+    assumed, stated = (hmcvt.diagnose(SHIPPED, table2, noise=noise) for noise in (None, 0.0085))
     assert assumed.verdict == "no_gap"
     note, = (note for note in assumed.notes if "nobody stated the noise" in note)
     assert stated.gap.p_value == pytest.approx(0.008, abs=2e-3)

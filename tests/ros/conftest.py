@@ -149,8 +149,7 @@ class NodeUnderTest:
 
     def kill(self) -> None:
         """End it the hard way, if it still runs."""
-        if self.process.poll() is None:
-            self.process.kill()
+        self.process.kill()
         self.process.wait()
 
     def children(self) -> list[int]:
@@ -238,11 +237,6 @@ def start_node(
 def paper_file() -> Path:
     """The parameter file with the triple printed in the paper, which fits the bench badly."""
     return hmcvt.data_path("params/paper.yaml")
-
-
-@pytest.fixture(scope="session")
-def table2() -> hmcvt.BenchSamples:
-    return hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
 
 
 @pytest.fixture(scope="session")
