@@ -270,9 +270,9 @@ def refit(
 ) -> Fit:
     """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
 
-    Sizes are held by their bounds alone; their prior enters when evidence is weighed. Where every
-    step from the start loses an answer, at the edge of what can be carried, the middle of the prior
-    is another start.
+    Sizes are held by their bounds alone; their prior enters when evidence is weighed. At the
+    edge of what can be carried, where steps from the start lose an answer and none is one down, the
+    middle of the prior is another start.
 
     Args:
         hypothesis: what is assumed.
@@ -317,8 +317,8 @@ def refit(
             moved, exact, jacobian = True, False, jacobian + (
                 whitened - here - jacobian @ step)[..., None] * along / (step @ along)
         elif exact or (rough and (small or moved)):
-            if edge and not moved and start is not None:
-                other = refit(hypothesis, observed, rough=rough, noise=noise)
+            if edge and not moved and start is not None and noise is None:
+                other = refit(hypothesis, observed, rough=rough)
                 if np.sum(np.log(other.noise / _noise(observed, here, len(theta)))) < 0.0:
                     return other
             break

@@ -96,8 +96,7 @@ class BalanceSolver:
         delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
         taken = units.motor_displacement * state.motor_speed
         losses = {
-            # What leaks does so at the pressure of the motor, eq. (13), behind the lines that all
-            # flow passes.
+            # What leaks does so at the pressure of the motor, eq. (13), as if behind the lines.
             "leakage": state.pressure * (delivered - taken),
             "pump_damping": given.pump_damping * state.pump_speed**2,
             "pump_friction": units.pump_friction * np.abs(flow.pump_pressure * delivered),

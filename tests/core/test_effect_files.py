@@ -9,7 +9,6 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
-from hmcvt_core.physics.effects.base import ShaftState
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain, OutputTorqueZero
@@ -91,13 +90,16 @@ def test_leakage_is_a_loss_also_behind_a_line_that_takes_pressure(model):
     np.testing.assert_allclose(sum(watts.losses.values()), watts.input_power - watts.output_power)
 
 
-def test_lines_carry_what_the_motor_leaks():
-    still = np.zeros(2)
-    state = ShaftState(still, still + 100.0, still, np.array([0.0, 60.0]), still + 1.0, still,
-                       1.0, still, still, still, 1e-5, pump_per_motor=0.8)
-    for part, flow in ((1.0, state.motor_speed), (0.0, 80.0)):
-        drop = PortPressureDrop(5e6, 1.0, part).pressure_drop(state)
-        np.testing.assert_allclose(drop, 5e6 * flow / 200.0)
+@pytest.mark.parametrize("file", ["tractor", "output_coupled", "hydrostatic"])
+def test_lines_carry_what_the_motor_leaks(file):
+    model = hmcvt.load_model(hmcvt.data_path(f"params/{file}.yaml"))
+    for leakage, alike in ((1e-14, True), (model.parameters.leakage, False)):
+        tight = replace(model, parameters=replace(model.parameters, leakage=leakage))
+        for stage in model.stages:
+            one, other = (replace(tight, effects=(PortPressureDrop(2e6, 1.0, part),))
+                          .in_stage(stage).efficiency([-0.8, -0.3, 0.4, 0.9], 150.0, 100.0)
+                          for part in (0.0, 1.0))
+            assert np.allclose(one, other, rtol=1e-4, equal_nan=True) == alike
 
 
 def test_an_effect_may_fill_an_array_where_another_is_large(table2):

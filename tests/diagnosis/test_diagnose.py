@@ -112,10 +112,8 @@ def test_two_effects_are_named_together():
     # Beside the bare base model these orifices show in nothing: it has bent for the larger leak.
     (OrificeLeakage(3e-4), 1e-10, 1.3, 0.003, 1, None),
     (OrificeLeakage(2e-4), 1.5e-10, 1.3, 0.001, 1, None),
-    # Here it stands at the edge of stall, where every step loses an answer.
-    (OutputTorqueZero(6.7), 1.13e-10, 1.78, 0.001, 30, 5e4),
-    # Whoever cannot carry a possible test lies far from all who can.
-    (OutputTorqueZero(6.6), 1.125e-10, 1.3, 0.001, 2, 5e4)])
+    (OutputTorqueZero(6.7), 1.13e-10, 1.78, 0.001, 30, 5e4),  # at the edge of stall
+    (OutputTorqueZero(6.6), 1.125e-10, 1.3, 0.001, 2, 5e4)])  # a rival cannot carry some tests
 def test_what_stands_beside_a_large_effect_is_found(other, stroke, exponent, noise, seed, gauge):
     truth = other, StrokeLeakage(stroke, exponent=exponent)
     samples = campaign(truth, seed=seed, noise=noise, pressure_noise=gauge)

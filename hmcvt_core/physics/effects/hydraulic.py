@@ -308,7 +308,7 @@ class PortPressureDrop(Effect):
     """dp = k Q |Q|^(m - 1) mu^(2 - m): what lines and ports between pump and motor take.
 
     Q lies between the flow of the pump, where only the motor leaks, and that of the motor, where
-    only the pump does.
+    only the pump does; either leaks as at the pressure of the motor, eq. (13).
     """
 
     name = "port_pressure_drop"
