@@ -206,10 +206,8 @@ class Shafts(Quadrant):
     ) -> tuple[Array, Array]:
         """Motor speed that the flow gives, eq. (13), above one assumed; and the pressure."""
         found = self.torques(speed, direction, stroke, pressure)
-        delivered = (abs(self.full) * self.sense * found.state.displacement_ratio
-                     * found.state.pump_speed)
-        return (np.asarray(delivered - self.sense * found.leakage_flow
-                           / self.stage.pump_motor.motor_displacement - speed),
+        leaked = found.leakage_flow / self.stage.pump_motor.motor_displacement
+        return (np.asarray(self.sense * (found.state.delivered_speed - leaked) - speed),
                 self.sense * found.state.pressure)
 
     def _pump_speed(self, turned: Array) -> Array:

@@ -58,6 +58,11 @@ class ShaftState(NamedTuple):
     open_clutches: Sequence[tuple[float, float]] = ((0.0, 1.0),)
     pump_per_motor: float = 1.0
 
+    @property
+    def delivered_speed(self) -> Array:
+        """Motor speed that the whole flow of the pump gives [rad/s], as eq. (13) has it."""
+        return self.pump_per_motor * self.displacement_ratio * self.pump_speed
+
 
 @dataclass(frozen=True)
 class EffectParameter:

@@ -322,7 +322,7 @@ class PortPressureDrop(Effect):
     leaking_before: float = shape("-", (0.0, 1.0), "part of the leakage off before the lines")
 
     def pressure_drop(self, state: ShaftState) -> Value:
-        delivered = state.pump_per_motor * state.displacement_ratio * state.pump_speed
+        delivered = state.delivered_speed
         x = (delivered + self.leaking_before * (state.motor_speed - delivered)) / 200.0
         return (self.drop * np.sign(x) * np.abs(x) ** self.exponent
                 * state.viscosity_ratio ** (2.0 - self.exponent))
