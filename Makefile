@@ -4,6 +4,7 @@
 #   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
 #   make test    all tests, the ones over ROS 2 included
 #   make lint types    what CI checks besides
+#   make format  lay out all code as `make lint` wants it
 #   make oldest  the tests of core, diagnosis, units and commands on the oldest versions that
 #                pyproject.toml allows, about those of the robot's own packages
 #   make colcon  build and test the package as a ROS workspace does; in build/
@@ -33,7 +34,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint types oldest colcon soak bench blind reproduce mutants docs lock system clean
+.PHONY: demo test lint types format oldest colcon soak bench blind reproduce mutants docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -101,11 +102,16 @@ lock: $(BIN)/python
 		--output-file constraints.txt
 
 lint: $(VENV)/.dev
+	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports --no-cache
 
 types: $(VENV)/.dev
 	$(BIN)/mypy
+
+format: $(VENV)/.dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
 
 # Packages of the same time that these lean on: pyparsing of later years scolds matplotlib.
 oldest: $(VENV)/.dev
