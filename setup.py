@@ -9,12 +9,15 @@ from setuptools import find_packages, setup
 NAME = "hmcvt_ros"
 ROOT = Path(__file__).parent
 VERSION = re.search(
-    r'__version__ = "([^"]+)"', (ROOT / "hmcvt_core" / "version.py").read_text(encoding="utf-8")
+    r'__version__ = "([^"]+)"',
+    (ROOT / "hmcvt_core" / "version.py").read_text(encoding="utf-8"),
 ).group(1)
 # The folders data/ and params/ lie at the root for the reader and in the package for the user.
 # `colcon build --symlink-install` links the packages alone to its build folder; the links lead back
 # to the checkout, where hmcvt_core finds the two folders.
-SHIPPED = {f"hmcvt_core.{name}": name for name in ("data", "params") if (ROOT / name).is_dir()}
+SHIPPED = {
+    f"hmcvt_core.{name}": name for name in ("data", "params") if (ROOT / name).is_dir()
+}
 
 setup(
     name=NAME,
@@ -29,7 +32,12 @@ setup(
         "hmcvt_core.data": ["*.csv", "*.md"],
         "hmcvt_core.report": ["templates/*.j2", "templates/*.mplstyle"],
         "hmcvt_core.params": ["*.yaml", "*.csv", "*.md"],
-        "hmcvt_ros": ["py.typed", "config/*.yaml", "launch/*.launch.py", "security/*.xml"],
+        "hmcvt_ros": [
+            "py.typed",
+            "config/*.yaml",
+            "launch/*.launch.py",
+            "security/*.xml",
+        ],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["hmcvt_ros/resource/hmcvt_ros"]),

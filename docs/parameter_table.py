@@ -11,7 +11,10 @@ BEGIN, END = "<!-- parameters: begin -->\n", "<!-- parameters: end -->\n"
 
 def table() -> str:
     """Return the table as Markdown."""
-    lines = ["| parameter | default | allowed | at run time | |", "|---|---|---|---|---|"]
+    lines = [
+        "| parameter | default | allowed | at run time | |",
+        "|---|---|---|---|---|",
+    ]
     return "\n".join([*lines, *map(_row, PARAMETERS)]) + "\n"
 
 

@@ -32,15 +32,22 @@ def demo_bag(path: Path) -> Path:
     """Record the simulated campaign as its bench would have."""
     samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
     power = samples.load_torque * samples.engine_speed
-    held = np.column_stack([  # engine speed and torque, output speed and torque
-        samples.engine_speed, power / samples.efficiency / samples.engine_speed,
-        samples.output_speed, power / samples.output_speed])
+    held = np.column_stack(
+        [  # engine speed and torque, output speed and torque
+            samples.engine_speed,
+            power / samples.efficiency / samples.engine_speed,
+            samples.output_speed,
+            power / samples.output_speed,
+        ]
+    )
     rows = np.repeat(held, round(HOLD * RATE), axis=0)
     rows *= 1.0 + SCATTER * np.random.default_rng(0).standard_normal(rows.shape)
     strokes = np.repeat(samples.displacement_ratio, round(HOLD * RATE))
     types, nan = get_typestore(Stores.ROS2_JAZZY), np.nan
-    stamp, header, joints = (types.types[name] for name in (
-        "builtin_interfaces/msg/Time", "std_msgs/msg/Header", SHAFTS))
+    stamp, header, joints = (
+        types.types[name]
+        for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", SHAFTS)
+    )
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         topic = bag.add_connection("/bench_sample", SHAFTS, typestore=types)
         for i, (row, stroke) in enumerate(zip(rows, strokes, strict=True)):
@@ -50,20 +57,30 @@ def demo_bag(path: Path) -> Path:
                 name=["engine", "output", "displacement"],
                 position=np.array([nan, nan, stroke]),
                 velocity=np.array([row[0], row[2], nan]),
-                effort=np.array([row[1], row[3], nan]))
+                effort=np.array([row[1], row[3], nan]),
+            )
             bag.write(topic, time, bytes(types.serialize_cdr(message, SHAFTS)))
     return path
 
 
 def main() -> None:
     """Run the four steps."""
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("bag", nargs="?", type=Path, help="folder or file of a rosbag2")
-    parser.add_argument("--out", type=Path, default=Path("diagnosis"),
-                        help="folder for the results (diagnosis)")
-    parser.add_argument("--noise", type=float, default=0.004,
-                        help="by which a repeated test differs, a fraction of efficiency (0.004)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("diagnosis"),
+        help="folder for the results (diagnosis)",
+    )
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=0.004,
+        help="by which a repeated test differs, a fraction of efficiency (0.004)",
+    )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     try:

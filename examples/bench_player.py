@@ -48,11 +48,19 @@ def bench_message(samples: hmcvt.BenchSamples, i: int) -> JointState:
     Table 2 has no output speed. A bench sample needs one; without slip it is eq. (5).
     """
     stage = hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml"))
-    ratio, speed, load, efficiency = (float(column[i]) for column in (
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque, samples.efficiency))
+    ratio, speed, load, efficiency = (
+        float(column[i])
+        for column in (
+            samples.displacement_ratio,
+            samples.engine_speed,
+            samples.load_torque,
+            samples.efficiency,
+        )
+    )
     output_speed = speed * float(speed_ratio(stage, samples.displacement_ratio[i]))
     return bench_sample_to_message(
-        ratio, speed, load / efficiency, output_speed, load * speed / output_speed)
+        ratio, speed, load / efficiency, output_speed, load * speed / output_speed
+    )
 
 
 def bench_sample_to_message(
@@ -91,22 +99,53 @@ class BenchPlayer(Node):
         self.statuses: dict[str, Any] = {}
         self._spinner = SingleThreadedExecutor(context=context)
         self._spinner.add_node(self)
-        self._inputs = [self.create_publisher(Float64, limits.name, qos.INPUT)
-                        for limits in INPUT_RANGES]
-        self._samples = self.create_publisher(JointState, "bench_sample", qos.BENCH_SAMPLE)
+        self._inputs = [
+            self.create_publisher(Float64, limits.name, qos.INPUT)
+            for limits in INPUT_RANGES
+        ]
+        self._samples = self.create_publisher(
+            JointState, "bench_sample", qos.BENCH_SAMPLE
+        )
         for kind, topic, take, profile in (
-                (Float64, "efficiency", lambda m: self.efficiencies.append(m.data), qos.OUTPUT),
-                (Float64, "optimal_displacement_ratio",
-                 lambda m: self.optima.append(m.data), qos.OUTPUT),
-                (DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS),
-                # Last: what arrives on them tells that the node knows the subscriptions before.
-                (String, "hmcvt/model",
-                 lambda m: setattr(self, "model_text", m.data), qos.LATCHED),
-                (Float64MultiArray, "hmcvt/efficiency_map",
-                 lambda m: setattr(self, "map", m), qos.LATCHED)):
+            (
+                Float64,
+                "efficiency",
+                lambda m: self.efficiencies.append(m.data),
+                qos.OUTPUT,
+            ),
+            (
+                Float64,
+                "optimal_displacement_ratio",
+                lambda m: self.optima.append(m.data),
+                qos.OUTPUT,
+            ),
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS),
+            # Last: what arrives on them tells that the node knows the subscriptions before.
+            (
+                String,
+                "hmcvt/model",
+                lambda m: setattr(self, "model_text", m.data),
+                qos.LATCHED,
+            ),
+            (
+                Float64MultiArray,
+                "hmcvt/efficiency_map",
+                lambda m: setattr(self, "map", m),
+                qos.LATCHED,
+            ),
+        ):
             self.create_subscription(kind, topic, take, profile)
-        self._triggers = {name: self.create_client(Trigger, f"hmcvt/{name}") for name in (
-            "reidentify", "diagnose", "adopt", "revert", "clear_samples", "cancel")}
+        self._triggers = {
+            name: self.create_client(Trigger, f"hmcvt/{name}")
+            for name in (
+                "reidentify",
+                "diagnose",
+                "adopt",
+                "revert",
+                "clear_samples",
+                "cancel",
+            )
+        }
 
     def close(self) -> None:
         """End the client."""
@@ -130,11 +169,18 @@ class BenchPlayer(Node):
         self, timeout: float = 20.0, running: Callable[[], bool] = lambda: True
     ) -> bool:
         """Wait until all is connected and the latched messages are here, as long as it may come."""
+
         def connected() -> bool:
-            return (all(end.get_subscription_count() for end in (*self._inputs, self._samples))
-                    and all(client.service_is_ready() for client in self._triggers.values())
-                    and all(map(self.count_publishers, Answer._fields))
-                    and self.model_text is not None and self.map is not None)
+            return (
+                all(
+                    end.get_subscription_count()
+                    for end in (*self._inputs, self._samples)
+                )
+                and all(client.service_is_ready() for client in self._triggers.values())
+                and all(map(self.count_publishers, Answer._fields))
+                and self.model_text is not None
+                and self.map is not None
+            )
 
         self.wait_until(lambda: connected() or not running(), timeout)
         return connected()
@@ -146,7 +192,9 @@ class BenchPlayer(Node):
         for publisher, value in zip(self._inputs, point, strict=True):
             publisher.publish(Float64(data=float(value)))
 
-    def hold(self, point: OperatingPoint, rounds: int = 3, patience: float = 20.0) -> Answer:
+    def hold(
+        self, point: OperatingPoint, rounds: int = 3, patience: float = 20.0
+    ) -> Answer:
         """Send the three inputs some rounds, as a bench would, and return the last answer.
 
         `patience` is how much longer to go on where there is no answer [s].
@@ -157,13 +205,19 @@ class BenchPlayer(Node):
         self.efficiencies.clear()
         self.optima.clear()
         end = time.monotonic() + rounds * ROUND + patience
-        while rounds > 0 or (not (self.efficiencies and self.optima) and time.monotonic() < end):
+        while rounds > 0 or (
+            not (self.efficiencies and self.optima) and time.monotonic() < end
+        ):
             self.send_inputs(point)
             self.spin_for(ROUND)
             rounds -= 1
         self._settle()
-        return Answer(*(values[-1] if values else None
-                        for values in (self.efficiencies, self.optima)))
+        return Answer(
+            *(
+                values[-1] if values else None
+                for values in (self.efficiencies, self.optima)
+            )
+        )
 
     def _settle(self) -> None:
         """Take messages until the outputs pause; a busy machine lags behind."""
@@ -178,8 +232,14 @@ class BenchPlayer(Node):
 
     def wait_for_logged(self, count: int, timeout: float = 20.0) -> bool:
         """Wait until diagnostics say that the log holds at least `count` samples."""
-        return self.wait_until(lambda: "model" in self.statuses and int(
-            self.statuses["model"]["values"]["bench samples logged"]) >= count, timeout)
+        return self.wait_until(
+            lambda: (
+                "model" in self.statuses
+                and int(self.statuses["model"]["values"]["bench samples logged"])
+                >= count
+            ),
+            timeout,
+        )
 
     def request(self, service: str) -> Any:
         """Call a service and return the future of its reply."""
@@ -204,5 +264,7 @@ class BenchPlayer(Node):
         for status in message.status:
             if status.name.startswith(mine):
                 self.statuses[status.name.removeprefix(mine)] = {
-                    "level": status.level, "message": status.message,
-                    "values": {pair.key: pair.value for pair in status.values}}
+                    "level": status.level,
+                    "message": status.message,
+                    "values": {pair.key: pair.value for pair in status.values},
+                }

@@ -46,8 +46,11 @@ class ControlStack(Node):
         self.state: dict[str, float] = dict(START) if pretend else {}
         self.heard: dict[str, Any] = {}  # last answers of the node
         self.command: hmcvt.Optimum | None = None
-        self._senders = {name: self.create_publisher(Float64, name, qos.INPUT)
-                         for name in START if pretend}
+        self._senders = {
+            name: self.create_publisher(Float64, name, qos.INPUT)
+            for name in START
+            if pretend
+        }
         if not pretend:
             self.keep(self.state, START, qos.INPUT)
         self.keep(self.heard, ("efficiency", "optimal_displacement_ratio"), qos.OUTPUT)
@@ -55,12 +58,18 @@ class ControlStack(Node):
         self._commands = self.create_publisher(JointState, "cvt_command", 10)
         self.create_timer(PERIOD, self._step)
 
-    def keep(self, values: dict[str, Any], names: Iterable[str], profile: QoSProfile,
-             kind: Any = Float64) -> None:
+    def keep(
+        self,
+        values: dict[str, Any],
+        names: Iterable[str],
+        profile: QoSProfile,
+        kind: Any = Float64,
+    ) -> None:
         """Hold on to the last value of some topics."""
         for name in names:
             self.create_subscription(
-                kind, name, lambda m, name=name: values.update({name: m.data}), profile)
+                kind, name, lambda m, name=name: values.update({name: m.data}), profile
+            )
 
     def _on_model(self, message: String) -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -74,17 +83,26 @@ class ControlStack(Node):
             return
         try:
             best = self.model.optimal_displacement_ratio(
-                self.state["engine_speed"], self.state["load_torque"], hold="output_speed",
-                displacement_ratio=self.state["displacement_ratio"])
+                self.state["engine_speed"],
+                self.state["load_torque"],
+                hold="output_speed",
+                displacement_ratio=self.state["displacement_ratio"],
+            )
         except hmcvt.InputError as error:  # out of range: keep the last command
             self.get_logger().warning(str(error), throttle_duration_sec=5.0)
             return
-        if math.isnan(best.efficiency):  # this speed and power cannot be held: keep it too
+        if math.isnan(
+            best.efficiency
+        ):  # this speed and power cannot be held: keep it too
             return
         self.command = best
-        self._commands.publish(JointState(
-            name=["engine", "displacement"], velocity=[float(best.engine_speed), 0.0],
-            position=[0.0, float(best.displacement_ratio)]))
+        self._commands.publish(
+            JointState(
+                name=["engine", "displacement"],
+                velocity=[float(best.engine_speed), 0.0],
+                position=[0.0, float(best.displacement_ratio)],
+            )
+        )
         self.publish()
         self.state.update((name, float(getattr(best, name))) for name in self._senders)
 
@@ -97,15 +115,23 @@ class ControlStack(Node):
 def main() -> None:
     """Run for a while, then tell."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=10.0, help="how long to run (10)")
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=10.0, help="how long to run (10)"
+    )
     parser.add_argument("--namespace", default="", help="of the node and its topics")
     parser.add_argument("--pretend", action="store_true", help="be the tractor as well")
     options = parser.parse_args()
-    asked: list[int] = []  # to end; the handler of rclpy would do it in the midst of a step
+    asked: list[
+        int
+    ] = []  # to end; the handler of rclpy would do it in the midst of a step
     signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = ControlStack(options.namespace, options.pretend), SingleThreadedExecutor()
+    node, executor = (
+        ControlStack(options.namespace, options.pretend),
+        SingleThreadedExecutor(),
+    )
     executor.add_node(node)
     end = time.monotonic() + options.seconds
     while time.monotonic() < end and not asked:
@@ -115,9 +141,14 @@ def main() -> None:
     rclpy.try_shutdown()
     if node.command is None:
         raise SystemExit("no command: model or inputs did not come; does the node run?")
-    print(f"command: engine {node.command.engine_speed:.1f} rad/s, displacement ratio "
-          f"{node.command.displacement_ratio:+.3f}, efficiency {node.command.efficiency:.3f}")
-    print("the node: " + ", ".join(f"{name} {value:.3f}" for name, value in node.heard.items()))
+    print(
+        f"command: engine {node.command.engine_speed:.1f} rad/s, displacement ratio "
+        f"{node.command.displacement_ratio:+.3f}, efficiency {node.command.efficiency:.3f}"
+    )
+    print(
+        "the node: "
+        + ", ".join(f"{name} {value:.3f}" for name, value in node.heard.items())
+    )
 
 
 if __name__ == "__main__":

@@ -23,7 +23,10 @@ import hmcvt_core as hmcvt
 from hmcvt_ros.inputs import OperatingPoint
 
 MODEL_FILE = "params/paper.yaml"
-FITTED, HELD_BACK = (1, 2, 4, 5, 6), (3, 7, 8)  # tests of Table 2, split as in section 4.2
+FITTED, HELD_BACK = (
+    (1, 2, 4, 5, 6),
+    (3, 7, 8),
+)  # tests of Table 2, split as in section 4.2
 
 
 def story(player: BenchPlayer) -> int:
@@ -46,11 +49,15 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
    Tests {str(HELD_BACK)[1:-1]} are held back: the node never sees their measured efficiency.
 """)
     refit(player, samples)
-    print("\n4. The same eight tests again; the node swapped its model without a restart.\n")
+    print(
+        "\n4. The same eight tests again; the node swapped its model without a restart.\n"
+    )
     after = play(player, samples)
     print("\n5. Mean |predicted - measured| / measured:\n")
-    print(f"     tests the refit used   {before[0]:6.2f} %  ->  {after[0]:5.2f} %\n"
-          f"     tests held back        {before[1]:6.2f} %  ->  {after[1]:5.2f} %\n")
+    print(
+        f"     tests the refit used   {before[0]:6.2f} %  ->  {after[0]:5.2f} %\n"
+        f"     tests held back        {before[1]:6.2f} %  ->  {after[1]:5.2f} %\n"
+    )
     if not (after[0] < before[0] and after[1] < before[1]):
         print("   The refit did not improve the node.\n")
         return 1
@@ -60,23 +67,36 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
 
 def play(player: BenchPlayer, samples: hmcvt.BenchSamples) -> list[float]:
     """Hold every test; return the mean errors on the tests fitted and held back [%]."""
-    print("   test   displacement   engine     load | measured  predicted   error | optimal\n"
-          "          ratio         [rad/s]    [N m] |      [%]        [%]     [%] |   ratio")
+    print(
+        "   test   displacement   engine     load | measured  predicted   error | optimal\n"
+        "          ratio         [rad/s]    [N m] |      [%]        [%]     [%] |   ratio"
+    )
     print(f"   {'-' * 38}+{'-' * 30}+{'-' * 9}")
     errors = {}
     for test, measured in enumerate(samples.efficiency, start=1):
-        point = OperatingPoint(*(float(getattr(samples, name)[test - 1])
-                                 for name in OperatingPoint._fields))
+        point = OperatingPoint(
+            *(
+                float(getattr(samples, name)[test - 1])
+                for name in OperatingPoint._fields
+            )
+        )
         efficiency, optimum = player.hold(point)
         if efficiency is None or optimum is None:
             raise RuntimeError(f"the node was silent in test {test}")
         errors[test] = 100.0 * (efficiency / measured - 1.0)
-        print(f"   {test:3d}{'*' if test in HELD_BACK else ' '} {point.displacement_ratio:+13.2f}"
-              f"{point.engine_speed:10.2f}{point.load_torque:9.1f} |{100 * measured:9.1f}"
-              f"{100 * efficiency:11.1f}{errors[test]:+8.1f} |{optimum:+8.3f}")
-    means = [sum(abs(errors[test]) for test in tests) / len(tests) for tests in (FITTED, HELD_BACK)]
-    print(f"   * held back.  Mean |error|: {means[0]:.1f} % on tests {str(FITTED)[1:-1]}; "
-          f"{means[1]:.1f} % on tests {str(HELD_BACK)[1:-1]}.")
+        print(
+            f"   {test:3d}{'*' if test in HELD_BACK else ' '} {point.displacement_ratio:+13.2f}"
+            f"{point.engine_speed:10.2f}{point.load_torque:9.1f} |{100 * measured:9.1f}"
+            f"{100 * efficiency:11.1f}{errors[test]:+8.1f} |{optimum:+8.3f}"
+        )
+    means = [
+        sum(abs(errors[test]) for test in tests) / len(tests)
+        for tests in (FITTED, HELD_BACK)
+    ]
+    print(
+        f"   * held back.  Mean |error|: {means[0]:.1f} % on tests {str(FITTED)[1:-1]}; "
+        f"{means[1]:.1f} % on tests {str(HELD_BACK)[1:-1]}."
+    )
     return means
 
 
@@ -89,10 +109,14 @@ def refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> None:
     success, result = player.call("reidentify", timeout=120.0)
     if not success:
         raise RuntimeError(f"~/reidentify: {result['error']}")
-    print(f"   refitted to {result['samples']} samples in {result['seconds']:.1f} s, in a process "
-          "of its own:")
+    print(
+        f"   refitted to {result['samples']} samples in {result['seconds']:.1f} s, in a process "
+        "of its own:"
+    )
     for name, entry in result["parameters"].items():
-        spread = f" +- {entry['standard_error']:.2g}" if entry.get("standard_error") else ""
+        spread = (
+            f" +- {entry['standard_error']:.2g}" if entry.get("standard_error") else ""
+        )
         print(f"     {name:15s} {entry['value']:.4g}{spread} {entry['unit']}")
     for warning in result["warnings"]:
         print(f"     note: {warning}")
@@ -101,16 +125,35 @@ def refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> None:
 def main(folder: Path) -> int:
     """Run a node that nothing outlives, and tell the story with it."""
     sys.stdout.reconfigure(line_buffering=True)  # also into a pipe
-    for number in (signal.SIGINT, signal.SIGTERM):  # a shell's background jobs ignore SIGINT
+    for number in (
+        signal.SIGINT,
+        signal.SIGTERM,
+    ):  # a shell's background jobs ignore SIGINT
         signal.signal(number, signal.default_int_handler)
-    os.environ.update(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_LOG_DIR=str(folder),
-                      ROS_DOMAIN_ID=str(51 + os.getpid() % 51))
+    os.environ.update(
+        ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+        ROS_LOG_DIR=str(folder),
+        ROS_DOMAIN_ID=str(51 + os.getpid() % 51),
+    )
     log = folder / "node.log"
-    with log.open("w") as output, subprocess.Popen(
-            [sys.executable, "-m", "hmcvt_ros.efficiency_node", "--ros-args",
-             "-p", f"model_file:={hmcvt.data_path(MODEL_FILE)}",
-             "-p", f"state_folder:={folder / 'state'}"],
-            stdout=output, stderr=output, start_new_session=True) as node:
+    with (
+        log.open("w") as output,
+        subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "hmcvt_ros.efficiency_node",
+                "--ros-args",
+                "-p",
+                f"model_file:={hmcvt.data_path(MODEL_FILE)}",
+                "-p",
+                f"state_folder:={folder / 'state'}",
+            ],
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        ) as node,
+    ):
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             player = BenchPlayer()

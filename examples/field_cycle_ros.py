@@ -38,17 +38,30 @@ class FieldCycle(ControlStack):
 
     def choice(self, output_speed: float, power: float) -> field_cycle.Choice:
         """Stage and engine speed that the node says for an output speed and power."""
-        stage, speed = field_cycle.by_rule(self.tractor, self.engine, output_speed, power)
-        stroke, load = operating_point(self.tractor.stages[stage], speed, {
-            "output_speed": output_speed, "output_power": power})
-        self.state.update(displacement_ratio=stroke, engine_speed=speed, load_torque=load)
+        stage, speed = field_cycle.by_rule(
+            self.tractor, self.engine, output_speed, power
+        )
+        stroke, load = operating_point(
+            self.tractor.stages[stage],
+            speed,
+            {"output_speed": output_speed, "output_power": power},
+        )
+        self.state.update(
+            displacement_ratio=stroke, engine_speed=speed, load_torque=load
+        )
         self._stage.publish(String(data=stage))
-        end, wanted = time.monotonic() + SETTLING, {"optimal_engine_speed", "optimal_stage"}
+        end, wanted = (
+            time.monotonic() + SETTLING,
+            {"optimal_engine_speed", "optimal_stage"},
+        )
         while (now := time.monotonic()) < end or (
-                not wanted <= self.heard.keys() and now < end + PATIENCE):
+            not wanted <= self.heard.keys() and now < end + PATIENCE
+        ):
             rclpy.spin_once(self, timeout_sec=PERIOD)
         if not wanted <= self.heard.keys():
-            raise SystemExit("no answer: does a node run, with all stages and the engine?")
+            raise SystemExit(
+                "no answer: does a node run, with all stages and the engine?"
+            )
         # The last answer is that of the inputs as they stand.
         return self.heard["optimal_stage"], self.heard["optimal_engine_speed"]
 
@@ -56,7 +69,8 @@ class FieldCycle(ControlStack):
 def main() -> None:
     """Drive and compare."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--namespace", default="", help="of the node and its topics")
     namespace = parser.parse_args().namespace
     rclpy.init()

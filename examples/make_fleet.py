@@ -21,7 +21,9 @@ import numpy as np
 
 import hmcvt_core as hmcvt
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies are not installed
+sys.path.insert(
+    0, str(Path(__file__).resolve().parents[1])
+)  # studies are not installed
 
 from studies.blind.campaign import Bench, Campaign, CampaignOptions
 from studies.blind.catalogue import draw_effect, size_effect
@@ -40,8 +42,11 @@ def transmission(number: int, samples: int, seed: int) -> Campaign:
     leakage, motor, pump = np.exp(SCATTER * rng.standard_normal(3))
     if number % 10 == 9:
         leakage *= WORN
-    base = BaseTruth(DESIGN.leakage * leakage, DESIGN.motor_damping * motor,
-                     DESIGN.pump_damping * pump)
+    base = BaseTruth(
+        DESIGN.leakage * leakage,
+        DESIGN.motor_damping * motor,
+        DESIGN.pump_damping * pump,
+    )
     effects = []
     if number % 5 == 2:
         effect = draw_effect(EFFECTS[number // 5 % len(EFFECTS)], rng)
@@ -52,8 +57,9 @@ def transmission(number: int, samples: int, seed: int) -> Campaign:
 
 def main() -> None:
     """Write the logs."""
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--logs", type=int, default=40, help="how many (40)")
     parser.add_argument("--samples", type=int, default=96, help="in each log (96)")
@@ -62,12 +68,19 @@ def main() -> None:
     (options.folder / "logs").mkdir(parents=True, exist_ok=True)
     hidden = {}
     for number in range(options.logs):
-        campaign, name = transmission(number, options.samples, options.seed), f"{number:05d}"
-        hmcvt.write_bench(options.folder / "logs" / f"{name}.csv",
-                          hmcvt.BenchSamples(**campaign.samples))
+        campaign, name = (
+            transmission(number, options.samples, options.seed),
+            f"{number:05d}",
+        )
+        hmcvt.write_bench(
+            options.folder / "logs" / f"{name}.csv",
+            hmcvt.BenchSamples(**campaign.samples),
+        )
         bench = campaign.bench
         hidden[name] = {"base": asdict(bench.base), "effects": list(bench.names)}
-    (options.folder / "hidden.json").write_text(json.dumps(hidden, indent=1), encoding="utf-8")
+    (options.folder / "hidden.json").write_text(
+        json.dumps(hidden, indent=1), encoding="utf-8"
+    )
     print(f"{options.logs} logs in {options.folder / 'logs'}")
 
 

@@ -26,16 +26,21 @@ import hmcvt_core as hmcvt
 RPM = math.pi / 30.0
 KWH = 3.6e6
 # Output speed [r/min], power at the output [W], time [h].
-DAY = np.array([
-    (1750.0, 30e3, 1.0),   # drilling
-    (2000.0, 55e3, 4.0),   # cultivating
-    (2400.0, 45e3, 2.0),   # mowing
-    (2800.0, 35e3, 1.0),   # on the road, loaded
-])
+DAY = np.array(
+    [
+        (1750.0, 30e3, 1.0),  # drilling
+        (2000.0, 55e3, 4.0),  # cultivating
+        (2400.0, 45e3, 2.0),  # mowing
+        (2800.0, 35e3, 1.0),  # on the road, loaded
+    ]
+)
 
 
 def fixed_engine_speed(
-    model: hmcvt.EfficiencyModel, engine_speed: float, output_speed: np.ndarray, power: np.ndarray
+    model: hmcvt.EfficiencyModel,
+    engine_speed: float,
+    output_speed: np.ndarray,
+    power: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return displacement ratio and efficiency, shape (n,), at one engine speed [rad/s].
 
@@ -49,50 +54,74 @@ def fixed_engine_speed(
     stroke = np.linspace(-1.0, 1.0, 401)[:, None]
     torque = power[None, :] / engine_speed
     speed = model.output_speed(stroke, engine_speed, torque)
-    found = np.array([np.interp(target, speed[:, i], stroke[:, 0], left=np.nan, right=np.nan)
-                      for i, target in enumerate(output_speed)])
+    found = np.array(
+        [
+            np.interp(target, speed[:, i], stroke[:, 0], left=np.nan, right=np.nan)
+            for i, target in enumerate(output_speed)
+        ]
+    )
     if np.any(np.isnan(found)):
         unreached = output_speed[np.isnan(found)] / RPM
-        raise SystemExit(f"{engine_speed / RPM:.0f} r/min cannot make {unreached} r/min")
+        raise SystemExit(
+            f"{engine_speed / RPM:.0f} r/min cannot make {unreached} r/min"
+        )
     return found, model.efficiency(found, engine_speed, power / engine_speed)
 
 
 def main() -> None:
     """Print the study."""
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--params", default=hmcvt.data_path("params/hm4.yaml"),
-                        help="parameter file of the model (the shipped one)")
-    parser.add_argument("--engine-speed", type=float, default=2000.0,
-                        help="of the fixed strategy, r/min (2000)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--params",
+        default=hmcvt.data_path("params/hm4.yaml"),
+        help="parameter file of the model (the shipped one)",
+    )
+    parser.add_argument(
+        "--engine-speed",
+        type=float,
+        default=2000.0,
+        help="of the fixed strategy, r/min (2000)",
+    )
     options = parser.parse_args()
     model, held = hmcvt.load_model(options.params), options.engine_speed * RPM
 
-    grid = model.efficiency_map(np.linspace(-1, 1, 81), np.linspace(80.0, 230.0, 31),
-                                np.linspace(50.0, 400.0, 15))
+    grid = model.efficiency_map(
+        np.linspace(-1, 1, 81),
+        np.linspace(80.0, 230.0, 31),
+        np.linspace(50.0, 400.0, 15),
+    )
     at = np.unravel_index(np.nanargmax(grid.efficiency), grid.efficiency.shape)
-    print(f"model {model.fingerprint}: {grid.efficiency.size} points, best "
-          f"{100 * grid.efficiency[at]:.1f} % at displacement ratio "
-          f"{grid.displacement_ratio[at[0]]:+.2f}, {grid.engine_speed[at[1]] / RPM:.0f} r/min, "
-          f"{grid.load_torque[at[2]]:.0f} N m\n")
+    print(
+        f"model {model.fingerprint}: {grid.efficiency.size} points, best "
+        f"{100 * grid.efficiency[at]:.1f} % at displacement ratio "
+        f"{grid.displacement_ratio[at[0]]:+.2f}, {grid.engine_speed[at[1]] / RPM:.0f} r/min, "
+        f"{grid.load_torque[at[2]]:.0f} N m\n"
+    )
 
     output_speed, power, hours = DAY[:, 0] * RPM, DAY[:, 1], DAY[:, 2]
     stroke, fixed = fixed_engine_speed(model, held, output_speed, power)
-    best = model.optimal_displacement_ratio(held, power / held, hold="output_speed",
-                                            output_speed=output_speed)
+    best = model.optimal_displacement_ratio(
+        held, power / held, hold="output_speed", output_speed=output_speed
+    )
     energy_fixed, energy_best = power * hours / fixed, power * hours / best.efficiency
 
     print("output  power  hours |  fixed engine speed  |      best pair       | saved")
     print("[r/min]  [kW]        | [r/min]   ratio   [%]| [r/min]   ratio   [%]|   [%]")
     for i in range(len(DAY)):
-        print(f"{DAY[i, 0]:7.0f}{power[i] / 1e3:6.0f}{hours[i]:7.1f} |"
-              f"{options.engine_speed:8.0f}{stroke[i]:+8.2f}{100 * fixed[i]:6.1f}|"
-              f"{best.engine_speed[i] / RPM:8.0f}{best.displacement_ratio[i]:+8.2f}"
-              f"{100 * best.efficiency[i]:6.1f}|"
-              f"{100 * (1.0 - energy_best[i] / energy_fixed[i]):6.1f}")
+        print(
+            f"{DAY[i, 0]:7.0f}{power[i] / 1e3:6.0f}{hours[i]:7.1f} |"
+            f"{options.engine_speed:8.0f}{stroke[i]:+8.2f}{100 * fixed[i]:6.1f}|"
+            f"{best.engine_speed[i] / RPM:8.0f}{best.displacement_ratio[i]:+8.2f}"
+            f"{100 * best.efficiency[i]:6.1f}|"
+            f"{100 * (1.0 - energy_best[i] / energy_fixed[i]):6.1f}"
+        )
     total, least = energy_fixed.sum() * 3600.0 / KWH, energy_best.sum() * 3600.0 / KWH
-    print(f"\nthe day: {total:.0f} kWh from the engine at {options.engine_speed:.0f} r/min, "
-          f"{least:.0f} kWh with the best pair: {100 * (1.0 - least / total):.1f} % saved")
+    print(
+        f"\nthe day: {total:.0f} kWh from the engine at {options.engine_speed:.0f} r/min, "
+        f"{least:.0f} kWh with the best pair: {100 * (1.0 - least / total):.1f} % saved"
+    )
 
 
 if __name__ == "__main__":

@@ -26,8 +26,12 @@ class ReliefValve(Effect):
     source = "characteristic of a direct-acting relief valve: Merritt 1967, section 5.4"
     remedy = "measure the flow in the return line of the valve at full load"
 
-    leak: float = size("m3/(s Pa)", 3e-11, 0.0, 3e-10, "flow for each Pa above cracking")
-    cracking: float = shape("MPa", (4.0, 5.0, 6.0, 7.0, 8.0), "pressure at which the valve opens")
+    leak: float = size(
+        "m3/(s Pa)", 3e-11, 0.0, 3e-10, "flow for each Pa above cracking"
+    )
+    cracking: float = shape(
+        "MPa", (4.0, 5.0, 6.0, 7.0, 8.0), "pressure at which the valve opens"
+    )
 
     def leakage_flow(self, state: ShaftState) -> Value:
         """Flow that does not reach the motor [m3/s]."""
@@ -40,11 +44,17 @@ def bench(tests: int = 96) -> hmcvt.BenchSamples:
     rng = np.random.default_rng(7)
     base = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     unit = replace(base, effects=(ReliefValve(leak=6e-11, cracking=6.0),))
-    point = (rng.uniform(-1.0, 1.0, tests), rng.uniform(85.0, 220.0, tests),
-             rng.uniform(80.0, 400.0, tests))
+    point = (
+        rng.uniform(-1.0, 1.0, tests),
+        rng.uniform(85.0, 220.0, tests),
+        rng.uniform(80.0, 400.0, tests),
+    )
     return hmcvt.BenchSamples(
-        *point, efficiency=unit.efficiency(*point) + 0.003 * rng.standard_normal(tests),
-        output_speed=unit.output_speed(*point) * (1.0 + 0.001 * rng.standard_normal(tests)))
+        *point,
+        efficiency=unit.efficiency(*point) + 0.003 * rng.standard_normal(tests),
+        output_speed=unit.output_speed(*point)
+        * (1.0 + 0.001 * rng.standard_normal(tests)),
+    )
 
 
 if __name__ == "__main__":

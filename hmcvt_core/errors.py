@@ -10,7 +10,7 @@ class HmcvtError(ValueError):
     def __init__(self, text: str) -> None:
         # It may quote a file: what stands there must not break the line or bury the reason.
         line = " ".join(text.splitlines())
-        super().__init__(line if len(line) <= _MOST else f"{line[:_MOST - 4]} ...")
+        super().__init__(line if len(line) <= _MOST else f"{line[: _MOST - 4]} ...")
 
 
 class InputError(HmcvtError):

@@ -19,18 +19,34 @@ from pathlib import Path
 from typing import Any
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.files.atomic import free_name, make_folder, sync_folder, write_atomically
+from hmcvt_core.files.atomic import (
+    free_name,
+    make_folder,
+    sync_folder,
+    write_atomically,
+)
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
 from .inputs import Tally
 from .state_folder import keep_newest
 
-COLUMNS = ("stamp", "displacement_ratio", "engine_speed", "load_torque", "efficiency",
-           "output_speed")
+COLUMNS = (
+    "stamp",
+    "displacement_ratio",
+    "engine_speed",
+    "load_torque",
+    "efficiency",
+    "output_speed",
+)
 KEPT = 10
 """Logs set aside that are kept, and damaged ones; the newest."""
 
-INVALID, FULL, BUSY, NOT_WRITTEN = "invalid", "log full", "too many at once", "not written"
+INVALID, FULL, BUSY, NOT_WRITTEN = (
+    "invalid",
+    "log full",
+    "too many at once",
+    "not written",
+)
 BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
 """Why a bench sample may be refused."""
 
@@ -76,8 +92,10 @@ class BenchLog:
     @property
     def full(self) -> str:
         """Why there is no room for a sample."""
-        return (f"the bench log holds {self._count} samples and takes no more; "
-                "~/clear_samples sets it aside")
+        return (
+            f"the bench log holds {self._count} samples and takes no more; "
+            "~/clear_samples sets it aside"
+        )
 
     def write(self, rows: Sequence[bytes]) -> int:
         """Write as many rows as there is room for, wait until they are on disk, say how many.
@@ -91,7 +109,7 @@ class BenchLog:
             make_folder(self.path.parent)
             write_atomically(self.path, self._header + b"\n")
             self._count, self._size = 0, len(self._header) + 1
-        rows = rows[:max(self._limit - self._count, 0)]
+        rows = rows[: max(self._limit - self._count, 0)]
         if not rows:
             return 0
         text = b"".join(rows)
@@ -99,10 +117,12 @@ class BenchLog:
             try:
                 left = text
                 while left:
-                    left = left[file.write(left):]
+                    left = left[file.write(left) :]
                 os.fsync(file.fileno())
             except OSError:
-                with contextlib.suppress(OSError):  # if not now, the next call repairs it
+                with contextlib.suppress(
+                    OSError
+                ):  # if not now, the next call repairs it
                     file.truncate(self._size)
                 raise
         self._count += len(rows)
@@ -142,27 +162,39 @@ class BenchLog:
             return
         *lines, torn = raw.split(b"\n")
         if lines[:1] == [self._other] or (
-                self._header == _HEADERS[1] and lines[:1] == [_WITHOUT_CHECKSUMS]):
+            self._header == _HEADERS[1] and lines[:1] == [_WITHOUT_CHECKSUMS]
+        ):
             self._count = len(lines) - 1
             _, aside = self.set_aside()
-            self.recovered = (f"{self.path}: was of another model, one with stages or without, "
-                              f"and is set aside as {aside}")
+            self.recovered = (
+                f"{self.path}: was of another model, one with stages or without, "
+                f"and is set aside as {aside}"
+            )
             return
         old = lines[:1] == [_WITHOUT_CHECKSUMS]
         # A cut in the middle of a number leaves a number: a line counts only with its end.
-        good = ([_sealed(line.strip()) for line in lines[1:] if _is_row(line)] if old
-                else [line for line in lines[1:] if line == _sealed(line.rpartition(b",")[0])])
+        good = (
+            [_sealed(line.strip()) for line in lines[1:] if _is_row(line)]
+            if old
+            else [
+                line for line in lines[1:] if line == _sealed(line.rpartition(b",")[0])
+            ]
+        )
         text = b"".join(line + b"\n" for line in (self._header, *good))
         self._count, self._size = len(good), -1  # no size that it could have
         lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
         if lost or lines[:1] not in ([self._header], [_WITHOUT_CHECKSUMS]):
             kept = self._free_name("damaged")
             write_atomically(kept, raw)
-            self.recovered = (f"{self.path}: {lost} damaged lines taken out, the file as it was "
-                              f"is kept as {kept.name}")
+            self.recovered = (
+                f"{self.path}: {lost} damaged lines taken out, the file as it was "
+                f"is kept as {kept.name}"
+            )
         if before > len(good) + lost:
             gone = f"{before - len(good) - lost} samples that had been logged are gone"
-            self.recovered = f"{self.recovered}; {gone}" if lost else f"{self.path}: {gone}"
+            self.recovered = (
+                f"{self.recovered}; {gone}" if lost else f"{self.path}: {gone}"
+            )
         if text != raw:
             write_atomically(self.path, text)
         self._size = len(text)
@@ -183,7 +215,9 @@ class Recorder:
         tally: what became of the samples.
     """
 
-    def __init__(self, log: BenchLog, warn: Callable[[str], None], look: Callable[[], str]) -> None:
+    def __init__(
+        self, log: BenchLog, warn: Callable[[str], None], look: Callable[[], str]
+    ) -> None:
         """Write to a log; say what could not be written, and what a look at the disk finds."""
         self.log, self.numbers, self.tally = log, Numbers(), Tally(BENCH_REASONS)
         self._warn, self._look = warn, look
@@ -191,15 +225,21 @@ class Recorder:
         self._waiting: deque[bytes] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
         self._trouble = ""  # of the disk
-        self._asked, self._sign = time.monotonic(), self.call(look)  # for a sign of life
+        self._asked, self._sign = (
+            time.monotonic(),
+            self.call(look),
+        )  # for a sign of life
 
     @property
     def complaint(self) -> str:
         """What this log lacks, as a sentence; empty when nothing."""
         missed = self._missed - self._missed_before
         overrun = f"{missed} bench samples were sent and not taken: too many at once"
-        return "; ".join(filter(None, (
-            self._trouble, self.log.recovered, overrun if missed > 0 else "")))
+        return "; ".join(
+            filter(
+                None, (self._trouble, self.log.recovered, overrun if missed > 0 else "")
+            )
+        )
 
     @property
     def _missed(self) -> int:
@@ -216,7 +256,9 @@ class Recorder:
     def submit(self, samples: BenchSamples) -> None:
         """Take samples, which are not on disk yet."""
         if len(self._waiting) + len(samples) > MOST_WAITING:
-            self.refuse(BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk")
+            self.refuse(
+                BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk"
+            )
         else:
             self._waiting.extend(rows_of(samples))
             self.call(self._write)
@@ -278,7 +320,9 @@ class Numbers:
     def __init__(self) -> None:
         self.missing = 0
         self._last: deque[int] = deque(maxlen=STREAMS)  # of each stream
-        self._jumps: dict[int, int] = {}  # from the last number before to the first one after
+        self._jumps: dict[
+            int, int
+        ] = {}  # from the last number before to the first one after
 
     def take(self, number: int) -> None:
         """Take the number of a message."""
@@ -320,10 +364,13 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
         values.append(map(repr, column.tolist()))
     if stages := samples.extra.get("stage"):
         if any(set(',"#\n\r') & set(name) for name in stages):
-            raise InputError(f"{samples.source}: stage {stages[0]!r} is no name for a log")
+            raise InputError(
+                f"{samples.source}: stage {stages[0]!r} is no name for a log"
+            )
         values.append(map(str, stages))
-    return [_sealed(",".join(row).encode()) + b"\n"
-            for row in zip(*values, strict=True)]
+    return [
+        _sealed(",".join(row).encode()) + b"\n" for row in zip(*values, strict=True)
+    ]
 
 
 def _sealed(row: bytes) -> bytes:
@@ -335,7 +382,9 @@ def _is_row(line: bytes) -> bool:
     if len(cells) != len(COLUMNS):
         return False
     try:
-        return all(_RANGES[name].contains(float(cell))
-                   for name, cell in zip(COLUMNS, cells, strict=True))
+        return all(
+            _RANGES[name].contains(float(cell))
+            for name, cell in zip(COLUMNS, cells, strict=True)
+        )
     except ValueError:
         return False

@@ -8,7 +8,9 @@ from rclpy.clock import Clock
 # It goes on while the machine sleeps, where the system has such a clock.
 _STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 _STEP = 20_000_000  # ns between two looks by which no clock is drawn right, only set
-_STOPPED = 1_000_000_000  # ns between two looks: the process, or the machine, has been stopped
+_STOPPED = (
+    1_000_000_000  # ns between two looks: the process, or the machine, has been stopped
+)
 _DRAINED = 200_000_000  # ns in which the messages that have waited meanwhile are taken
 
 

@@ -31,7 +31,8 @@ def gap_values(found: Mapping[str, Any], model: str, when: str) -> dict[str, str
     return {
         "gap verdict": found["verdict"],
         "gap leading cause": f"{causes[0]['effect']}, probability {causes[0]['probability']:.2f}"
-                             if causes else "-",
+        if causes
+        else "-",
         "gap rmse [-]": f"{found['gap']['rmse']:.4g}",
         "gap shrinkage [-]": "-" if fraction is None else f"{fraction:.3f}",
         "gap diagnosed": f"{when}, {found['gap']['samples']} samples",
@@ -91,7 +92,8 @@ class Activity:
     """
 
     ends: dict[str, str] = field(
-        default_factory=lambda: {"reidentify": "none", "diagnose": "none"})
+        default_factory=lambda: {"reidentify": "none", "diagnose": "none"}
+    )
     gap: Mapping[str, str] = field(default_factory=dict)
     job: Job | None = None
     trouble: str = ""
@@ -105,13 +107,16 @@ def inputs_status(
     values: dict[str, Any] = {}
     found = []
     for (key, item), limit in zip(
-            inputs.by_name.items(), settings.age_limits.ages, strict=True):
+        inputs.by_name.items(), settings.age_limits.ages, strict=True
+    ):
         age = item.age(now)
         found.append(item.state(now, limit))
-        values |= {f"{key} state": found[-1][0].value,
-                   f"{key} age [s]": "-" if age is None else f"{age:.3f}",
-                   f"{key} age limit [s]": f"{limit * NANOSECONDS:g}",
-                   **item.tally.values(key)}
+        values |= {
+            f"{key} state": found[-1][0].value,
+            f"{key} age [s]": "-" if age is None else f"{age:.3f}",
+            f"{key} age limit [s]": f"{limit * NANOSECONDS:g}",
+            **item.tally.values(key),
+        }
     if inputs.asked:
         if all(item.stamp is None for item in inputs.by_name.values()):
             found = []  # whoever sends operating points alone lacks nothing
@@ -121,7 +126,9 @@ def inputs_status(
     if inputs.apart_reason:
         problems.append(inputs.apart_reason)
         level = max(level, DiagnosticStatus.WARN)
-    message = "; ".join(problems) or ("three fresh inputs" if found[2:] else "operating points")
+    message = "; ".join(problems) or (
+        "three fresh inputs" if found[2:] else "operating points"
+    )
     return _status(name, "inputs", level, message, {**values, **counts})
 
 
@@ -150,11 +157,22 @@ def model_status(
     extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
     state = "; ".join(filter(None, (complaint, log.complaint)))
     warnings = _refit_warnings(now)
-    complaints = [refusal if point is not None else "", extrapolation, log.tally.complaint,
-                  state, activity.trouble, warnings]
+    complaints = [
+        refusal if point is not None else "",
+        extrapolation,
+        log.tally.complaint,
+        state,
+        activity.trouble,
+        warnings,
+    ]
     message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
-    level = (DiagnosticStatus.ERROR if log.tally.reason == NOT_WRITTEN  # data is being lost
-             else DiagnosticStatus.WARN if any(complaints) else DiagnosticStatus.OK)
+    level = (
+        DiagnosticStatus.ERROR
+        if log.tally.reason == NOT_WRITTEN  # data is being lost
+        else DiagnosticStatus.WARN
+        if any(complaints)
+        else DiagnosticStatus.OK
+    )
     model = now.model
     values = {
         "file": now.path,
@@ -183,14 +201,25 @@ def model_status(
 def gap_status(name: str, found: Opening) -> DiagnosticStatus:
     """Return the status of the gap between the bench samples that came and the model in service."""
     level = DiagnosticStatus.WARN if found.open else DiagnosticStatus.OK
-    return _status(name, "gap", level, str(found), {
-        key.replace("_", " "): _shown(value) for key, value in asdict(found).items()})
+    return _status(
+        name,
+        "gap",
+        level,
+        str(found),
+        {key.replace("_", " "): _shown(value) for key, value in asdict(found).items()},
+    )
 
 
 def _shown(value: Any) -> str:
     if isinstance(value, tuple):
         return " to ".join(map(_shown, value))
-    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+    return (
+        "-"
+        if value is None
+        else f"{value:.6g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def _refit_warnings(now: InService) -> str:
@@ -202,5 +231,9 @@ def _status(
     node: str, part: str, level: bytes, message: str, values: Mapping[str, Any]
 ) -> DiagnosticStatus:
     return DiagnosticStatus(
-        name=f"{node}: {part}", hardware_id=node, level=level, message=message,
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
+        name=f"{node}: {part}",
+        hardware_id=node,
+        level=level,
+        message=message,
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )

@@ -29,8 +29,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         import rclpy
     except ImportError as error:
-        return _failed(f"the node needs ROS 2 ({error}): source its setup.bash, or, in the "
-                       "folder of hmcvt, pip install \".[ros]\"")
+        return _failed(
+            f"the node needs ROS 2 ({error}): source its setup.bash, or, in the "
+            'folder of hmcvt, pip install ".[ros]"'
+        )
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
@@ -41,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from .node import EfficiencyNode
     from .parameters import usage
 
-    os.environ.update(ONE_BLAS_THREAD)  # for the worker process, which computes with one thread
+    os.environ.update(
+        ONE_BLAS_THREAD
+    )  # for the worker process, which computes with one thread
     # The thread that waits for disks reads and maps models too: an answer waits for it no longer.
     sys.setswitchinterval(_TURN)
     try:
@@ -62,7 +66,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    ticks, failed = node.ticks, math.inf  # since when a failure has not been followed by a tick
+    ticks, failed = (
+        node.ticks,
+        math.inf,
+    )  # since when a failure has not been followed by a tick
     try:
         while not asked:
             try:
@@ -71,7 +78,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             except Exception as error:  # of a callback of rclpy's own
                 node.guard.contain("rclpy", error)
                 # Nothing is to be waited for where ROS itself has ended.
-                failed = min(failed, time.monotonic() if node.context.ok() else -math.inf)
+                failed = min(
+                    failed, time.monotonic() if node.context.ok() else -math.inf
+                )
             if node.ticks != ticks:
                 ticks, failed = node.ticks, math.inf
             elif time.monotonic() > failed + PATIENCE:

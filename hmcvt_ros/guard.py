@@ -43,7 +43,8 @@ class Guard:
             service.callback = self._bounded(service.service_name, service.callback)
         for subscription in node.subscriptions:  # /clock, with use_sim_time; else none
             subscription.callback = self.callback(
-                subscription.callback, f"{subscription.topic_name} is ignored")
+                subscription.callback, f"{subscription.topic_name} is ignored"
+            )
 
     def warn(self, about: str, text: str) -> None:
         """Log a warning, unless there has been one about the same just now."""
@@ -60,8 +61,12 @@ class Guard:
         self.warn(f"{where} {kind}", f"{where}: {kind}{error}")
         return f"{kind}{error}"
 
-    def callback(self, function: Callable[..., Any], where: str = "",
-                 refusal: Callable[..., Any] = lambda *_: None) -> Callable[..., Any]:
+    def callback(
+        self,
+        function: Callable[..., Any],
+        where: str = "",
+        refusal: Callable[..., Any] = lambda *_: None,
+    ) -> Callable[..., Any]:
         """Keep an exception of a callback to a line in the log.
 
         Args:
@@ -69,12 +74,16 @@ class Guard:
             where: its name for people; that of the function when left out.
             refusal: what answers instead of it, given the reason and the arguments.
         """
+
         @functools.wraps(function)  # rclpy looks at how many arguments it takes
         def guarded(*arguments: Any) -> Any:
             try:
                 return function(*arguments)
             except Exception as error:
-                return refusal(self.contain(where or function.__name__, error), *arguments)
+                return refusal(
+                    self.contain(where or function.__name__, error), *arguments
+                )
+
         return guarded
 
     def _bounded(self, name: str, answer: Callable[..., Any]) -> Callable[..., Any]:
@@ -87,15 +96,23 @@ class Guard:
             # One at a time: a bad entry does not take the others with it.
             for entry in request.parameters:
                 one = SetParameters.Request(parameters=[entry])
-                response.results.extend(contained(one, SetParameters.Response()).results)
+                response.results.extend(
+                    contained(one, SetParameters.Response()).results
+                )
             return response
 
         return self.callback(bounded, name, _refusal)
 
 
 def _require_small(request: Any) -> None:
-    entries = max((len(getattr(request, name)) for name in ("parameters", "names", "prefixes")
-                   if hasattr(request, name)), default=0)
+    entries = max(
+        (
+            len(getattr(request, name))
+            for name in ("parameters", "names", "prefixes")
+            if hasattr(request, name)
+        ),
+        default=0,
+    )
     if entries > ENTRIES_LIMIT:
         raise InputError(f"{entries} entries; allowed are {ENTRIES_LIMIT}")
     size = len(serialize_message(request))

@@ -88,11 +88,15 @@ class Tally:
 
     def values(self, subject: str) -> dict[str, int]:
         """Return the counts as diagnostics name them."""
-        return {f"{subject} received": self.accepted + self.refused.total(),
-                f"{subject} accepted": self.accepted,
-                **{f"{subject} refused, {reason}": self.refused[reason]
-                   for reason in self.reasons},
-                f"{subject} taken as the limit": self.at_limit}
+        return {
+            f"{subject} received": self.accepted + self.refused.total(),
+            f"{subject} accepted": self.accepted,
+            **{
+                f"{subject} refused, {reason}": self.refused[reason]
+                for reason in self.reasons
+            },
+            f"{subject} taken as the limit": self.at_limit,
+        }
 
 
 @dataclass
@@ -119,7 +123,9 @@ class Input:
             if not (self.limits.contains(value) or coasting(self.limits, value)):
                 # The last good value is gone with it: what the sensor says now is not known.
                 self.value = None
-                self.tally.refuse(REASONS[math.isfinite(value)], self.limits.complaint(value))
+                self.tally.refuse(
+                    REASONS[math.isfinite(value)], self.limits.complaint(value)
+                )
                 return False
         self.value = value
         self.tally.accept()
@@ -131,7 +137,11 @@ class Input:
 
     def fresh(self, now: int, limit: int) -> bool:
         """Tell whether there is a value, not older than a limit [ns]."""
-        return self.value is not None and self.stamp is not None and now - self.stamp <= limit
+        return (
+            self.value is not None
+            and self.stamp is not None
+            and now - self.stamp <= limit
+        )
 
     def age(self, now: int) -> float | None:
         """Seconds since the last message, None when there is none."""
@@ -162,8 +172,10 @@ def coasting(limits: Range, value: float) -> str:
     """Say that a load torque is near zero or drives the engine, as on every way downhill, if so."""
     if limits is not LOAD_TORQUE or not -limits.high <= value < limits.low:
         return ""
-    return (f"{limits.name} = {value:g} N m: coasting; an efficiency begins "
-            f"at {limits.low:g} N m")
+    return (
+        f"{limits.name} = {value:g} N m: coasting; an efficiency begins "
+        f"at {limits.low:g} N m"
+    )
 
 
 class Inputs:
@@ -189,8 +201,12 @@ class Inputs:
     def point(self, now: int, limits: AgeLimits) -> OperatingPoint | None:
         """Return the operating point, None unless all inputs are fresh, valid and of one time."""
         stroke, speed, torque = self._all
-        if (torque.value is None or torque.value < LOAD_TORQUE.low
-                or not self._fresh(now, limits) or self._skew() > limits.skew):
+        if (
+            torque.value is None
+            or torque.value < LOAD_TORQUE.low
+            or not self._fresh(now, limits)
+            or self._skew() > limits.skew
+        ):
             return None
         return OperatingPoint(stroke.value, speed.value, torque.value)  # type: ignore[arg-type]
 
@@ -201,10 +217,14 @@ class Inputs:
         if self._skew() > limits.skew:
             self.apart += 1
             ages = {name: item.age(now) or 0.0 for name, item in self.by_name.items()}
-            newest, oldest = min(ages, key=ages.__getitem__), max(ages, key=ages.__getitem__)
+            newest, oldest = (
+                min(ages, key=ages.__getitem__),
+                max(ages, key=ages.__getitem__),
+            )
             self.apart_reason = (
                 f"{oldest} is {ages[oldest] - ages[newest]:.3f} s older than {newest}; "
-                f"max_input_skew = {limits.skew * NANOSECONDS:g}")
+                f"max_input_skew = {limits.skew * NANOSECONDS:g}"
+            )
         else:
             self.coasting += 1
 

@@ -20,7 +20,10 @@ REPORTS_KEPT = 10
 
 
 def with_proven(
-    work: Callable[..., dict[str, Any]], promised: Promised, effects: str, **options: Any
+    work: Callable[..., dict[str, Any]],
+    promised: Promised,
+    effects: str,
+    **options: Any,
 ) -> dict[str, Any]:
     """Do a job on the model in service, once it has proved to be what was put there.
 
@@ -37,8 +40,14 @@ def with_proven(
 
 
 def reidentify(
-    samples: Path, model: Path, base: Path, seed: int, max_drift: float, output: Path,
-    candidates: Path, min_samples: int,
+    samples: Path,
+    model: Path,
+    base: Path,
+    seed: int,
+    max_drift: float,
+    output: Path,
+    candidates: Path,
+    min_samples: int,
 ) -> dict[str, Any]:
     """Refit a model to samples.
 
@@ -59,14 +68,26 @@ def reidentify(
     """
     bench = hmcvt.read_bench(samples)
     if len(bench) < min_samples:
-        raise hmcvt.InputError(f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
-                               f"= {min_samples}")
-    found = refit(bench, hmcvt.load_model(model), hmcvt.load_model(base), seed=seed,
-                  max_drift=max_drift)
+        raise hmcvt.InputError(
+            f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
+            f"= {min_samples}"
+        )
+    found = refit(
+        bench,
+        hmcvt.load_model(model),
+        hmcvt.load_model(base),
+        seed=seed,
+        max_drift=max_drift,
+    )
     # In the file: they hold as long as the model serves, also after a restart.
-    fitted = replace(found.model, provenance={
-        **found.model.provenance, "drift": float(f"{found.drift:.6g}"),
-        "warnings": list(found.warnings)})
+    fitted = replace(
+        found.model,
+        provenance={
+            **found.model.provenance,
+            "drift": float(f"{found.drift:.6g}"),
+            "warnings": list(found.warnings),
+        },
+    )
     answer = {
         "samples": len(bench),
         "source": bench.source,
@@ -83,8 +104,11 @@ def reidentify(
     if found.refused:
         path = next_name(candidates, CANDIDATES_KEPT).with_suffix(".yaml")
         hmcvt.save_model(fitted, path)
-        return {**answer, "candidate": str(path),
-                "refused": f"{found.refused}; it is kept as {path}"}
+        return {
+            **answer,
+            "candidate": str(path),
+            "refused": f"{found.refused}; it is kept as {path}",
+        }
     hmcvt.save_model(fitted, output)
     # As a restart would read it, to the last digit.
     return {**answer, "model": servable(output).fingerprint, "file": str(output)}
@@ -99,13 +123,18 @@ def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, 
     """
     from hmcvt_core.report import write_html
 
-    found = hmcvt.diagnose(hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed)
+    found = hmcvt.diagnose(
+        hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed
+    )
     answer = found.to_dict()
     try:
         path = next_name(reports, REPORTS_KEPT).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
         write_html(found, path)
-    except (OSError, hmcvt.InputError) as error:  # such as a full disk, or no matplotlib
+    except (
+        OSError,
+        hmcvt.InputError,
+    ) as error:  # such as a full disk, or no matplotlib
         # The answer is worth more than the page.
         return {**answer, "report": None, "report_error": str(error)}
     return {**answer, "report": str(path)}

@@ -15,7 +15,13 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
-from hmcvt_core import BenchSamples, EfficiencyMap, EfficiencyModel, HmcvtError, InputError
+from hmcvt_core import (
+    BenchSamples,
+    EfficiencyMap,
+    EfficiencyModel,
+    HmcvtError,
+    InputError,
+)
 from hmcvt_core.files.steady import Shafts
 from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
 
@@ -27,7 +33,13 @@ RAW_LIMIT = 16_384
 """Most bytes of a bench sample or operating point; three joints take 200."""
 
 _SOURCE = "bench_sample"
-_OF_SHAFTS = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed")
+_OF_SHAFTS = (
+    "displacement_ratio",
+    "engine_speed",
+    "load_torque",
+    "efficiency",
+    "output_speed",
+)
 
 
 def joint_state(raw: bytes) -> JointState:
@@ -58,7 +70,9 @@ def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
     return point
 
 
-def bench_sample_from_message(message: JointState, now: float, tally: Tally) -> BenchSamples:
+def bench_sample_from_message(
+    message: JointState, now: float, tally: Tally
+) -> BenchSamples:
     """Read one bench sample.
 
     Args:
@@ -76,17 +90,23 @@ def bench_sample_from_message(message: JointState, now: float, tally: Tally) -> 
     except HmcvtError as error:
         raise InputError(f"{_SOURCE}: {error}") from None
     stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-    columns: dict[str, Any] = {name: np.array(getattr(shafts, name)) for name in _OF_SHAFTS}
+    columns: dict[str, Any] = {
+        name: np.array(getattr(shafts, name)) for name in _OF_SHAFTS
+    }
     return BenchSamples(
-        **columns, stamp=np.array(stamp if stamp > 0.0 else now), source=_SOURCE)
+        **columns, stamp=np.array(stamp if stamp > 0.0 else now), source=_SOURCE
+    )
 
 
 def _running(message: JointState, tally: Tally) -> Shafts:
     shafts = read_shafts(message)
     if not shafts.engine_speed > 0.0:  # a load torque is a power for each unit of it
         raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
-    return shafts._replace(displacement_ratio=tolerated(
-        DISPLACEMENT_RATIO, shafts.displacement_ratio, tally))
+    return shafts._replace(
+        displacement_ratio=tolerated(
+            DISPLACEMENT_RATIO, shafts.displacement_ratio, tally
+        )
+    )
 
 
 def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> String:
@@ -97,7 +117,9 @@ def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> Strin
         served: what the node adds, under the key `served`.
     """
     data = {**model.to_mapping(), "served": dict(served)}
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml, where PyYAML has it
+    dumper = getattr(
+        yaml, "CSafeDumper", yaml.SafeDumper
+    )  # libyaml, where PyYAML has it
     return String(data=yaml.dump(data, Dumper=dumper, sort_keys=False))
 
 
@@ -116,5 +138,7 @@ def map_to_message(grid: EfficiencyMap) -> Float64MultiArray:
     ]
     message.layout.data_offset = sum(len(axis) for axis in axes)
     # As an array of the kind that the message holds; it would look at every item of a list.
-    message.data = array("d", np.concatenate([*axes, grid.efficiency.ravel()]).tobytes())
+    message.data = array(
+        "d", np.concatenate([*axes, grid.efficiency.ravel()]).tobytes()
+    )
     return message

@@ -27,7 +27,9 @@ KEPT = 50
 
 Promised = tuple[tuple[Path, str], ...]
 """Parameter files, each with the fingerprint that it must have."""
-_Stack = list[tuple[str, str]]  # names of parameter files and fingerprints; '' if not known
+_Stack = list[
+    tuple[str, str]
+]  # names of parameter files and fingerprints; '' if not known
 
 
 class InService(NamedTuple):
@@ -74,8 +76,9 @@ class ModelStore:
         names = [name for name, _ in self._stack]
         return next_name(self._models, KEPT, spared=names).with_suffix(".yaml")
 
-    def adopt(self, path: Path, fingerprint: str = "", instead_of: Path | None = None
-              ) -> EfficiencyModel:
+    def adopt(
+        self, path: Path, fingerprint: str = "", instead_of: Path | None = None
+    ) -> EfficiencyModel:
         """Put a model written under `new_path` into service.
 
         Args:
@@ -89,8 +92,10 @@ class ModelStore:
             OSError: the state cannot be written; the model before stays.
         """
         if instead_of not in (None, self.in_service.path):
-            raise HmcvtError("the model in service changed meanwhile, and the refit was "
-                             "compared with the one before; call ~/reidentify again")
+            raise HmcvtError(
+                "the model in service changed meanwhile, and the refit was "
+                "compared with the one before; call ~/reidentify again"
+            )
         model = _with_fingerprint(path, fingerprint)
         return self._commit([*self._stack, (path.name, model.fingerprint)], model)
 
@@ -102,14 +107,19 @@ class ModelStore:
             OSError: the state cannot be written; nothing changes.
         """
         if not self._stack:
-            raise HmcvtError("the model in service is the one of model_file; there is none before")
+            raise HmcvtError(
+                "the model in service is the one of model_file; there is none before"
+            )
         return self._commit(*self._newest_good(self._stack[:-1]))
 
     @property
     def promised(self) -> Promised:
         """The parameter file in service, then that of the base."""
         now = self.in_service
-        return ((now.path, now.model.fingerprint), (self.base, self._base_model.fingerprint))
+        return (
+            (now.path, now.model.fingerprint),
+            (self.base, self._base_model.fingerprint),
+        )
 
     @property
     def reference(self) -> Path:
@@ -117,7 +127,11 @@ class ModelStore:
 
         A base that states no errors was not identified from this unit.
         """
-        return self.base if self._base_model.standard_errors else self._path(self._stack[:1])
+        return (
+            self.base
+            if self._base_model.standard_errors
+            else self._path(self._stack[:1])
+        )
 
     def _path(self, stack: _Stack) -> Path:
         return self._models / stack[-1][0] if stack else self.base
@@ -143,9 +157,12 @@ class ModelStore:
         self, stack: _Stack, model: EfficiencyModel, complaint: str = ""
     ) -> EfficiencyModel:
         stack = stack[-WAYS_BACK:]
-        state = {"base": str(self.base), "base_fingerprint": self._base_model.fingerprint,
-                 "in_service": [name for name, _ in stack],
-                 "fingerprints": [known for _, known in stack]}
+        state = {
+            "base": str(self.base),
+            "base_fingerprint": self._base_model.fingerprint,
+            "in_service": [name for name, _ in stack],
+            "fingerprints": [known for _, known in stack],
+        }
         sealed = {**state, "checksum": _checksum(state)}
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
         self._stack, self.complaint = stack, complaint
@@ -159,13 +176,24 @@ class ModelStore:
             stack = _stack_of(state)
         except FileNotFoundError:
             return []
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            self.complaint = (f"{self._state}: cannot be read or is damaged ({error!r}); "
-                              f"{self.base} serves instead")
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            RecursionError,
+        ) as error:
+            self.complaint = (
+                f"{self._state}: cannot be read or is damaged ({error!r}); "
+                f"{self.base} serves instead"
+            )
             return []
         if state["base_fingerprint"] != self._base_model.fingerprint:
             # Whoever starts the node from another model wants that one, not an old refit.
-            self.complaint = f"{self._state}: is of another model_file ({state['base']})"
+            self.complaint = (
+                f"{self._state}: is of another model_file ({state['base']})"
+            )
             return []
         return stack
 
@@ -203,8 +231,10 @@ def _with_fingerprint(path: Path, fingerprint: str) -> EfficiencyModel:
     """Load the model that has a fingerprint; any where that is not known."""
     model = servable(path)
     if fingerprint not in ("", model.fingerprint):
-        raise InputError(f"{path}: is not what was written: fingerprint "
-                         f"{model.fingerprint}, not {fingerprint}")
+        raise InputError(
+            f"{path}: is not what was written: fingerprint "
+            f"{model.fingerprint}, not {fingerprint}"
+        )
     return model
 
 
@@ -216,8 +246,10 @@ def servable(path: Path) -> EfficiencyModel:
     """
     model = load_model(path)
     if model.formulation != "power_balance":
-        raise InputError(f"{path}: formulation {model.formulation!r} is not served: it has a pole "
-                         "inside the working range; identify with formulation power_balance")
+        raise InputError(
+            f"{path}: formulation {model.formulation!r} is not served: it has a pole "
+            "inside the working range; identify with formulation power_balance"
+        )
     return model.without_meters()
 
 

@@ -43,7 +43,15 @@ from .bench_log import INVALID, MOST_WAITING, NOT_WRITTEN, BenchLog, Recorder
 from .clocks import NodeClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
 from .guard import Guard
-from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, State, Tally, coasting
+from .inputs import (
+    INPUT_RANGES,
+    NANOSECONDS,
+    Inputs,
+    OperatingPoint,
+    State,
+    Tally,
+    coasting,
+)
 from .model_store import ModelStore
 from .outputs import Outputs, Served
 from .services import Services
@@ -78,34 +86,51 @@ class EfficiencyNode(Node):
         self.guard = Guard(self)
         self._settings = parameters.declare(self)
         self.add_on_set_parameters_callback(
-            lambda changes: parameters.check_changes(self, changes))
+            lambda changes: parameters.check_changes(self, changes)
+        )
         self.add_post_set_parameters_callback(self.guard.callback(self._take_settings))
         # Ages follow the clock that is chosen at the start: no stranger may exchange it.
         simulated = bool(self.get_parameter("use_sim_time").value)
-        self.set_descriptor("use_sim_time", ParameterDescriptor(
-            type=ParameterType.PARAMETER_BOOL, description="Whether to follow /clock.",
-            read_only=True))
+        self.set_descriptor(
+            "use_sim_time",
+            ParameterDescriptor(
+                type=ParameterType.PARAMETER_BOOL,
+                description="Whether to follow /clock.",
+                read_only=True,
+            ),
+        )
         self._ages = NodeClock(self.get_clock()) if simulated else SteadyClock()
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-        folder = Path(self._settings.state_folder
-                      or home / self.get_fully_qualified_name().strip("/")).absolute()
+        folder = Path(
+            self._settings.state_folder
+            or home / self.get_fully_qualified_name().strip("/")
+        ).absolute()
         if self._settings.effects_file:
             load_effects(self._settings.effects_file)
         self._state = StateFolder(folder)
         self._store = ModelStore(
-            Path(self._settings.model_file or data_path("params/hm4.yaml")), folder)
+            Path(self._settings.model_file or data_path("params/hm4.yaml")), folder
+        )
         self._inputs, self._activity = Inputs(), Activity()
         self._log = Recorder(
-            BenchLog(folder / "bench_samples.csv", self._settings.bench_log_limit,
-                     bool(self._store.in_service.model.other_stages)),
-            lambda text: self.guard.warn("bench_sample", text), self._state.gone)
+            BenchLog(
+                folder / "bench_samples.csv",
+                self._settings.bench_log_limit,
+                bool(self._store.in_service.model.other_stages),
+            ),
+            lambda text: self.guard.warn("bench_sample", text),
+            self._state.gone,
+        )
         if not self._state.writable:
             self._log.tally.expect(NOT_WRITTEN, self._state.complaint)
         self._last_output = -math.inf
         self._output_due = self._map_due = False
         self._served = self._store.in_service
-        self._engine = load_engine(self._settings.engine_file) if self._settings.engine_file else (
-            None)
+        self._engine = (
+            load_engine(self._settings.engine_file)
+            if self._settings.engine_file
+            else (None)
+        )
         self._stage = ""  # engaged; empty before it is known
         self._points = Tally(("invalid", "stale"))
         self._unwatched: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
@@ -113,14 +138,24 @@ class EfficiencyNode(Node):
         # Held on to: the callback lives as long as what is returned.
         self._jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
-            post_callback=lambda jump: self._inputs.clock_jumped())
+            post_callback=lambda jump: self._inputs.clock_jumped(),
+        )
         self._create_topics()
-        self._service_handlers = Services(self, self._store, self._log, self._activity,
-                                          lambda: self._settings, self._announce,
-                                          self.guard.warn)
+        self._service_handlers = Services(
+            self,
+            self._store,
+            self._log,
+            self._activity,
+            lambda: self._settings,
+            self._announce,
+            self.guard.warn,
+        )
         # The timer must run even when a simulated clock stands still.
-        self.create_timer(TICK, self.guard.callback(self._tick),
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(
+            TICK,
+            self.guard.callback(self._tick),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
         self._announce(self._settings)
         self._report_start()
 
@@ -142,23 +177,43 @@ class EfficiencyNode(Node):
 
         def create(kind: Any, topic: str, profile: Any) -> Any:
             return self.create_publisher(
-                kind, topic, **qos.overridable(profile), event_callbacks=quiet)
+                kind, topic, **qos.overridable(profile), event_callbacks=quiet
+            )
 
         self._outputs = Outputs(create)
         self._model_publisher = create(String, "~/model", qos.LATCHED)
         self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED)
-        self._diagnostics_publisher = create(DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS)
+        self._diagnostics_publisher = create(
+            DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS
+        )
         for limits in INPUT_RANGES:
-            self.create_subscription(Float64, limits.name, self._input_callback(limits.name),
-                                     **qos.overridable(qos.INPUT), event_callbacks=quiet_too)
-        self.create_subscription(String, "stage", self.guard.callback(self._on_stage),
-                                 **qos.overridable(qos.LATCHED), event_callbacks=quiet_too)
+            self.create_subscription(
+                Float64,
+                limits.name,
+                self._input_callback(limits.name),
+                **qos.overridable(qos.INPUT),
+                event_callbacks=quiet_too,
+            )
+        self.create_subscription(
+            String,
+            "stage",
+            self.guard.callback(self._on_stage),
+            **qos.overridable(qos.LATCHED),
+            event_callbacks=quiet_too,
+        )
         # Raw: whether a message is too long is to be known before work is spent on it.
         for topic, callback, profile, events in (
-                ("operating_point", self._on_operating_point, qos.INPUT, quiet_too),
-                ("bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None)):
-            self.create_subscription(JointState, topic, self.guard.callback(callback), raw=True,
-                                     **qos.overridable(profile), event_callbacks=events)
+            ("operating_point", self._on_operating_point, qos.INPUT, quiet_too),
+            ("bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None),
+        ):
+            self.create_subscription(
+                JointState,
+                topic,
+                self.guard.callback(callback),
+                raw=True,
+                **qos.overridable(profile),
+                event_callbacks=events,
+            )
 
     def _report_start(self) -> None:
         logger = self.get_logger()
@@ -166,14 +221,22 @@ class EfficiencyNode(Node):
         for name in sorted(self._parameter_overrides):
             if not self.has_parameter(name):
                 logger.warning(f"parameter {name} is unknown and has no effect")
-        for complaint in filter(None, (self._state.complaint, self._store.complaint,
-                                       self._log.complaint)):
+        for complaint in filter(
+            None, (self._state.complaint, self._store.complaint, self._log.complaint)
+        ):
             logger.warning(complaint)
-        if not self._settings.model_file and self._store.in_service.path == self._store.base:
-            logger.warning("parameter model_file is empty: the model that comes with hmcvt is "
-                           "served, an example identified from five tests of one transmission")
-        logger.info(f"serving {self._store.in_service.path}, {len(self._log.log)} bench "
-                    f"samples in {self._log.log.path}")
+        if (
+            not self._settings.model_file
+            and self._store.in_service.path == self._store.base
+        ):
+            logger.warning(
+                "parameter model_file is empty: the model that comes with hmcvt is "
+                "served, an example identified from five tests of one transmission"
+            )
+        logger.info(
+            f"serving {self._store.in_service.path}, {len(self._log.log)} bench "
+            f"samples in {self._log.log.path}"
+        )
 
     # --- parameters ---------------------------------------------------------------------------
 
@@ -191,8 +254,9 @@ class EfficiencyNode(Node):
         def take(message: Float64, info: Mapping[str, int]) -> None:
             try:  # here, not in a wrapper: this is what runs at every message
                 now = self._ages.now()
-                if not item.take(message.data,
-                                 self._ages.received(info["received_timestamp"], now)):
+                if not item.take(
+                    message.data, self._ages.received(info["received_timestamp"], now)
+                ):
                     self.guard.warn(name, item.tally.complaint)
                 self._output_due = True
                 self._publish_outputs(now)
@@ -218,12 +282,18 @@ class EfficiencyNode(Node):
 
     def _without_stage(self) -> str:
         stages = ", ".join(self._served.model.stages)
-        return (f"stage {self._stage!r} is not known; there is {stages}" if self._stage else
-                f"stage: nothing received, and the model has several: {stages}")
+        return (
+            f"stage {self._stage!r} is not known; there is {stages}"
+            if self._stage
+            else f"stage: nothing received, and the model has several: {stages}"
+        )
 
     def _point(self, now: int) -> OperatingPoint | None:
-        return None if self._engaged() is None else self._inputs.point(
-            now, self._settings.age_limits)
+        return (
+            None
+            if self._engaged() is None
+            else self._inputs.point(now, self._settings.age_limits)
+        )
 
     def _publish_outputs(self, now: int) -> None:
         """Answer the inputs as they stand, unless the rate limit says later."""
@@ -270,8 +340,12 @@ class EfficiencyNode(Node):
         self._inputs.asked = state, why
         served = self._engaged()
         whole = self._served.model
-        self._outputs.advise(served or Served(whole, whole, None), message,
-                             point if served else None, self._settings)
+        self._outputs.advise(
+            served or Served(whole, whole, None),
+            message,
+            point if served else None,
+            self._settings,
+        )
 
     # --- bench samples ------------------------------------------------------------------------
 
@@ -280,7 +354,10 @@ class EfficiencyNode(Node):
         try:
             message, model = messages.joint_state(raw), self._served.model
             sample = messages.bench_sample_from_message(
-                message, self.get_clock().now().nanoseconds * NANOSECONDS, self._log.tally)
+                message,
+                self.get_clock().now().nanoseconds * NANOSECONDS,
+                self._log.tally,
+            )
             if model.other_stages:
                 # Topics keep no order among them: better than `stage` is the sample's own word.
                 named = message.header.frame_id
@@ -296,11 +373,21 @@ class EfficiencyNode(Node):
 
     # --- model --------------------------------------------------------------------------------
 
-    def _announce(self, settings: parameters.Settings, grid: EfficiencyMap | None = None) -> None:
+    def _announce(
+        self, settings: parameters.Settings, grid: EfficiencyMap | None = None
+    ) -> None:
         """Tell of the model in service; its map, where there is one, is that of some settings."""
         now = self._store.in_service
-        self._model_publisher.publish(messages.model_to_message(now.model, {
-            "file": str(now.path), "since": now.since, "fingerprint": now.model.fingerprint}))
+        self._model_publisher.publish(
+            messages.model_to_message(
+                now.model,
+                {
+                    "file": str(now.path),
+                    "since": now.since,
+                    "fingerprint": now.model.fingerprint,
+                },
+            )
+        )
         self._watch = Watch(now.model, self._settings.bench_noise or None)
         # Only now: whoever hears an answer has been sent the model that it is of.
         self._served = now
@@ -321,7 +408,9 @@ class EfficiencyNode(Node):
         self._service_handlers.poll()
         # NaN is said again and again, so that whoever listens only now hears it too.
         now = self._ages.now()
-        unanswered = self._settings.invalid_output == parameters.NAN and self._point(now) is None
+        unanswered = (
+            self._settings.invalid_output == parameters.NAN and self._point(now) is None
+        )
         if self._output_due or unanswered:
             self._publish_outputs(now)
         if self._map_due:
@@ -337,18 +426,34 @@ class EfficiencyNode(Node):
         name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
         if count := min(len(self._unwatched), WATCHED_AT_ONCE):
             self._watch.take(joined([self._unwatched.popleft() for _ in range(count)]))
-        array = DiagnosticArray(status=[
-            inputs_status(name, self._inputs, now, self._settings, {
-                "points answered": self._outputs.answered,
-                "points not answered, coasting": self._inputs.coasting,
-                "points not answered, inputs apart": self._inputs.apart,
-                **self._points.values("operating points"),
-                "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
-                "requests contained": self.guard.contained}),
-            model_status(name, self._served, self._store.complaint, self._activity, self._log,
-                         self._point(now), self._outputs.refusal),
-            gap_status(name, self._watch.found),
-        ])
+        array = DiagnosticArray(
+            status=[
+                inputs_status(
+                    name,
+                    self._inputs,
+                    now,
+                    self._settings,
+                    {
+                        "points answered": self._outputs.answered,
+                        "points not answered, coasting": self._inputs.coasting,
+                        "points not answered, inputs apart": self._inputs.apart,
+                        **self._points.values("operating points"),
+                        "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
+                        "requests contained": self.guard.contained,
+                    },
+                ),
+                model_status(
+                    name,
+                    self._served,
+                    self._store.complaint,
+                    self._activity,
+                    self._log,
+                    self._point(now),
+                    self._outputs.refusal,
+                ),
+                gap_status(name, self._watch.found),
+            ]
+        )
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
         self._inputs.apart_reason, self._inputs.asked = "", None

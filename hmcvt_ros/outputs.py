@@ -15,8 +15,15 @@ from . import qos
 from .inputs import OperatingPoint
 from .parameters import NAN, Settings
 
-ADVICE = ("efficiency", "efficiency_std", "extrapolated", "power_loss",
-          "optimal_displacement_ratio", "optimal_engine_speed", "fuel_rate")
+ADVICE = (
+    "efficiency",
+    "efficiency_std",
+    "extrapolated",
+    "power_loss",
+    "optimal_displacement_ratio",
+    "optimal_engine_speed",
+    "fuel_rate",
+)
 """The names in `advice`; the last one is that of the point asked, NaN without an engine."""
 
 
@@ -41,8 +48,13 @@ class Outputs:
         self.refusal = ""
         # Each with a message of its own, which is filled anew: to make one takes longer.
         self._efficiency, self._stroke, self._speed = (
-            (create_publisher(Float64, topic, qos.OUTPUT), Float64()) for topic in (
-                "efficiency", "optimal_displacement_ratio", "optimal_engine_speed"))
+            (create_publisher(Float64, topic, qos.OUTPUT), Float64())
+            for topic in (
+                "efficiency",
+                "optimal_displacement_ratio",
+                "optimal_engine_speed",
+            )
+        )
         self._stage = create_publisher(String, "optimal_stage", qos.OUTPUT)
         self._advice = create_publisher(JointState, "advice", qos.OUTPUT)
         # Most often the question is the same as the last time, on the topics and in the advice.
@@ -71,44 +83,88 @@ class Outputs:
             message.data = math.nan
             publisher.publish(message)
 
-    def advise(self, served: Served, asked: JointState, point: OperatingPoint | None,
-               settings: Settings) -> None:
+    def advise(
+        self,
+        served: Served,
+        asked: JointState,
+        point: OperatingPoint | None,
+        settings: Settings,
+    ) -> None:
         """Answer a message on `operating_point`; with NaN where it holds no point to answer."""
         values, model = [math.nan] * len(ADVICE), served.model
         if point is not None:
             found = model.predict(*point)
-            extrapolated = math.nan if model.domain is None else float(not found.inside_domain)
+            extrapolated = (
+                math.nan if model.domain is None else float(not found.inside_domain)
+            )
             loss = model.power_loss(*point)
-            fuel = math.nan if served.engine is None else served.engine.fuel_rate(
-                point.engine_speed, point.load_torque + loss / point.engine_speed)
-            values = [found.efficiency, found.standard_error, extrapolated, loss,
-                      *self._best(*_asked(served, point, settings))[:2], fuel]
+            fuel = (
+                math.nan
+                if served.engine is None
+                else served.engine.fuel_rate(
+                    point.engine_speed, point.load_torque + loss / point.engine_speed
+                )
+            )
+            values = [
+                found.efficiency,
+                found.standard_error,
+                extrapolated,
+                loss,
+                *self._best(*_asked(served, point, settings))[:2],
+                fuel,
+            ]
         answer = JointState(header=asked.header, name=list(ADVICE), position=values)
         answer.header.frame_id = f"{served.transmission.fingerprint}:{model.stage.name}"
         self._advice.publish(answer)
 
 
-def _asked(served: Served, point: OperatingPoint, settings: Settings) -> tuple[Any, ...]:
+def _asked(
+    served: Served, point: OperatingPoint, settings: Settings
+) -> tuple[Any, ...]:
     """What the optimum depends on: the displacement ratio only where it tells the output speed."""
-    ratio = point.displacement_ratio if settings.optimum_hold == "output_speed" else None
-    return (served, point.engine_speed, point.load_torque, settings.optimum_hold, ratio,
-            settings.engine_speed_limits)
+    ratio = (
+        point.displacement_ratio if settings.optimum_hold == "output_speed" else None
+    )
+    return (
+        served,
+        point.engine_speed,
+        point.load_torque,
+        settings.optimum_hold,
+        ratio,
+        settings.engine_speed_limits,
+    )
 
 
-def _best(served: Served, engine_speed: float, load_torque: float, hold: str, ratio: float | None,
-          limits: tuple[float, float]) -> tuple[float, float, str | None]:
+def _best(
+    served: Served,
+    engine_speed: float,
+    load_torque: float,
+    hold: str,
+    ratio: float | None,
+    limits: tuple[float, float],
+) -> tuple[float, float, str | None]:
     """Return the best displacement ratio [-], its engine speed [rad/s] and stage.
 
     At a held output speed the drive line is free where there are several stages or an engine.
     """
     model = served.model
-    if ratio is not None and (served.engine is not None or served.transmission.other_stages):
+    if ratio is not None and (
+        served.engine is not None or served.transmission.other_stages
+    ):
         found = served.transmission.optimal_drive(
-            model.output_speed(ratio, engine_speed, load_torque), engine_speed * load_torque,
-            engine=served.engine, engine_speed_limits=limits)
+            model.output_speed(ratio, engine_speed, load_torque),
+            engine_speed * load_torque,
+            engine=served.engine,
+            engine_speed_limits=limits,
+        )
         return found.displacement_ratio, found.engine_speed, found.stage
-    best = model.optimal_displacement_ratio(engine_speed, load_torque, hold=hold,
-                                            displacement_ratio=ratio, engine_speed_limits=limits)
+    best = model.optimal_displacement_ratio(
+        engine_speed,
+        load_torque,
+        hold=hold,
+        displacement_ratio=ratio,
+        engine_speed_limits=limits,
+    )
     # An engine speed belongs to a displacement ratio, and there is none without it.
     if not math.isfinite(best.displacement_ratio):
         return math.nan, math.nan, None

@@ -18,7 +18,10 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -91,19 +94,28 @@ class Declaration:
             InputError: it is no choice, out of range or too long.
         """
         if isinstance(value, str) and len(value) > TEXT_LIMIT:
-            raise InputError(f"{self.name} has {len(value)} characters; allowed are {TEXT_LIMIT}")
+            raise InputError(
+                f"{self.name} has {len(value)} characters; allowed are {TEXT_LIMIT}"
+            )
         if self.choices and value not in self.choices:
-            raise InputError(f"{self.name} = {value!r}; there is {', '.join(self.choices)}")
+            raise InputError(
+                f"{self.name} = {value!r}; there is {', '.join(self.choices)}"
+            )
         if self.limits is not None and not (
-                isinstance(value, (int, float)) and self.limits[0] <= value <= self.limits[1]):
+            isinstance(value, (int, float))
+            and self.limits[0] <= value <= self.limits[1]
+        ):
             # The middleware checks single numbers too, but lets NaN through and skips arrays.
             Range(self.name, *self.limits, self.unit or "-").check(value)
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows."""
         text = f"{self.description} [{self.unit}]" if self.unit else self.description
-        descriptor = ParameterDescriptor(description=text, read_only=self.read_only,
-                                         additional_constraints=self.allowed)
+        descriptor = ParameterDescriptor(
+            description=text,
+            read_only=self.read_only,
+            additional_constraints=self.allowed,
+        )
         if self.limits is not None and not isinstance(self.default, list):
             low, high = map(type(self.default), self.limits)
             ends = {"from_value": low, "to_value": high}
@@ -119,8 +131,12 @@ def _parameter(*values: Any, **options: Any) -> Any:
 
 
 def _input_timeout(limits: Range) -> Any:
-    return _parameter(0.0, f"Age at which {limits.name} is stale; 0 for input_timeout.",
-                      (0.0, LONGEST_TIMEOUT), "s")
+    return _parameter(
+        0.0,
+        f"Age at which {limits.name} is stale; 0 for input_timeout.",
+        (0.0, LONGEST_TIMEOUT),
+        "s",
+    )
 
 
 @dataclass(frozen=True)
@@ -132,127 +148,205 @@ class Settings:
     """
 
     model_file: str = _parameter(
-        "", "Parameter file of the model to start from; empty for the paper's stage, "
+        "",
+        "Parameter file of the model to start from; empty for the paper's stage, "
         "params/hm4.yaml. A model refitted from it in an earlier run is taken up again from the "
-        "state folder.", read_only=True)
+        "state folder.",
+        read_only=True,
+    )
     engine_file: str = _parameter(
-        "", "Engine file (full-load curve and fuel map): fuel in advice, and with optimum_hold "
-        "output_speed the least fuel; empty for none.", read_only=True)
+        "",
+        "Engine file (full-load curve and fuel map): fuel in advice, and with optimum_hold "
+        "output_speed the least fuel; empty for none.",
+        read_only=True,
+    )
     effects_file: str = _parameter(
-        "", "Module or Python file with effects of your own, for model files that hold them and "
-        "for ~/diagnose; empty for none. What it holds is run.", read_only=True)
+        "",
+        "Module or Python file with effects of your own, for model files that hold them and "
+        "for ~/diagnose; empty for none. What it holds is run.",
+        read_only=True,
+    )
     state_folder: str = _parameter(
-        "", "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else "
-        "~/.ros) / name of the node with its namespace.", read_only=True)
+        "",
+        "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else "
+        "~/.ros) / name of the node with its namespace.",
+        read_only=True,
+    )
     samples_file: str = _parameter(
-        "", "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for "
-        "the log of bench_sample.")
+        "",
+        "Bench CSV inside the state folder that ~/reidentify and ~/diagnose read; empty for "
+        "the log of bench_sample.",
+    )
     input_timeout: float = _parameter(
-        0.5, "Age of its last message at which an input is stale; there is no output before all "
-        "three are fresh.", (SHORTEST_TIMEOUT, LONGEST_TIMEOUT), "s")
+        0.5,
+        "Age of its last message at which an input is stale; there is no output before all "
+        "three are fresh.",
+        (SHORTEST_TIMEOUT, LONGEST_TIMEOUT),
+        "s",
+    )
     input_timeouts_displacement_ratio: float = _input_timeout(DISPLACEMENT_RATIO)
     input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
     input_timeouts_load_torque: float = _input_timeout(LOAD_TORQUE)
     max_input_skew: float = _parameter(
-        0.0, "Time between the oldest and the newest of the three inputs beyond which there is no "
+        0.0,
+        "Time between the oldest and the newest of the three inputs beyond which there is no "
         "output: they do not belong together; 0 for no limit but their ages.",
-        (0.0, LONGEST_TIMEOUT), "s")
+        (0.0, LONGEST_TIMEOUT),
+        "s",
+    )
     invalid_output: str = _parameter(
-        SILENCE, "What the outputs do while an input is missing, stale or refused, or the model "
+        SILENCE,
+        "What the outputs do while an input is missing, stale or refused, or the model "
         "has no answer: silence, or nan for every arrival and ten times a second when none comes.",
-        choices=(SILENCE, NAN))
+        choices=(SILENCE, NAN),
+    )
     max_output_rate: float = _parameter(
-        0.0, "Limit to the rate of the outputs by the wall clock, the last input is always "
-        "answered; 0 answers every arrival.", (0.0, 1000.0), "Hz")
+        0.0,
+        "Limit to the rate of the outputs by the wall clock, the last input is always "
+        "answered; 0 answers every arrival.",
+        (0.0, 1000.0),
+        "Hz",
+    )
     optimum_hold: str = _parameter(
-        HOLDS[0], "What stays the same when the displacement ratio is optimised, besides the "
-        "output power.", choices=HOLDS)
+        HOLDS[0],
+        "What stays the same when the displacement ratio is optimised, besides the "
+        "output power.",
+        choices=HOLDS,
+    )
     engine_speed_limits: tuple[float, float] = _parameter(
         [round(limit, 2) for limit in ENGINE_SPEED_LIMITS],
         "Engine speeds that the optimum may use and the map covers.",
-        (ENGINE_SPEED.low, ENGINE_SPEED.high), "rad/s")
+        (ENGINE_SPEED.low, ENGINE_SPEED.high),
+        "rad/s",
+    )
     map_load_torque_limits: tuple[float, float] = _parameter(
-        [50.0, 400.0], "Load torques that the map covers.", (LOAD_TORQUE.low, LOAD_TORQUE.high),
-        "N m", read_only=True)
+        [50.0, 400.0],
+        "Load torques that the map covers.",
+        (LOAD_TORQUE.low, LOAD_TORQUE.high),
+        "N m",
+        read_only=True,
+    )
     map_points: tuple[int, int, int] = _parameter(
-        [41, 17, 15], "Points of the map along displacement ratio, engine speed, load torque.",
-        (2, 500), read_only=True)
+        [41, 17, 15],
+        "Points of the map along displacement ratio, engine speed, load torque.",
+        (2, 500),
+        read_only=True,
+    )
     reidentify_min_samples: int = _parameter(
-        4, "Fewest samples that ~/reidentify accepts.", (1, 100_000))
+        4, "Fewest samples that ~/reidentify accepts.", (1, 100_000)
+    )
     reidentify_seed: int = _parameter(
-        0, "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be "
-        "repeated.", (0, 2**31 - 1))
+        0,
+        "Seed of the random numbers of ~/reidentify and ~/diagnose, so that they can be "
+        "repeated.",
+        (0, 2**31 - 1),
+    )
     reidentify_mode: str = _parameter(
-        ADOPT, "What ~/reidentify does with a good refit: adopt puts it into service, stage "
-        "writes it and waits for ~/adopt.", choices=(ADOPT, STAGE))
+        ADOPT,
+        "What ~/reidentify does with a good refit: adopt puts it into service, stage "
+        "writes it and waits for ~/adopt.",
+        choices=(ADOPT, STAGE),
+    )
     reidentify_max_drift: float = _parameter(
-        0.1, "Largest mean difference between a refit and the model of model_file (the first "
+        0.1,
+        "Largest mean difference between a refit and the model of model_file (the first "
         "refit, if that states no errors), in efficiency within the domain, that ~/reidentify "
-        "accepts.", (0.0, 1.0))
+        "accepts.",
+        (0.0, 1.0),
+    )
     bench_noise: float = _parameter(
-        0.0, "Standard deviation of the efficiency of a bench sample, for the watch on the gap; 0 "
-        "for 1.12 % of the efficiency, as the paper states.", (0.0, EFFICIENCY_STD.high),
-        read_only=True)
+        0.0,
+        "Standard deviation of the efficiency of a bench sample, for the watch on the gap; 0 "
+        "for 1.12 % of the efficiency, as the paper states.",
+        (0.0, EFFICIENCY_STD.high),
+        read_only=True,
+    )
     job_time_limit: float = _parameter(
-        300.0, "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0), "s")
+        300.0, "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0), "s"
+    )
     job_memory_limit: int = _parameter(
-        1024, "Memory that a refit or a diagnosis may take.", (512, 1_048_576), "MiB")
+        1024, "Memory that a refit or a diagnosis may take.", (512, 1_048_576), "MiB"
+    )
     bench_log_limit: int = _parameter(
-        100_000, "Samples that the bench log holds before it refuses more.", (1, 10_000_000),
-        read_only=True)
+        100_000,
+        "Samples that the bench log holds before it refuses more.",
+        (1, 10_000_000),
+        read_only=True,
+    )
 
     def __post_init__(self) -> None:
         for declaration in PARAMETERS:
             declaration.check(getattr(self, _field(declaration.name)))
         for name, timeout in self.input_timeouts.items():
             if timeout < SHORTEST_TIMEOUT:
-                raise InputError(f"input_timeouts.{name} = {timeout:g}; needs 0 for input_timeout, "
-                                 f"or at least {SHORTEST_TIMEOUT:g} s")
+                raise InputError(
+                    f"input_timeouts.{name} = {timeout:g}; needs 0 for input_timeout, "
+                    f"or at least {SHORTEST_TIMEOUT:g} s"
+                )
         for name in ("engine_speed_limits", "map_load_torque_limits"):
             limits = getattr(self, name)
             if len(limits) != 2 or not limits[0] < limits[1]:
                 raise InputError(f"{name} = {list(limits)}; needs two rising numbers")
         if len(self.map_points) != 3 or math.prod(self.map_points) > MAP_POINTS_LIMIT:
-            raise InputError(f"map_points = {list(self.map_points)}; needs three counts whose "
-                             f"product is at most {MAP_POINTS_LIMIT}")
+            raise InputError(
+                f"map_points = {list(self.map_points)}; needs three counts whose "
+                f"product is at most {MAP_POINTS_LIMIT}"
+            )
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
         """Take the fields from a mapping of parameter values, ignoring the rest."""
         taken: dict[str, Any] = {
-            _field(item.name): tuple(values[item.name]) if isinstance(item.default, list)
-            else values[item.name] for item in PARAMETERS}
+            _field(item.name): tuple(values[item.name])
+            if isinstance(item.default, list)
+            else values[item.name]
+            for item in PARAMETERS
+        }
         return cls(**taken)
 
     @cached_property
     def input_timeouts(self) -> dict[str, float]:
         """Age limit of each input by name [s]."""
-        return {limits.name: getattr(self, f"input_timeouts_{limits.name}") or self.input_timeout
-                for limits in INPUT_RANGES}
+        return {
+            limits.name: getattr(self, f"input_timeouts_{limits.name}")
+            or self.input_timeout
+            for limits in INPUT_RANGES
+        }
 
     @cached_property
     def age_limits(self) -> AgeLimits:
         """How old the inputs may be, as they are compared at every arrival."""
-        first, second, third = (round(limit / NANOSECONDS)
-                                for limit in self.input_timeouts.values())
+        first, second, third = (
+            round(limit / NANOSECONDS) for limit in self.input_timeouts.values()
+        )
         # Without a limit of its own, the skew is held by the longest age.
-        return AgeLimits((first, second, third),
-                         round((self.max_input_skew or LONGEST_TIMEOUT) / NANOSECONDS))
+        return AgeLimits(
+            (first, second, third),
+            round((self.max_input_skew or LONGEST_TIMEOUT) / NANOSECONDS),
+        )
 
     @cached_property
-    def map_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def map_axes(
+        self,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Displacement ratios [-], engine speeds [rad/s], load torques [N m] of the map."""
-        intervals = ((DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high),
-                     self.engine_speed_limits, self.map_load_torque_limits)
-        first, second, third = (np.linspace(low, high, count) for (low, high), count in zip(
-            intervals, self.map_points, strict=True))
+        intervals = (
+            (DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high),
+            self.engine_speed_limits,
+            self.map_load_torque_limits,
+        )
+        first, second, third = (
+            np.linspace(low, high, count)
+            for (low, high), count in zip(intervals, self.map_points, strict=True)
+        )
         return first, second, third
 
 
 _LEVEL = ("input_timeouts_", "input_timeouts.")
 PARAMETERS: tuple[Declaration, ...] = tuple(
     replace(item.metadata["declaration"], name=item.name.replace(*_LEVEL))
-    for item in fields(Settings))
+    for item in fields(Settings)
+)
 """All of them, in the order of the table."""
 
 
@@ -269,19 +363,28 @@ def declare(node: Node) -> Settings:
     for declaration in PARAMETERS:
         name, default = declaration.name, declaration.default
         given = node._parameter_overrides.get(name, Parameter(name)).value
-        if NAN in declaration.choices and isinstance(given, float) and math.isnan(given):
+        if (
+            NAN in declaration.choices
+            and isinstance(given, float)
+            and math.isnan(given)
+        ):
             # ROS reads nan on the command line and in a file as a number, with or without a dot.
             node._parameter_overrides[name] = Parameter(name, value=NAN)
         try:
             node.declare_parameter(name, default, declaration.descriptor())
         except InvalidParameterTypeException:
-            cure = f"; write {float(given)!r}, a whole number is another type in ROS" if isinstance(
-                default, float) and isinstance(given, int) else ""
+            cure = (
+                f"; write {float(given)!r}, a whole number is another type in ROS"
+                if isinstance(default, float) and isinstance(given, int)
+                else ""
+            )
             raise InputError(
-                f"parameter {name} = {given!r}: needs one like {default!r}{cure}") from None
+                f"parameter {name} = {given!r}: needs one like {default!r}{cure}"
+            ) from None
         except InvalidParameterValueException as error:
             raise InputError(
-                f"parameter {name} = {given!r}: allowed {declaration.allowed}") from error
+                f"parameter {name} = {given!r}: allowed {declaration.allowed}"
+            ) from error
     return current(node)
 
 
@@ -294,7 +397,9 @@ def current(node: Node, changes: Sequence[Parameter] = ()) -> Settings:
 def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
     """Tell whether changed values fit together with the rest; for the on-set callback."""
     if not all(change.name for change in changes):  # rclpy would declare it
-        return SetParametersResult(successful=False, reason="a parameter without a name")
+        return SetParametersResult(
+            successful=False, reason="a parameter without a name"
+        )
     try:
         current(node, changes)
     except (InputError, TypeError) as error:
@@ -304,11 +409,21 @@ def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResu
 
 def usage() -> str:
     """Return what `--help` prints: how to give parameters, and which there are."""
-    lines = ["usage: hmcvt-node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]",
-             "", "The ROS 2 node hmcvt: efficiency of a hydromechanical CVT. Parameters:", ""]
+    lines = [
+        "usage: hmcvt-node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]",
+        "",
+        "The ROS 2 node hmcvt: efficiency of a hydromechanical CVT. Parameters:",
+        "",
+    ]
     for item in PARAMETERS:
-        facts = (f"default {item.default!r}", item.allowed, "read at start only" * item.read_only)
+        facts = (
+            f"default {item.default!r}",
+            item.allowed,
+            "read at start only" * item.read_only,
+        )
         unit = f" [{item.unit}]" if item.unit else ""
-        lines += [f"  {item.name}{unit}, {'; '.join(filter(None, facts))}",
-                  textwrap.indent(textwrap.fill(item.description, 88), " " * 6)]
+        lines += [
+            f"  {item.name}{unit}, {'; '.join(filter(None, facts))}",
+            textwrap.indent(textwrap.fill(item.description, 88), " " * 6),
+        ]
     return "\n".join(lines)

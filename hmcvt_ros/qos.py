@@ -18,7 +18,9 @@ OUTPUT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 # A subscriber that joins late gets the last one.
 LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
 DIAGNOSTICS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -27,5 +29,7 @@ DIAGNOSTICS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 def overridable(profile: QoSProfile) -> dict[str, Any]:
     """Let `qos_overrides.<topic>.<publisher|subscription>.<policy>` change a profile at start."""
     # A copy for each topic: rclpy writes the overrides into what it is given.
-    return {"qos_profile": copy.copy(profile),
-            "qos_overriding_options": QoSOverridingOptions.with_default_policies()}
+    return {
+        "qos_profile": copy.copy(profile),
+        "qos_overriding_options": QoSOverridingOptions.with_default_policies(),
+    }

@@ -66,15 +66,30 @@ class Services:
         # Of their own group: one that awaits a job would hold up all else in the node's default
         # group; and re-entrant: a second request is refused while the first is being served.
         group = ReentrantCallbackGroup()
-        for work in (self.reidentify, self.diagnose, self.adopt, self.revert, self.clear_samples,
-                     self.cancel):
-            node.create_service(Trigger, f"~/{work.__name__}", self._answering(work),
-                                callback_group=group)
+        for work in (
+            self.reidentify,
+            self.diagnose,
+            self.adopt,
+            self.revert,
+            self.clear_samples,
+            self.cancel,
+        ):
+            node.create_service(
+                Trigger,
+                f"~/{work.__name__}",
+                self._answering(work),
+                callback_group=group,
+            )
 
     def poll(self) -> None:
         """End a job that must not go on; from the node's timer."""
         job = self._activity.job
-        if job is not None and job.working and not job.ended and (why := self._trouble(job)):
+        if (
+            job is not None
+            and job.working
+            and not job.ended
+            and (why := self._trouble(job))
+        ):
             self._end(job, why)
 
     def close(self) -> None:
@@ -89,10 +104,13 @@ class Services:
         with self._under_way("reidentify"):
             output = await self._on_disk(self._store.new_path)
             result = await self._in_worker(
-                jobs.reidentify, base=self._store.reference, output=output,
+                jobs.reidentify,
+                base=self._store.reference,
+                output=output,
                 candidates=self._folder / "candidates",
                 min_samples=settings.reidentify_min_samples,
-                max_drift=settings.reidentify_max_drift)
+                max_drift=settings.reidentify_max_drift,
+            )
             if "refused" in result:
                 raise _NotAdoptedError(result)
             refit = Staged(output, result["model"], before)
@@ -107,14 +125,18 @@ class Services:
         """Put the refit staged last into service."""
         staged = self._activity.staged
         if staged is None:
-            raise HmcvtError("no refit is staged; ~/reidentify with reidentify_mode = stage does")
+            raise HmcvtError(
+                "no refit is staged; ~/reidentify with reidentify_mode = stage does"
+            )
         return await self._put_into_service(lambda: self._store.adopt(*staged))
 
     async def diagnose(self) -> Data:
         """Say why model and bench samples disagree."""
         fingerprint = self._store.in_service.model.fingerprint
         with self._under_way("diagnose"):
-            result = await self._in_worker(jobs.diagnose, reports=self._folder / "reports")
+            result = await self._in_worker(
+                jobs.diagnose, reports=self._folder / "reports"
+            )
         self._activity.gap = gap_values(result, fingerprint, utc_now())
         return result
 
@@ -124,7 +146,9 @@ class Services:
 
     async def clear_samples(self) -> Data:
         """Begin a new bench log and keep the old one beside it."""
-        with self._under_way("clear_samples"):  # a job must not end with samples that are gone
+        with self._under_way(
+            "clear_samples"
+        ):  # a job must not end with samples that are gone
             count, kept = await self._on_disk(self._log.set_aside)
             self._activity.staged = None
         return {"cleared": count, "kept_as": None if kept is None else str(kept)}
@@ -151,7 +175,9 @@ class Services:
             self._served += 1
             try:
                 if self._served > MOST_WAITING:
-                    raise HmcvtError(f"busy: {MOST_WAITING} requests wait already for the disk")
+                    raise HmcvtError(
+                        f"busy: {MOST_WAITING} requests wait already for the disk"
+                    )
                 answer = await work()
                 end = self._told(answer)
                 logger.info(f"{name}: {end}")
@@ -168,7 +194,9 @@ class Services:
                 self._served -= 1
             if name in self._activity.ends:
                 self._activity.ends[name] = f"{utc_now()}, {end}"
-            response.message = self._without_folders(json.dumps(plain(answer), allow_nan=False))
+            response.message = self._without_folders(
+                json.dumps(plain(answer), allow_nan=False)
+            )
             return response
 
         return serve
@@ -196,8 +224,11 @@ class Services:
             return f"ended after job_time_limit = {limit:g} s"
         # Twice: whoever stops and continues node and worker together means no harm.
         before, job.stopped = job.stopped, self._worker.stopped
-        return "the worker process was stopped by a signal, and has been ended" if (
-            before and job.stopped) else ""
+        return (
+            "the worker process was stopped by a signal, and has been ended"
+            if (before and job.stopped)
+            else ""
+        )
 
     def _end(self, job: Job, why: str) -> None:
         job.ended = why
@@ -212,17 +243,26 @@ class Services:
         job.working = True
         try:
             running = self._worker.submit(
-                jobs.with_proven, settings.job_memory_limit, work=work,
-                promised=self._store.promised, effects=settings.effects_file, samples=samples,
-                seed=settings.reidentify_seed, **options)
+                jobs.with_proven,
+                settings.job_memory_limit,
+                work=work,
+                promised=self._store.promised,
+                effects=settings.effects_file,
+                samples=samples,
+                seed=settings.reidentify_seed,
+                **options,
+            )
             self._node.get_logger().info(f"{job.name}: started on {samples}")
             done: Data = await _finished(running)
         except (BrokenProcessPool, CancelledError):
-            job.ended = job.ended or ("the worker process ended with status "
-                                      f"{self._worker.exit_status}")
+            job.ended = job.ended or (
+                f"the worker process ended with status {self._worker.exit_status}"
+            )
         except MemoryError:
-            job.ended = ("ended, for it needs more than job_memory_limit = "
-                         f"{settings.job_memory_limit} MiB")
+            job.ended = (
+                "ended, for it needs more than job_memory_limit = "
+                f"{settings.job_memory_limit} MiB"
+            )
         finally:
             job.working = False
         if job.ended:

@@ -33,16 +33,29 @@ def read_shafts(message: Any, *, stroke_elsewhere: bool = False) -> Shafts:
     names = list(message.name)
     for joint in JOINTS:
         count = names.count(joint)
-        if count != 1 and not (count == 0 and joint == "displacement" and stroke_elsewhere):
-            raise UnreadableError("wrong names", f"joint {joint!r} stands {count} times in name; "
-                                                 f"needs {', '.join(JOINTS)}")
+        if count != 1 and not (
+            count == 0 and joint == "displacement" and stroke_elsewhere
+        ):
+            raise UnreadableError(
+                "wrong names",
+                f"joint {joint!r} stands {count} times in name; "
+                f"needs {', '.join(JOINTS)}",
+            )
     has_stroke = "displacement" in names
     for field in ("velocity", "effort", *(("position",) if has_stroke else ())):
         count = len(getattr(message, field))
         if count != len(names):
             raise UnreadableError(
-                "unequal arrays", f"{field} has {count} values for {len(names)} joints")
+                "unequal arrays", f"{field} has {count} values for {len(names)} joints"
+            )
     engine, output = names.index("engine"), names.index("output")
-    stroke = float(message.position[names.index("displacement")]) if has_stroke else math.nan
-    return Shafts(float(message.velocity[engine]), float(message.effort[engine]),
-                  float(message.velocity[output]), float(message.effort[output]), stroke)
+    stroke = (
+        float(message.position[names.index("displacement")]) if has_stroke else math.nan
+    )
+    return Shafts(
+        float(message.velocity[engine]),
+        float(message.effort[engine]),
+        float(message.velocity[output]),
+        float(message.effort[output]),
+        stroke,
+    )

@@ -46,14 +46,19 @@ class StateFolder:
             self.close()
             raise InputError(
                 f"state_folder: {path} is in use by another node; give each node a name, a "
-                "namespace or a state_folder of its own") from None
+                "namespace or a state_folder of its own"
+            ) from None
         except OSError as error:
             # Some network file systems cannot; that is no reason not to serve.
-            self.complaint = (f"state_folder: {path} cannot be locked ({error.strerror}); "
-                              "see to it that no other node uses it")
+            self.complaint = (
+                f"state_folder: {path} cannot be locked ({error.strerror}); "
+                "see to it that no other node uses it"
+            )
         self.writable = os.access(path, os.W_OK)
         if not self.writable:
-            self.complaint = f"state_folder: {path} cannot be written: no logging, no refits"
+            self.complaint = (
+                f"state_folder: {path} cannot be written: no logging, no refits"
+            )
         elif not self.complaint:
             for folder in (path, *filter(Path.is_dir, path.iterdir())):
                 remove_leftovers(folder)
@@ -61,9 +66,13 @@ class StateFolder:
     def gone(self) -> str:
         """Say that the folder was removed or replaced: another node may take the new one."""
         with contextlib.suppress(OSError):
-            if self._handle is None or os.path.samestat(os.fstat(self._handle), self.path.stat()):
+            if self._handle is None or os.path.samestat(
+                os.fstat(self._handle), self.path.stat()
+            ):
                 return ""
-        return f"state_folder: {self.path} was removed or replaced; start the node again"
+        return (
+            f"state_folder: {self.path} was removed or replaced; start the node again"
+        )
 
     def close(self) -> None:
         """Let others have the folder."""
@@ -93,8 +102,11 @@ def keep_newest(
     Others are left alone, and those whose names are `spared`.
     """
     with contextlib.suppress(OSError):  # a file more does no harm
-        found = {path: number for path, number in numbered(folder, prefix).items()
-                 if path.name not in spared}
+        found = {
+            path: number
+            for path, number in numbered(folder, prefix).items()
+            if path.name not in spared
+        }
         kept = sorted(set(found.values()))[-count:]
         for path, number in found.items():
             if number not in kept:

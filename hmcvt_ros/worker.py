@@ -29,7 +29,9 @@ class Worker:
         self._pool: ProcessPoolExecutor | None = None
         self._processes: list[BaseProcess] = []
 
-    def submit(self, job: Callable[..., Any], memory: int, **options: Any) -> Future[Any]:
+    def submit(
+        self, job: Callable[..., Any], memory: int, **options: Any
+    ) -> Future[Any]:
         """Start a job that may take so much memory [MiB].
 
         The future raises `BrokenProcessPool` when the process dies meanwhile, and `MemoryError`.
@@ -63,7 +65,9 @@ class Worker:
         with suppress(ChildProcessError):  # it has just ended
             return any(
                 os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
-                for process in self._processes if process.pid and process.is_alive())
+                for process in self._processes
+                if process.pid and process.is_alive()
+            )
         return False
 
     def kill(self, wait: bool = False) -> None:
@@ -76,7 +80,9 @@ class Worker:
         for process in self._processes:
             process.kill()
         if self._pool is not None:
-            self._pool.shutdown(wait and self.exit_status is not None, cancel_futures=True)
+            self._pool.shutdown(
+                wait and self.exit_status is not None, cancel_futures=True
+            )
         self._pool, self._processes = None, []
 
 
@@ -86,7 +92,9 @@ def _begin() -> None:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     else:
         os.nice(19)
-    with suppress(OSError):  # Linux: where memory runs out, end this process and not the node
+    with suppress(
+        OSError
+    ):  # Linux: where memory runs out, end this process and not the node
         Path("/proc/self/oom_score_adj").write_text("1000")
     # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -97,8 +105,10 @@ def _limited(job: Callable[..., Any], memory: int, options: Mapping[str, Any]) -
     """Do a job within a limit to the memory that it may write to [MiB]."""
     hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
     limit = memory << 20
-    resource.setrlimit(resource.RLIMIT_DATA, (
-        limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+    resource.setrlimit(
+        resource.RLIMIT_DATA,
+        (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard),
+    )
     if hasattr(os, "sched_yield"):
         # Linux may leave a thread that wakes behind an idle priority until the next tick (4 ms).
         signal.signal(signal.SIGALRM, lambda *_: os.sched_yield())

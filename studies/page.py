@@ -26,21 +26,29 @@ class Goal(NamedTuple):
 
 def goal_table(goals: Sequence[Goal]) -> str:
     """Return what was aimed at and what was reached, in Markdown."""
-    return table(("", "goal", "measured", ""), [
-        (*goal[:3], "met" if goal.met else "**missed**") for goal in goals])
+    return table(
+        ("", "goal", "measured", ""),
+        [(*goal[:3], "met" if goal.met else "**missed**") for goal in goals],
+    )
 
 
 def table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> str:
     """Return a table in Markdown; a bar within a cell would end it."""
-    return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |"
-                     for row in (head, ["---"] * len(head), *rows))
+    return "\n".join(
+        "| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |"
+        for row in (head, ["---"] * len(head), *rows)
+    )
 
 
 def render(template: str, folder: Path, /, **context: object) -> str:
     """Return a page of Markdown from a template in a folder."""
     environment = Environment(
-        loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True)
+        loader=FileSystemLoader(folder),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
     return environment.get_template(template).render(context)
 
 
@@ -72,7 +80,8 @@ def spread(values: Sequence[float]) -> Spread:
 def busy_seconds() -> float:
     """Processor time that the whole machine has spent working since it started."""
     user, nice, system, _idle, _wait, *rest = map(
-        int, Path("/proc/stat").read_text().splitlines()[0].split()[1:])
+        int, Path("/proc/stat").read_text().splitlines()[0].split()[1:]
+    )
     return (user + nice + system + sum(rest[:3])) / _TICKS
 
 
@@ -86,7 +95,15 @@ def busy_cores() -> float:
 def machine() -> str:
     """Say in a line what machine this is."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
-    model = next((line.partition(":")[2].strip() for line in lines
-                  if line.startswith("model name")), platform.machine())
-    return (f"{model}, {os.cpu_count()} cores, {platform.system()} {platform.release()}, "
-            f"Python {platform.python_version()}")
+    model = next(
+        (
+            line.partition(":")[2].strip()
+            for line in lines
+            if line.startswith("model name")
+        ),
+        platform.machine(),
+    )
+    return (
+        f"{model}, {os.cpu_count()} cores, {platform.system()} {platform.release()}, "
+        f"Python {platform.python_version()}"
+    )

@@ -45,8 +45,11 @@ def main() -> None:
     """Print the readings, stage by stage from the top, then what ships."""
     i = table_1()
     sun = -FULL / (i["i4"] * i["i5"])
-    rows = {1: ((1.0 + i["k1"]) / (i["i2"] * i["i3"]) - sun) / i["k1"],
-            2: (i["k2"] / i["i1"] + sun) / (1.0 + i["k2"]), 0: -sun}
+    rows = {
+        1: ((1.0 + i["k1"]) / (i["i2"] * i["i3"]) - sun) / i["k1"],
+        2: (i["k2"] / i["i1"] + sun) / (1.0 + i["k2"]),
+        0: -sun,
+    }
     model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
     shipped = {name: speed_ratio(model.stages[name].stage, FULL) for name in STAGES}
     for name, row, end in (("HM3", 2, 0), ("HM2", 1, 1), ("HM1", 2, 0), ("H0", 0, 1)):
@@ -59,8 +62,10 @@ def main() -> None:
     for k, (low, high) in enumerate(pairwise(STAGES)):
         end = 1 if k % 2 == 0 else 0
         ends = shipped[low][end], shipped[high][end]
-        print(f"  {low}-{high}: {ends[0]:.4f} and {ends[1]:.4f}, "
-              f"{100 * (ends[0] / ends[1] - 1):+.2f} %")
+        print(
+            f"  {low}-{high}: {ends[0]:.4f} and {ends[1]:.4f}, "
+            f"{100 * (ends[0] / ends[1] - 1):+.2f} %"
+        )
     print("slip of the open clutches, per engine speed and per output speed:")
     for name in STAGES:
         stage, slips = model.stages[name].stage, []

@@ -13,7 +13,10 @@ Record = dict[str, Any]
 
 
 def recorded(
-    pool: Executor, work: Callable[[Task], Record], tasks: Mapping[str, Task], path: Path
+    pool: Executor,
+    work: Callable[[Task], Record],
+    tasks: Mapping[str, Task],
+    path: Path,
 ) -> Iterator[Record]:
     """Give the record of every task: those made before an interruption, then the others.
 
@@ -27,7 +30,11 @@ def recorded(
     done = _read(path)
     yield from (done[key] for key in tasks if key in done)
     with path.open("a", encoding="utf-8") as file:
-        waiting = {pool.submit(work, task): key for key, task in tasks.items() if key not in done}
+        waiting = {
+            pool.submit(work, task): key
+            for key, task in tasks.items()
+            if key not in done
+        }
         try:
             for future in as_completed(waiting):
                 file.write(json.dumps([waiting[future], future.result()]) + "\n")
@@ -43,6 +50,6 @@ def _read(path: Path) -> dict[str, Record]:
         return {}
     text = path.read_bytes()
     # What stands behind the last line's end was being written at the interruption.
-    whole = text[:text.rfind(b"\n") + 1]
+    whole = text[: text.rfind(b"\n") + 1]
     os.truncate(path, len(whole))
     return dict(map(json.loads, whole.splitlines()))

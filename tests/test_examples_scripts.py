@@ -40,9 +40,14 @@ def test_field_cycle(tmp_path):
     rates = re.findall(r"r/min +([\d.]+) ([\d.]+)$", out, re.MULTILINE)
     assert len(rates) == 6 and all(float(best) <= float(rule) for best, rule in rates)
     kilograms = [float(number) for number in re.findall(r"([\d.]+) kg", out)]
-    said, middle, low, high = map(float, re.search(
-        r": ([\d.]+) % less on the model.*: ([\d.]+) % less .* ([\d.]+) to ([\d.]+) %",
-        out, re.DOTALL).groups())
+    said, middle, low, high = map(
+        float,
+        re.search(
+            r": ([\d.]+) % less on the model.*: ([\d.]+) % less .* ([\d.]+) to ([\d.]+) %",
+            out,
+            re.DOTALL,
+        ).groups(),
+    )
     assert said == pytest.approx(100.0 * (1.0 - kilograms[0] / kilograms[1]), abs=0.1)
     assert low <= middle <= high
 
@@ -50,9 +55,14 @@ def test_field_cycle(tmp_path):
 def test_offline_study(tmp_path):
     out = printed("offline_study.py", tmp_path)
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    rows = [re.split(r"[\s|]+", line.strip()) for line in out.splitlines()
-            if line.count("|") == 3 and "[" not in line and "ratio" not in line
-            and "hours" not in line]
+    rows = [
+        re.split(r"[\s|]+", line.strip())
+        for line in out.splitlines()
+        if line.count("|") == 3
+        and "[" not in line
+        and "ratio" not in line
+        and "hours" not in line
+    ]
     assert len(rows) == 4
     rpm = 3.14159265 / 30.0
     for row in rows:
@@ -61,18 +71,27 @@ def test_offline_study(tmp_path):
         for speed, stroke, efficiency in (fixed, best):
             torque = 1e3 * power / (speed * rpm)
             # Both strategies give the ground speed asked for, at the efficiency of the model.
-            assert model.output_speed(stroke, speed * rpm, torque) / rpm == pytest.approx(
-                output, rel=0.01)
-            assert 100.0 * model.efficiency(stroke, speed * rpm, torque) == pytest.approx(
-                efficiency, abs=0.6)
+            assert model.output_speed(
+                stroke, speed * rpm, torque
+            ) / rpm == pytest.approx(output, rel=0.01)
+            assert 100.0 * model.efficiency(
+                stroke, speed * rpm, torque
+            ) == pytest.approx(efficiency, abs=0.6)
         assert saved == pytest.approx(100.0 * (1.0 - fixed[2] / best[2]), abs=0.2)
         assert saved >= 0.0
     assert re.search(r"\d+\.\d % saved", out)
 
 
-@pytest.mark.parametrize(("words", "told"), [
-    (("offline_study.py", "--engine-speed", "1000"), "1000 r/min cannot make"),
-    (("bag_to_diagnosis.py", "nowhere"), "bag_to_diagnosis: nowhere: there is no such bag")])
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("offline_study.py", "--engine-speed", "1000"), "1000 r/min cannot make"),
+        (
+            ("bag_to_diagnosis.py", "nowhere"),
+            "bag_to_diagnosis: nowhere: there is no such bag",
+        ),
+    ],
+)
 def test_what_cannot_be_is_told_in_one_line(tmp_path, monkeypatch, words, told):
     if "bag" in words[0]:
         pytest.importorskip("rosbags")
@@ -86,12 +105,17 @@ def test_what_cannot_be_is_told_in_one_line(tmp_path, monkeypatch, words, told):
 def test_next_test_runs_as_its_page_shows(tmp_path):
     out = printed("next_test.py", tmp_path)
     page = (ROOT / "docs" / "next-test.md").read_text(encoding="utf-8")
-    shown, = re.findall(r"```\n(24 tests.*?)```", page, re.DOTALL)
+    (shown,) = re.findall(r"```\n(24 tests.*?)```", page, re.DOTALL)
     # Another processor may move a probability, not what is asked for and found.
-    asked, told = (re.findall(r"tests: (\w+)|next: (.*);", text) for text in (shown, out))
+    asked, told = (
+        re.findall(r"tests: (\w+)|next: (.*);", text) for text in (shown, out)
+    )
     assert asked == told and len(told) == 7
     last = out.splitlines()[-2:]
-    assert re.search("tests: pressure_leakage (9|100)", last[0]) and last[1] == "stop: settled"
+    assert (
+        re.search("tests: pressure_leakage (9|100)", last[0])
+        and last[1] == "stop: settled"
+    )
 
 
 def test_bag_to_diagnosis(tmp_path):
@@ -104,7 +128,9 @@ def test_bag_to_diagnosis(tmp_path):
     assert found.efficiency == pytest.approx(true.efficiency, rel=1e-3)
     assert found.output_speed == pytest.approx(true.output_speed, rel=1e-3)
     assert "charge pump" in out
-    assert "charge pump" in (tmp_path / "diagnosis" / "report.html").read_text(encoding="utf-8")
+    assert "charge pump" in (tmp_path / "diagnosis" / "report.html").read_text(
+        encoding="utf-8"
+    )
     fit = hmcvt.identify(true)
     saved = hmcvt.load_model(tmp_path / "diagnosis" / "model.yaml")
     assert saved.parameters.leakage == pytest.approx(fit.parameters.leakage, rel=0.05)
@@ -123,33 +149,53 @@ def shown(code, names):
 def test_the_notebook_runs_and_shows_pictures_and_text(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     book = json.loads((EXAMPLES / "first_steps.ipynb").read_text(encoding="utf-8"))
-    cells = ["".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code"]
+    cells = [
+        "".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code"
+    ]
     assert all(not cell.get("outputs") for cell in book["cells"])
     monkeypatch.chdir(tmp_path)
     names: dict = {}
     values = [shown(cell, names) for cell in cells]
-    texts = [value._repr_html_() for value in values
-             if isinstance(value, (hmcvt.EfficiencyModel, hmcvt.Identification, hmcvt.Diagnosis))]
+    texts = [
+        value._repr_html_()
+        for value in values
+        if isinstance(
+            value, (hmcvt.EfficiencyModel, hmcvt.Identification, hmcvt.Diagnosis)
+        )
+    ]
     assert len(texts) == 3 and all(text.startswith("<pre>") for text in texts)
     assert "leakage" in texts[0] and "charge pump" in texts[2]
     pictures = [value._repr_png_() for value in values if hasattr(value, "_repr_png_")]
     assert len(pictures) == 3
     assert all(each.startswith(b"\x89PNG") and len(each) > 10_000 for each in pictures)
-    assert (tmp_path / "report.html").is_file() and (tmp_path / "diagnosed.yaml").is_file()
+    assert (tmp_path / "report.html").is_file() and (
+        tmp_path / "diagnosed.yaml"
+    ).is_file()
 
 
-def test_the_map_is_white_for_nothing_only_and_its_line_is_broken_where_the_optimum_jumps(table2):
+def test_the_map_is_white_for_nothing_only_and_its_line_is_broken_where_the_optimum_jumps(
+    table2,
+):
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     axes = model.plot_map(23e3, table2).axes[0]
-    fills = np.concatenate([each.get_facecolor() for each in axes.collections
-                            if len(each.get_facecolor()) > 5])
+    fills = np.concatenate(
+        [
+            each.get_facecolor()
+            for each in axes.collections
+            if len(each.get_facecolor()) > 5
+        ]
+    )
     assert fills[:, :3].max() < 0.95
     lines = {line.get_label(): line for line in axes.lines}
-    best, = (line for label, line in lines.items() if label == "best at an output speed")
+    (best,) = (
+        line for label, line in lines.items() if label == "best at an output speed"
+    )
     speed = best.get_xdata()
     steps = np.diff(speed)
-    assert np.isnan(speed).sum() >= 1 and np.nanmin(steps) > -0.01 * np.ptp(axes.get_xlim())
+    assert np.isnan(speed).sum() >= 1 and np.nanmin(steps) > -0.01 * np.ptp(
+        axes.get_xlim()
+    )
     # Of eight tests four have a power within 15 % of 23 kW.
-    marks, = (line for label, line in lines.items() if "tests of this power" in label)
+    (marks,) = (line for label, line in lines.items() if "tests of this power" in label)
     power = table2.load_torque * table2.engine_speed
     assert len(marks.get_xdata()) == (np.abs(power / 23e3 - 1.0) <= 0.15).sum() == 4

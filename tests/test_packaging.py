@@ -16,8 +16,19 @@ import hmcvt_core as hmcvt
 
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
 # What rosdep calls the packages that Python imports under another name.
-KEYS = {name: f"python3-{name}" for name in (
-    "click", "hypothesis", "jinja2", "matplotlib", "numpy", "pytest", "scipy", "yaml")}
+KEYS = {
+    name: f"python3-{name}"
+    for name in (
+        "click",
+        "hypothesis",
+        "jinja2",
+        "matplotlib",
+        "numpy",
+        "pytest",
+        "scipy",
+        "yaml",
+    )
+}
 
 
 def read(name):
@@ -28,7 +39,9 @@ def test_package_xml_repeats_name_and_version():
     assert PACKAGE.findtext("name") == "hmcvt_ros"
     assert PACKAGE.findtext("version") == hmcvt.__version__ == version("hmcvt_ros")
     # ROS finds an ament_python package by an empty marker of its name.
-    assert (ROOT / "hmcvt_ros" / "resource" / PACKAGE.findtext("name")).read_bytes() == b""
+    assert (
+        ROOT / "hmcvt_ros" / "resource" / PACKAGE.findtext("name")
+    ).read_bytes() == b""
 
 
 @pytest.mark.parametrize("folder", ["data", "params"])
@@ -47,7 +60,10 @@ def test_file_that_does_not_ship_is_told():
 
 def third_party(*folders):
     """What the Python files of some folders import from elsewhere, under the names of rosdep."""
-    found, own = set(), {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"}
+    found, own = (
+        set(),
+        {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"},
+    )
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         own |= {path.stem} | ({path.parent.name} if path.stem == "__init__" else set())
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -64,8 +80,11 @@ def optional():
     section = text.partition("[project.optional-dependencies]\n")[2].partition("\n[")[0]
     _, *parts = re.split(r"^(\w+) = ", section, flags=re.MULTILINE)
     extras = dict(zip(parts[::2], parts[1::2], strict=True))
-    return {word for name in extras.keys() - {"ros", "report", "plot", "test", "dev"}
-            for word in re.findall(r"[\w-]+", extras[name])}
+    return {
+        word
+        for name in extras.keys() - {"ros", "report", "plot", "test", "dev"}
+        for word in re.findall(r"[\w-]+", extras[name])
+    }
 
 
 def depends(kind):
@@ -75,13 +94,15 @@ def depends(kind):
 def test_rosdep_installs_what_is_imported_and_no_more():
     # ros2launch is the command that starts the launch file.
     assert depends("exec_depend") - {"ros2launch"} == (
-        third_party("hmcvt_core", "hmcvt_ros") - optional())
+        third_party("hmcvt_core", "hmcvt_ros") - optional()
+    )
 
 
 def test_rosdep_installs_what_the_tests_import():
     # rosdep has no key for cyclonedds.
     assert depends("test_depend") - {"python3-pytest-timeout"} == (
-        third_party("tests") - depends("exec_depend") - optional() - {"cyclonedds"})
+        third_party("tests") - depends("exec_depend") - optional() - {"cyclonedds"}
+    )
 
 
 def test_everything_beside_the_modules_is_installed_for_ros():
@@ -89,37 +110,57 @@ def test_everything_beside_the_modules_is_installed_for_ros():
     for folder in ("config", "launch", "security"):
         for path in (ROOT / "hmcvt_ros" / folder).iterdir():
             if path.is_file():
-                assert f'(f"share/{{NAME}}/{folder}", ["hmcvt_ros/{folder}/{path.name}"])' in setup
+                assert (
+                    f'(f"share/{{NAME}}/{folder}", ["hmcvt_ros/{folder}/{path.name}"])'
+                    in setup
+                )
 
 
 HEADER = "# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0"
 
 
 def test_every_source_file_says_whose_it_is():
-    missing = [str(path.relative_to(ROOT))
-               for folder in ("docs", "examples", "hmcvt_core", "hmcvt_ros", "studies", "tests")
-               for path in (ROOT / folder).rglob("*.py")
-               if (text := path.read_text(encoding="utf-8")) and text.split("\n")[0] != HEADER]
+    missing = [
+        str(path.relative_to(ROOT))
+        for folder in (
+            "docs",
+            "examples",
+            "hmcvt_core",
+            "hmcvt_ros",
+            "studies",
+            "tests",
+        )
+        for path in (ROOT / folder).rglob("*.py")
+        if (text := path.read_text(encoding="utf-8")) and text.split("\n")[0] != HEADER
+    ]
     assert missing == []
 
 
 def test_placeholders_are_marked_and_valid_in_form():
     text = read("package.xml")
-    block = text.partition("<!-- PLACEHOLDERS")[2].partition("<!-- End of the placeholders")[0]
+    block = text.partition("<!-- PLACEHOLDERS")[2].partition(
+        "<!-- End of the placeholders"
+    )[0]
     assert text.count("example.org") == block.count("example.org") > 0
     for tag in ("maintainer", "author"):
         # What catkin_pkg, and so colcon, takes for an address.
-        assert re.fullmatch(r"[-\w%+]+(\.[-\w%+]+)*@[-\w%]+(\.[-\w%]+)*\.[a-zA-Z]{2,}",
-                            PACKAGE.find(tag).get("email"))
+        assert re.fullmatch(
+            r"[-\w%+]+(\.[-\w%+]+)*@[-\w%]+(\.[-\w%]+)*\.[a-zA-Z]{2,}",
+            PACKAGE.find(tag).get("email"),
+        )
     assert {url.get("type") for url in PACKAGE.iterfind("url")} == {
-        "website", "repository", "bugtracker"}
+        "website",
+        "repository",
+        "bugtracker",
+    }
 
 
 def test_all_that_pip_installs_for_the_tests_is_locked():
     pinned = re.findall(r"^([\w.-]+)==", read("constraints.txt"), re.MULTILINE)
     lines = read("pyproject.toml").partition("[tool.")[0].split("\n")
     lines = [line for line in lines if line.startswith("dependencies = ")] + lines[
-        lines.index("[project.optional-dependencies]"):]
+        lines.index("[project.optional-dependencies]") :
+    ]
     asked = re.findall(r'"([\w-]+)[^"]*"', "\n".join(lines))
     assert len(asked) > 20
     assert {name.lower() for name in asked} - set(pinned) == {"hmcvt_ros"}
@@ -127,8 +168,13 @@ def test_all_that_pip_installs_for_the_tests_is_locked():
 
 def test_what_ends_is_started_again():
     launch = ast.parse(read("hmcvt_ros/launch/hmcvt.launch.py"))
-    node, = (call for call in ast.walk(launch) if isinstance(call, ast.Call)
-             and isinstance(call.func, ast.Name) and call.func.id == "Node")
+    (node,) = (
+        call
+        for call in ast.walk(launch)
+        if isinstance(call, ast.Call)
+        and isinstance(call.func, ast.Name)
+        and call.func.id == "Node"
+    )
     given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
     assert given["respawn"] == "LaunchConfiguration('respawn')"
     assert float(given["respawn_delay"]) > 0.0
@@ -137,7 +183,10 @@ def test_what_ends_is_started_again():
     unit.optionxform = str
     unit.read_string(re.search(r"```ini\n(.*?)```", page, re.DOTALL)[1])
     service = unit["Service"]
-    assert service["Restart"] == "on-failure" and service["RestartPreventExitStatus"] == "2"
+    assert (
+        service["Restart"] == "on-failure"
+        and service["RestartPreventExitStatus"] == "2"
+    )
     assert service["MemoryMax"] and service["OOMPolicy"] == "continue"
     # It would end a node that does not report to systemd.
     assert "WatchdogSec" not in service
@@ -150,7 +199,7 @@ def test_citation_is_of_this_version():
     assert citation["cff-version"] == "1.2.0"
     assert citation["title"] == "hmcvt" and citation["authors"] and citation["message"]
     assert citation["license"] == "Apache-2.0"
-    paper, = citation["references"]
+    (paper,) = citation["references"]
     assert paper["type"] == "article" and "HMCVT" in paper["title"] and paper["authors"]
 
 
@@ -158,7 +207,11 @@ def test_changelog_begins_with_this_version():
     versions = re.findall(r"^## (\S+)", read("CHANGELOG.md"), flags=re.MULTILINE)
     released = [version for version in versions if version.lower() != "unreleased"]
     assert released[0] == hmcvt.__version__
-    entry = read("CHANGELOG.md").partition(f"## {hmcvt.__version__}")[2].partition("\n## ")[0]
+    entry = (
+        read("CHANGELOG.md")
+        .partition(f"## {hmcvt.__version__}")[2]
+        .partition("\n## ")[0]
+    )
     assert "\n* " in entry
     numbers = [tuple(map(int, version.split("."))) for version in released]
     assert numbers == sorted(set(numbers), reverse=True)

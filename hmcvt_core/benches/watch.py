@@ -74,16 +74,20 @@ class Opening:
 
     def __str__(self) -> str:
         if self.size is None or self.interval is None or self.since_interval is None:
-            return (f"no gap has opened in {self.samples} samples (a false alarm comes in at most "
-                    f"{100 * self.false_alarms:g} % of all streams, however long)")
+            return (
+                f"no gap has opened in {self.samples} samples (a false alarm comes in at most "
+                f"{100 * self.false_alarms:g} % of all streams, however long)"
+            )
         low, high = sorted(100.0 * abs(end) for end in self.interval)
         if self.interval[0] < 0.0 < self.interval[1]:
             low = 0.0
         first, last = self.since_interval
-        return (f"a gap has opened: the bench reads {100 * abs(self.size):.2f} points "
-                f"{'below' if self.size < 0.0 else 'above'} the model (95 %: {low:.2f} to "
-                f"{high:.2f}), since sample {self.since} (95 %: {first} to {last}), noticed at "
-                f"sample {self.noticed}")
+        return (
+            f"a gap has opened: the bench reads {100 * abs(self.size):.2f} points "
+            f"{'below' if self.size < 0.0 else 'above'} the model (95 %: {low:.2f} to "
+            f"{high:.2f}), since sample {self.since} (95 %: {first} to {last}), noticed at "
+            f"sample {self.noticed}"
+        )
 
 
 class ChangeTest:
@@ -123,7 +127,9 @@ class ChangeTest:
         innovation = np.clip((residual - row @ self._state) / scale, -MOST, MOST)
         self._squares += float(larger * innovation**2)
         signature = (1.0 - steps @ row) / scale
-        self._openings[:, 3:5] += np.column_stack([signature * innovation, signature**2])
+        self._openings[:, 3:5] += np.column_stack(
+            [signature * innovation, signature**2]
+        )
         self._state += gain / scale * innovation
         steps += np.outer(signature, gain / scale)
         self._covariance -= np.outer(gain, gain) / scale**2
@@ -131,7 +137,8 @@ class ChangeTest:
         self.evidence = max(self.evidence, float(np.logaddexp.reduce(weighted)))
         if len(starts) > _KEPT:  # among the older half, the one that nothing speaks for
             self._openings = np.delete(
-                self._openings, np.argmin(weighted[:_KEPT // 2]), axis=0)
+                self._openings, np.argmin(weighted[: _KEPT // 2]), axis=0
+            )
 
     def since(self) -> Array:
         """Most likely first sample with a gap, and those that hold 95 % (first and last).
@@ -142,7 +149,10 @@ class ChangeTest:
         ratios = self._log_ratios()
         weights = np.exp(ratios - ratios.max())
         order = np.argsort(-weights)
-        held = order[:1 + int(np.searchsorted(np.cumsum(weights[order]), _LEVEL * weights.sum()))]
+        held = order[
+            : 1
+            + int(np.searchsorted(np.cumsum(weights[order]), _LEVEL * weights.sum()))
+        ]
         return self._openings[[order[0], held.min(), held.max()], :3]
 
     def _log_ratios(self) -> Array:
@@ -167,7 +177,9 @@ def step_size(
     """
     values, vectors = np.linalg.eigh(prior)  # a correlation may be complete
     step = np.arange(1, len(rows) + 1) >= start
-    design = np.column_stack([step, rows @ (vectors * np.sqrt(np.maximum(values, 0.0)))])
+    design = np.column_stack(
+        [step, rows @ (vectors * np.sqrt(np.maximum(values, 0.0)))]
+    )
     known = np.diag(np.append(0.0, np.ones(len(prior))))  # the prior, in standard units
     spread, weight = deviations, np.ones(len(rows))
     for _ in range(_ROUNDS):
@@ -192,7 +204,9 @@ class Watch:
     """
 
     def __init__(
-        self, model: EfficiencyModel, noise: float | None = None,
+        self,
+        model: EfficiencyModel,
+        noise: float | None = None,
         false_alarms: float = FALSE_ALARMS,
     ) -> None:
         """Begin with a model.
@@ -208,16 +222,23 @@ class Watch:
         """
         from scipy.linalg import block_diag
 
-        self._noise = None if noise is None else float(EFFICIENCY_STD.check(noise, "noise"))
+        self._noise = (
+            None if noise is None else float(EFFICIENCY_STD.check(noise, "noise"))
+        )
         self.model, self._false_alarms = model, false_alarms
         self._prior = np.eye(_PLANE) * PAPER_EFFICIENCY_UNCERTAINTY**2
         if model.standard_errors and model.correlation is not None:
             self._prior = block_diag(
-                np.eye(_PLANE) * EFFICIENCY_CHANNEL.misfit_spread**2, model.correlation)
+                np.eye(_PLANE) * EFFICIENCY_CHANNEL.misfit_spread**2, model.correlation
+            )
         self._test = ChangeTest(self._prior, EFFICIENCY_CHANNEL.field_spreads)
         # Of the last samples with an answer: residual, deviation, stamp, slopes.
         self._rows: deque[Array] = deque(maxlen=_SIZED)
-        self._taken, self._noticed, self._source = 0, 0, "assumed, 1.12 % (paper, eq. (3))"
+        self._taken, self._noticed, self._source = (
+            0,
+            0,
+            "assumed, 1.12 % (paper, eq. (3))",
+        )
 
     def take(self, samples: BenchSamples) -> None:
         """Take samples in the order in which they were measured.
@@ -245,9 +266,13 @@ class Watch:
             deviation, self._source = samples.efficiency_std, "column efficiency_std"
         stamp = np.zeros(len(samples)) if samples.stamp is None else samples.stamp
         middle, half = np.mean(ENGINE_SPEED_LIMITS), np.ptp(ENGINE_SPEED_LIMITS) / 2.0
-        slopes = [np.ones(len(samples)), points.displacement_ratio,
-                  (points.engine_speed - middle) / half,
-                  points.load_torque / _LOAD - 1.0, *unknown.T]
+        slopes = [
+            np.ones(len(samples)),
+            points.displacement_ratio,
+            (points.engine_speed - middle) / half,
+            points.load_torque / _LOAD - 1.0,
+            *unknown.T,
+        ]
         deviation = np.hypot(deviation, EFFICIENCY_CHANNEL.misfit_spread)
         return np.column_stack([samples.efficiency - here, deviation, stamp, *slopes])
 
@@ -255,26 +280,46 @@ class Watch:
     def found(self) -> Opening:
         """What can be said now."""
         told: dict[str, Any] = {
-            "samples": self._taken, "without_answer": self._taken - self._test.samples,
-            "false_alarms": self._false_alarms, "noise": self._source, "open": bool(self._noticed)}
+            "samples": self._taken,
+            "without_answer": self._taken - self._test.samples,
+            "false_alarms": self._false_alarms,
+            "noise": self._source,
+            "open": bool(self._noticed),
+        }
         if not self._noticed:
             return Opening(**told)
         (start, since, stamp), (_, first, _), (_, last, _) = self._test.since().tolist()
         rows = np.array(self._rows)
-        size, deviation = step_size(rows[:, 0], rows[:, 1], rows[:, 3:], self._prior,
-                                    int(start) - self._test.samples + len(rows))
+        size, deviation = step_size(
+            rows[:, 0],
+            rows[:, 1],
+            rows[:, 3:],
+            self._prior,
+            int(start) - self._test.samples + len(rows),
+        )
         return Opening(
-            **told, noticed=self._noticed, since=int(since),
-            since_interval=(int(first), int(last)), since_stamp=stamp or None, size=size,
-            interval=(size - _QUANTILE * deviation, size + _QUANTILE * deviation))
+            **told,
+            noticed=self._noticed,
+            since=int(since),
+            since_interval=(int(first), int(last)),
+            since_stamp=stamp or None,
+            size=size,
+            interval=(size - _QUANTILE * deviation, size + _QUANTILE * deviation),
+        )
 
 
 def watch(
-    model: EfficiencyModel, samples: BenchSamples, *, noise: float | None = None,
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    *,
+    noise: float | None = None,
     false_alarms: float = FALSE_ALARMS,
 ) -> Opening:
     """Watch samples, by their stamps where they have any; see `Watch`."""
     running = Watch(model, noise, false_alarms)
-    running.take(samples if samples.stamp is None
-                 else samples.select(np.argsort(samples.stamp, kind="stable")))
+    running.take(
+        samples
+        if samples.stamp is None
+        else samples.select(np.argsort(samples.stamp, kind="stable"))
+    )
     return running.found

@@ -19,19 +19,33 @@ from ..errors import HmcvtError
 from ..version import __version__
 
 COMMANDS = {
-    "identify": ("identify:command", "identify the hydraulic parameters from bench samples"),
-    "predict": ("point:predict", "predict the efficiency at a point or at every sample of a file"),
+    "identify": (
+        "identify:command",
+        "identify the hydraulic parameters from bench samples",
+    ),
+    "predict": (
+        "point:predict",
+        "predict the efficiency at a point or at every sample of a file",
+    ),
     "optimum": ("point:optimum", "find the displacement ratio that wastes least"),
-    "map": ("map:command", "write the efficiency over displacement ratio, engine speed and load"),
+    "map": (
+        "map:command",
+        "write the efficiency over displacement ratio, engine speed and load",
+    ),
     "breakdown": ("point:breakdown", "show where the watts go"),
     "diagnose": ("gap:diagnose", "diagnose the gap between model and bench"),
     "next": ("gap:next_test", "choose the bench test that tells most about a gap"),
     "watch": ("gap:watch", "tell whether a gap has opened, since when and how large"),
     "fleet": ("fleet:command", "identify and diagnose every bench log of a folder"),
-    "unit": ("gap:unit", "diagnose a single pump or motor, from its tests or a maker's table"),
+    "unit": (
+        "gap:unit",
+        "diagnose a single pump or motor, from its tests or a maker's table",
+    ),
     "separable": ("gap:separable", "tell which effects a test plan can tell apart"),
-    "import": ("import_table:command",
-               "turn the table of your bench (CSV, Excel) into bench samples"),
+    "import": (
+        "import_table:command",
+        "turn the table of your bench (CSV, Excel) into bench samples",
+    ),
     "import-csv": ("import_table:command", "the older name of import"),
 }
 """Of each command its place, module:name, and what it does."""
@@ -59,9 +73,13 @@ def _load(entry: EntryPoint) -> click.Command:
         raise HmcvtError(f"command {entry.name} ({entry.value}) {why}")
 
     return click.Command(
-        entry.name, callback=refuse, short_help=f"(cannot be loaded: {entry.value})", hidden=True,
-        add_help_option=False, context_settings={"ignore_unknown_options": True,
-                                                 "allow_extra_args": True})
+        entry.name,
+        callback=refuse,
+        short_help=f"(cannot be loaded: {entry.value})",
+        hidden=True,
+        add_help_option=False,
+        context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+    )
 
 
 class _Commands(click.Group):
@@ -78,19 +96,29 @@ class _Commands(click.Group):
         entry = _installed().get(cmd_name)
         return None if entry is None else _load(entry)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        others = [(name, _load(entry).get_short_help_str(formatter.width))
-                  for name, entry in _installed().items()]
+    def format_commands(
+        self, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
+        others = [
+            (name, _load(entry).get_short_help_str(formatter.width))
+            for name, entry in _installed().items()
+        ]
         with formatter.section("Commands"):
-            formatter.write_dl([*((name, does) for name, (_, does) in COMMANDS.items()), *others])
+            formatter.write_dl(
+                [*((name, does) for name, (_, does) in COMMANDS.items()), *others]
+            )
 
 
-@click.group(cls=_Commands, invoke_without_command=True, epilog="""\b
+@click.group(
+    cls=_Commands,
+    invoke_without_command=True,
+    epilog="""\b
 Examples:
   hmcvt identify data/table2.csv --fit 1,2,4-6
   hmcvt predict --displacement-ratio 0.5 --engine-speed 1400rpm --load-torque 200
   hmcvt optimum --engine-speed 1400rpm --load-torque 200""",
-             context_settings={"help_option_names": ["-h", "--help"]})
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(__version__, prog_name="hmcvt")
 @click.pass_context
 def cli(ctx: click.Context) -> None:
@@ -108,7 +136,9 @@ def main(arguments: list[str] | None = None) -> None:
     run_command(cli, "hmcvt", arguments)
 
 
-def run_command(command: click.Command, name: str, arguments: list[str] | None = None) -> NoReturn:
+def run_command(
+    command: click.Command, name: str, arguments: list[str] | None = None
+) -> NoReturn:
     """Run one command, with errors as one line and the exit codes above."""
     try:
         code = command.main(arguments, prog_name=name, standalone_mode=False)

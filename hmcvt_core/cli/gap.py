@@ -26,19 +26,38 @@ OPEN = 4
 """Exit code when a gap has opened."""
 
 
-@common.command("diagnose", """
+@common.command(
+    "diagnose",
+    """
   hmcvt diagnose data/table2.csv
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
   hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""",
-                common.params_option, common.noise_option, common.report_option, common.seed_option)
+    common.params_option,
+    common.noise_option,
+    common.report_option,
+    common.seed_option,
+)
 @click.argument("bench", metavar="BENCH.csv")
-@click.option("--holdout", metavar="H.csv",
-              help="Samples to measure the shrinkage on; cross-validation when left out.")
-@click.option("--save-model", "saved", type=common.OutputFile(), metavar="P.yaml",
-              help="Write the model with the leading set of causes in it.")
+@click.option(
+    "--holdout",
+    metavar="H.csv",
+    help="Samples to measure the shrinkage on; cross-validation when left out.",
+)
+@click.option(
+    "--save-model",
+    "saved",
+    type=common.OutputFile(),
+    metavar="P.yaml",
+    help="Write the model with the leading set of causes in it.",
+)
 def diagnose(
-    bench: str, params: str | None, holdout: str | None, noise: float | None,
-    report: str | None, saved: str | None, seed: int,
+    bench: str,
+    params: str | None,
+    holdout: str | None,
+    noise: float | None,
+    report: str | None,
+    saved: str | None,
+    seed: int,
 ) -> Answer:
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
     common.keep_inputs([bench, holdout], [report, saved])
@@ -46,8 +65,9 @@ def diagnose(
     model, samples = common.model_from(params), read_bench(bench)
     held = None if holdout is None else read_bench(holdout)
     with common.Progress("diagnosis") as progress:
-        found = transmission.diagnose(model, samples, held, noise=noise, seed=seed,
-                                      progress=progress)
+        found = transmission.diagnose(
+            model, samples, held, noise=noise, seed=seed, progress=progress
+        )
     lines = []
     if saved is not None:
         save_model(found.model, saved)
@@ -55,7 +75,9 @@ def diagnose(
     return _told(found, report, lines)
 
 
-def _told(found: Diagnosis | UnitDiagnosis, report: str | None, lines: list[str]) -> Answer:
+def _told(
+    found: Diagnosis | UnitDiagnosis, report: str | None, lines: list[str]
+) -> Answer:
     """Tell a diagnosis, and write its page where asked."""
     if report is not None:
         write_html(found, report)
@@ -67,34 +89,55 @@ def _added(found: Diagnosis) -> str:
     if found.model is found.base:
         return ""
     leading = found.sets[0]
-    sure = ("" if found.verdict == "cause_found"
-            else f" ({100 * leading.probability:.0f} %, not certain)")
+    sure = (
+        ""
+        if found.verdict == "cause_found"
+        else f" ({100 * leading.probability:.0f} %, not certain)"
+    )
     return f" with {' and '.join(leading.effects)}{sure}"
 
 
-@common.command("next", """
+@common.command(
+    "next",
+    """
   hmcvt next bench.csv --noise 0.004
-  hmcvt next bench.csv --limits plan.csv --json""", common.params_option, common.noise_option)
+  hmcvt next bench.csv --limits plan.csv --json""",
+    common.params_option,
+    common.noise_option,
+)
 @click.argument("bench", metavar="BENCH.csv")
-@click.option("--limits", metavar="PLAN.csv",
-              help="The tests that can be run; the working range when left out.")
+@click.option(
+    "--limits",
+    metavar="PLAN.csv",
+    help="The tests that can be run; the working range when left out.",
+)
 def next_test(
     bench: str, params: str | None, noise: float | None, limits: str | None
 ) -> Answer:
     """Choose the next bench test, the one that tells most about the gap, or say why to stop."""
     model = common.model_from(params)
     possible = None if limits is None else transmission.read_plan(limits, model)
-    found = transmission.next_test(model, read_bench(bench), noise=noise, possible=possible)
+    found = transmission.next_test(
+        model, read_bench(bench), noise=noise, possible=possible
+    )
     return Answer(found.to_dict(), [words.advice(found)])
 
 
-@common.command("separable", """
+@common.command(
+    "separable",
+    """
   hmcvt separable data/table2.csv
   hmcvt separable plan.csv --noise 0.004 --output-speed""",
-                common.noise_option, common.params_option)
+    common.noise_option,
+    common.params_option,
+)
 @click.argument("plan", metavar="PLAN.csv")
-@click.option("--output-speed", is_flag=True, help="As if the output speed were read too.")
-@click.option("--pressure", is_flag=True, help="As if the pressure over the motor were read too.")
+@click.option(
+    "--output-speed", is_flag=True, help="As if the output speed were read too."
+)
+@click.option(
+    "--pressure", is_flag=True, help="As if the pressure over the motor were read too."
+)
 @click.option("--matrix", is_flag=True, help="Print every pair as a number too.")
 def separable(
     plan: str, noise: float | None, matrix: bool, params: str | None, **asked: bool
@@ -107,18 +150,28 @@ def separable(
     model = common.model_from(params)
     channels = [name for name, wanted in asked.items() if wanted]
     found = transmission.separable(
-        model, transmission.read_plan(plan, model, channels), noise=noise)
+        model, transmission.read_plan(plan, model, channels), noise=noise
+    )
     return Answer(found.to_dict(), [found.report(matrix)])
 
 
-@common.command("watch", """
+@common.command(
+    "watch",
+    """
   hmcvt watch samples.csv
   hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""",
-                common.params_option, common.noise_option)
+    common.params_option,
+    common.noise_option,
+)
 @click.argument("samples", metavar="SAMPLES")
-@click.option("--false-alarms", type=common.fraction, callback=common.part_up_to(0.5),
-              show_default=True, default=FALSE_ALARMS,
-              help="Chance of one in a whole stream, however long.")
+@click.option(
+    "--false-alarms",
+    type=common.fraction,
+    callback=common.part_up_to(0.5),
+    show_default=True,
+    default=FALSE_ALARMS,
+    help="Chance of one in a whole stream, however long.",
+)
 def watch(
     samples: str, params: str | None, noise: float | None, false_alarms: float
 ) -> Answer:
@@ -142,31 +195,62 @@ def _read(path: str) -> BenchSamples:
 def _band(text: str) -> tuple[str, float]:
     axis, _, part = text.partition("=")
     if axis not in AXES:
-        raise click.BadParameter(f"{axis!r} is none of {', '.join(AXES)}: write pressure=0.7")
+        raise click.BadParameter(
+            f"{axis!r} is none of {', '.join(AXES)}: write pressure=0.7"
+        )
     return axis, common.fraction(part)
 
 
-@common.command("unit", """
+@common.command(
+    "unit",
+    """
   hmcvt unit pump.csv
   hmcvt unit table.csv --kind motor --unit S4D --above pressure=0.7 --json
   hmcvt unit pump.csv --report pump.html --into params/tractor.yaml""",
-                common.report_option, common.effects_option, common.seed_option)
+    common.report_option,
+    common.effects_option,
+    common.seed_option,
+)
 @click.argument("table", metavar="UNIT.csv")
-@click.option("--kind", type=click.Choice(KINDS), help="Of the unit, where no column says so.")
-@click.option("--unit", "name", metavar="NAME",
-              help="Which one, where column `unit` names several.")
+@click.option(
+    "--kind", type=click.Choice(KINDS), help="Of the unit, where no column says so."
+)
+@click.option(
+    "--unit",
+    "name",
+    metavar="NAME",
+    help="Which one, where column `unit` names several.",
+)
 @click.option("--holdout", metavar="H.csv", help="Samples to measure the shrinkage on.")
-@click.option("--above", type=_band, metavar="AXIS=PART",
-              help="Hold out what lies above such a part of the highest pressure, speed or "
-                   "displacement_ratio, and predict it: pressure=0.7.")
-@click.option("--noise", type=common.fraction, metavar="STD",
-              help="Standard deviation of flow and torque, as a part of the ideal ones.  [default: "
-                   "0.0034, by class A of ISO 4409]")
-@click.option("--into", type=common.OutputFile(), metavar="TRACTOR.yaml",
-              help="Put parameters and effects of this unit into a transmission's file.")
+@click.option(
+    "--above",
+    type=_band,
+    metavar="AXIS=PART",
+    help="Hold out what lies above such a part of the highest pressure, speed or "
+    "displacement_ratio, and predict it: pressure=0.7.",
+)
+@click.option(
+    "--noise",
+    type=common.fraction,
+    metavar="STD",
+    help="Standard deviation of flow and torque, as a part of the ideal ones.  [default: "
+    "0.0034, by class A of ISO 4409]",
+)
+@click.option(
+    "--into",
+    type=common.OutputFile(),
+    metavar="TRACTOR.yaml",
+    help="Put parameters and effects of this unit into a transmission's file.",
+)
 def unit(
-    table: str, kind: str | None, name: str | None, holdout: str | None,
-    above: tuple[str, float] | None, noise: float | None, report: str | None, into: str | None,
+    table: str,
+    kind: str | None,
+    name: str | None,
+    holdout: str | None,
+    above: tuple[str, float] | None,
+    noise: float | None,
+    report: str | None,
+    into: str | None,
     seed: int,
 ) -> Answer:
     """Diagnose one pump or motor: its losses against the loss terms of the paper.
@@ -178,8 +262,11 @@ def unit(
     common.one_of("choose what is held out", holdout=holdout, above=above)
     common.keep_inputs([table, holdout], [report, into])
     samples = read_unit(table, kind=kind, unit=name, noise=noise)
-    held = None if holdout is None else read_unit(
-        holdout, kind=samples.kind, unit=name, noise=noise)
+    held = (
+        None
+        if holdout is None
+        else read_unit(holdout, kind=samples.kind, unit=name, noise=noise)
+    )
     if above is not None:
         samples, held = samples.divided(*above)
     model = None if into is None else common.model_from(into)

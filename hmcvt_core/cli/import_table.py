@@ -25,34 +25,63 @@ _TEXTS = {
 }
 
 
-_quantities = common.options(*(
-    click.option(f"--{quantity.replace('_', '-')}", metavar="COLUMN[:UNIT]",
-                 help=" ".join(filter(None, (_TEXTS.get(quantity), units))))
-    for quantity, units in (*((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
-                            ("stage", ""))))
+_quantities = common.options(
+    *(
+        click.option(
+            f"--{quantity.replace('_', '-')}",
+            metavar="COLUMN[:UNIT]",
+            help=" ".join(filter(None, (_TEXTS.get(quantity), units))),
+        )
+        for quantity, units in (
+            *((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
+            ("stage", ""),
+        )
+    )
+)
 
 
-@common.command("import", """
+@common.command(
+    "import",
+    """
   hmcvt import raw.csv --out bench.csv
   hmcvt import raw.csv --out bench.csv --displacement-ratio stroke:% \\
       --engine-speed n_engine:rpm --engine-torque M_engine \\
       --output-speed n_output:rpm --output-torque M_output
   hmcvt import raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
-      --load-torque M --efficiency eta:%""")
+      --load-torque M --efficiency eta:%""",
+)
 @click.argument("raw", metavar="TABLE")
-@click.option("--out", type=common.OutputFile(), required=True, metavar="BENCH.csv",
-              help="Write the bench samples.")
+@click.option(
+    "--out",
+    type=common.OutputFile(),
+    required=True,
+    metavar="BENCH.csv",
+    help="Write the bench samples.",
+)
 @_quantities
-@click.option("--header-row", type=click.IntRange(1, 10_000), metavar="LINE",
-              help="Line of the header, from 1; found when left out.")
+@click.option(
+    "--header-row",
+    type=click.IntRange(1, 10_000),
+    metavar="LINE",
+    help="Line of the header, from 1; found when left out.",
+)
 @click.option("--sheet", metavar="NAME", help="Of an Excel file.")
 @click.option("--yes", is_flag=True, help="Take the guess of what is not named.")
 @click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test.")
-@click.option("--averaged", is_flag=True,
-              help="Each row is a steady test, however fast the stamps rise.")
+@click.option(
+    "--averaged",
+    is_flag=True,
+    help="Each row is a steady test, however fast the stamps rise.",
+)
 def command(
-    raw: str, out: str, header_row: int | None, sheet: str | None, yes: bool, skip_bad: bool,
-    averaged: bool, **given: str | None,
+    raw: str,
+    out: str,
+    header_row: int | None,
+    sheet: str | None,
+    yes: bool,
+    skip_bad: bool,
+    averaged: bool,
+    **given: str | None,
 ) -> Answer:
     """Turn the table of your bench (CSV, Excel) into bench samples.
 
@@ -63,42 +92,84 @@ def command(
     """
     common.keep_inputs([raw], [out])
     columns = {quantity: text for quantity, text in given.items() if text is not None}
-    table, chosen = choose_columns(raw, columns, header_row=header_row, sheet=sheet, guess=True)
+    table, chosen = choose_columns(
+        raw, columns, header_row=header_row, sheet=sheet, guess=True
+    )
     guesses = {quantity: column for quantity, column in chosen.items() if column.why}
-    columns |= {quantity: f"{column.name}:{column.unit}" if column.unit else column.name
-                for quantity, column in guesses.items()}
+    columns |= {
+        quantity: f"{column.name}:{column.unit}" if column.unit else column.name
+        for quantity, column in guesses.items()
+    }
     options = {**columns, "header_row": header_row, "sheet": sheet}
     command = ["hmcvt", "import", raw, "--out", out]
     for name, value in options.items():
         command += [f"--{name.replace('_', '-')}", str(value)] * (value is not None)
     command += ["--averaged"] * averaged + ["--skip-bad"] * skip_bad
-    told = [common.table(("quantity", "column", "unit", "told by"), [
-        (quantity, column.name, column.unit or "-", column.why)
-        for quantity, column in guesses.items()]), "", f"the same said: {shlex.join(command)}"]
+    told = [
+        common.table(
+            ("quantity", "column", "unit", "told by"),
+            [
+                (quantity, column.name, column.unit or "-", column.why)
+                for quantity, column in guesses.items()
+            ],
+        ),
+        "",
+        f"the same said: {shlex.join(command)}",
+    ]
     try:
-        found = import_table(table, chosen, averaged=averaged,
-                             skip_bad=skip_bad or bool(guesses and not yes))
+        found = import_table(
+            table,
+            chosen,
+            averaged=averaged,
+            skip_bad=skip_bad or bool(guesses and not yes),
+        )
     except InputError as error:
         if not guesses:
             raise
         click.echo("\n".join(told), err=True)
-        raise InputError(f"{error}; this was guessed: name the column and unit that are wrong, or "
-                         "a number that holds in all rows") from None
+        raise InputError(
+            f"{error}; this was guessed: name the column and unit that are wrong, or "
+            "a number that holds in all rows"
+        ) from None
     samples = found.samples
-    data = {"samples": len(samples), "out": None, "left_out": found.left_out,
-            "notes": found.notes, "from": columns}
+    data = {
+        "samples": len(samples),
+        "out": None,
+        "left_out": found.left_out,
+        "notes": found.notes,
+        "from": columns,
+    }
     if guesses and not yes:
-        return Answer(data, [
-            *told, *(f"without {line}" for line in found.left_out), *found.notes,
-            f"{len(samples)} bench samples would be written; --yes takes the guess, an option "
-            "corrects it" + "; --skip-bad leaves the rows above out" * bool(found.left_out)])
+        return Answer(
+            data,
+            [
+                *told,
+                *(f"without {line}" for line in found.left_out),
+                *found.notes,
+                f"{len(samples)} bench samples would be written; --yes takes the guess, an option "
+                "corrects it"
+                + "; --skip-bad leaves the rows above out"
+                * bool(found.left_out),
+            ],
+        )
     write_bench(out, samples)
-    kept = {column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
-            for column in BENCH_COLUMNS
-            if (values := samples.columns.get(column.name)) is not None}
-    return Answer({**data, "out": out, "columns": kept}, [
-        common.table(("column", "unit", "lowest", "highest"), [
-            (name, each["unit"], f"{each['low']:.4g}", f"{each['high']:.4g}")
-            for name, each in kept.items()]),
-        *(f"left out: {each}" for each in found.left_out), *found.notes,
-        f"{len(samples)} bench samples written to {out}"])
+    kept = {
+        column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
+        for column in BENCH_COLUMNS
+        if (values := samples.columns.get(column.name)) is not None
+    }
+    return Answer(
+        {**data, "out": out, "columns": kept},
+        [
+            common.table(
+                ("column", "unit", "lowest", "highest"),
+                [
+                    (name, each["unit"], f"{each['low']:.4g}", f"{each['high']:.4g}")
+                    for name, each in kept.items()
+                ],
+            ),
+            *(f"left out: {each}" for each in found.left_out),
+            *found.notes,
+            f"{len(samples)} bench samples written to {out}",
+        ],
+    )

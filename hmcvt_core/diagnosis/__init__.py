@@ -8,6 +8,16 @@ from .result import Cause, CauseSet, Gap, Region, ShrinkageSummary
 from .words import Diagnosis
 
 __all__ = [
-    "Advice", "Cause", "CauseSet", "Diagnosis", "Gap", "Isolability", "NextTest", "Region",
-    "ShrinkageSummary", "diagnose_system", "isolability", "next_test",
+    "Advice",
+    "Cause",
+    "CauseSet",
+    "Diagnosis",
+    "Gap",
+    "Isolability",
+    "NextTest",
+    "Region",
+    "ShrinkageSummary",
+    "diagnose_system",
+    "isolability",
+    "next_test",
 ]

@@ -27,7 +27,10 @@ from .system import Array, Axis, Points
 
 SETTLED = 0.95
 """Probability at which an explanation stands."""
-_NO_TEST, _REGIONS = "cannot be settled by tests", "look at the regions that hmcvt diagnose tells"
+_NO_TEST, _REGIONS = (
+    "cannot be settled by tests",
+    "look at the regions that hmcvt diagnose tells",
+)
 
 _MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
 _MANY = 100.0  # tests, evenly spread: what a campaign so large cannot tell apart, tests cannot
@@ -107,12 +110,20 @@ class Advice:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt next --json`."""
         return {
-            "stop": self.stop, "reason": self.reason,
-            "test": {**(self.tests[0].point or {}), "stage": None, **self.tests[0].setting,
-                     "channels": list(self.channels)}
-            if self.tests and not self.stop else None,
+            "stop": self.stop,
+            "reason": self.reason,
+            "test": {
+                **(self.tests[0].point or {}),
+                "stage": None,
+                **self.tests[0].setting,
+                "channels": list(self.channels),
+            }
+            if self.tests and not self.stop
+            else None,
             "measure": self.measure,
-            "alive": [{"effects": list(names), "probability": p} for names, p in self.alive],
+            "alive": [
+                {"effects": list(names), "probability": p} for names, p in self.alive
+            ],
             "no_gap_probability": self.no_gap,
             "tests_expected": self.tests_expected,
             "notes": list(self.notes),
@@ -131,8 +142,12 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     labels, base = _labels(ranking), ranking.bare.fit
     alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
     answer = partial(
-        Advice, channels=tuple(channel.name for channel in base.observed.channels), alive=alive,
-        no_gap=labels[None][1], axes=base.observed.steered)
+        Advice,
+        channels=tuple(channel.name for channel in base.observed.channels),
+        alive=alive,
+        no_gap=labels[None][1],
+        axes=base.observed.steered,
+    )
     if labels[None][1] >= SETTLED:
         return answer("no gap worth a test")
     if alive[0][1] >= SETTLED:
@@ -149,41 +164,61 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     place = {name: row[able] for name, row in pool.points.items()}
     carried = carried[:, able]
     # Who cannot carry a load has no say there.
-    rivals = [each._replace(mean=np.where(own, each.mean[:, able], 0.0),
-                            columns=np.where(own[:, None], each.columns[:, able], 0.0))
-              for each, own in zip(rivals, carried, strict=True)]
+    rivals = [
+        each._replace(
+            mean=np.where(own, each.mean[:, able], 0.0),
+            columns=np.where(own[:, None], each.columns[:, able], 0.0),
+        )
+        for each, own in zip(rivals, carried, strict=True)
+    ]
     names = list(labels)
     twins = _untold(rivals, names, p)
     if p[list(twins)].sum() > _HALF:
         first = min(twins)  # they come most probable first
         rival, twin = (labels[names[i]][0] for i in (first, twins[first]))
-        remedy = [effect.remedy for effect in (*rival.fit.effects, *twin.fit.effects)
-                  if effect.remedy and effect.name in {*rival.names} ^ {*twin.names}]
+        remedy = [
+            effect.remedy
+            for effect in (*rival.fit.effects, *twin.fit.effects)
+            if effect.remedy and effect.name in {*rival.names} ^ {*twin.names}
+        ]
         if remedy:
-            return answer(_NO_TEST, measure="; or ".join(dict.fromkeys(remedy)),
-                          parted=(named(rival.names), named(twin.names)))
+            return answer(
+                _NO_TEST,
+                measure="; or ".join(dict.fromkeys(remedy)),
+                parted=(named(rival.names), named(twin.names)),
+            )
     says = p[:, None] * carried
     says /= says.sum(axis=0)
     tests = []
     for _ in range(_TESTS):
         distance = _distances(rivals)
         information = -xlogy(
-            says, np.einsum("jn,kjn->kn", says, np.exp(-distance))).sum(axis=0)
+            says, np.einsum("jn,kjn->kn", says, np.exp(-distance))
+        ).sum(axis=0)
         best = int(np.argmax(information))
         weight = says[:, [best]] * says[:, best] * (1.0 - np.exp(-distance[:, :, best]))
         one, other = np.unravel_index(int(np.argmax(weight)), weight.shape)
-        tests.append(NextTest(
-            {axis.name: float(place[axis.name][best]) for axis in pool.steered},
-            (named(names[one]), named(names[other])), float(information[best]),
-            setting={axis.name: axis.labels[int(place[axis.name][best])]
-                     for axis in pool.axes if axis.labels}))
+        tests.append(
+            NextTest(
+                {axis.name: float(place[axis.name][best]) for axis in pool.steered},
+                (named(names[one]), named(names[other])),
+                float(information[best]),
+                setting={
+                    axis.name: axis.labels[int(place[axis.name][best])]
+                    for axis in pool.axes
+                    if axis.labels
+                },
+            )
+        )
         rivals = [each.measured(best) for each in rivals]
     short = _ODDS - logit(p.max())
     expected = math.ceil(np.clip(short / max(2.0 * tests[0].gain, 1e-9), 1.0, _MANY))
     return answer(tests=tuple(tests), tests_expected=expected)
 
 
-def _untold(rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array) -> dict[int, int]:
+def _untold(
+    rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array
+) -> dict[int, int]:
     """Explanations that many tests would not tell from another: by which of those.
 
     Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
@@ -192,7 +227,9 @@ def _untold(rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array)
     sets = [(i, {*own}) for i, own in enumerate(names) if own]
     for (i, one), (j, other) in itertools.combinations(sets, 2):
         if not (one < other or other < one):
-            told = max(rivals[i].against(rivals[j], _MANY), rivals[j].against(rivals[i], _MANY))
+            told = max(
+                rivals[i].against(rivals[j], _MANY), rivals[j].against(rivals[i], _MANY)
+            )
             for each, beside in ((i, j), (j, i)):
                 if told < 2.0 * (_ODDS - math.log(p[each] / p[beside])):
                     found.setdefault(each, beside)
@@ -207,19 +244,29 @@ def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
     found: dict[Names | None, tuple[Rival, float]] = {}
     for rival, p in ranking.entries:
         part = rival.listed(ranking.bare)
-        for label, share in ((rival.names, part), (None if rival.of_base else (), 1.0 - part)):
+        for label, share in (
+            (rival.names, part),
+            (None if rival.of_base else (), 1.0 - part),
+        ):
             if share:
                 first, total = found.get(label, (rival, 0.0))
                 if first.by_itself != bool(label) and rival.by_itself == bool(label):
                     first = rival
                 found[label] = first, total + (1.0 - ranking.no_gap) * share * p
     loose, misfit = found.pop(None, (ranking.bare, 0.0))
-    kept = sorted(((names, item) for names, item in found.items() if item[1] >= ALIVE),
-                  key=lambda entry: -entry[1][1])[:_MOST]
+    kept = sorted(
+        ((names, item) for names, item in found.items() if item[1] >= ALIVE),
+        key=lambda entry: -entry[1][1],
+    )[:_MOST]
     if not kept:  # the likeliest, however improbable
         kept = sorted(found.items(), key=lambda entry: -entry[1][1])[:1]
-    return {**dict(kept), None: (loose if misfit > ranking.no_gap else ranking.bare,
-                                 ranking.no_gap + misfit)}
+    return {
+        **dict(kept),
+        None: (
+            loose if misfit > ranking.no_gap else ranking.bare,
+            ranking.no_gap + misfit,
+        ),
+    }
 
 
 def _distances(rivals: Sequence[Foretold]) -> Array:
@@ -229,6 +276,10 @@ def _distances(rivals: Sequence[Foretold]) -> Array:
     log = np.linalg.slogdet(variance)[1]
     middle = (variance[:, None] + variance) / 2.0
     miss = mean[:, None] - mean
-    squared = np.einsum("kjnc,kjnc->kjn", miss, np.linalg.solve(middle, miss[..., None])[..., 0])
-    return np.asarray(squared / 8.0 + (np.linalg.slogdet(middle)[1]
-                                       - (log[:, None] + log) / 2.0) / 2.0)
+    squared = np.einsum(
+        "kjnc,kjnc->kjn", miss, np.linalg.solve(middle, miss[..., None])[..., 0]
+    )
+    return np.asarray(
+        squared / 8.0
+        + (np.linalg.slogdet(middle)[1] - (log[:, None] + log) / 2.0) / 2.0
+    )

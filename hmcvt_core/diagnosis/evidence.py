@@ -58,7 +58,10 @@ def gram(columns: Array, target: Array) -> Array:
 
 
 def evidence(
-    grams: Array, count: int | NDArray[np.intp], spread: Array, trust: Array,
+    grams: Array,
+    count: int | NDArray[np.intp],
+    spread: Array,
+    trust: Array,
     signs: Array | None = None,
 ) -> Evidence:
     """Weigh m linear models.
@@ -91,7 +94,9 @@ def evidence(
     _, logdet = np.linalg.slogdet(matrix)
     log = -0.5 * (
         np.sum((count + trust) * np.log(noise) + (trust + residual) / noise, axis=1)
-        + np.sum(precision * mean**2, axis=1) + logdet + 2.0 * np.sum(np.log(spread), axis=-1)
+        + np.sum(precision * mean**2, axis=1)
+        + logdet
+        + 2.0 * np.sum(np.log(spread), axis=-1)
     )
     if signs is not None:
         log += size_odds(mean, np.diagonal(covariance, axis1=1, axis2=2), spread, signs)
@@ -114,13 +119,22 @@ def respread(
     """
     known = np.linalg.inv(covariance)
     pull = known @ mean
-    precision = known - np.diag(spread**-2.0) + np.stack([np.diag(one**-2.0) for one in others])
+    precision = (
+        known - np.diag(spread**-2.0) + np.stack([np.diag(one**-2.0) for one in others])
+    )
     narrower = np.linalg.inv(precision)
     there = narrower @ pull
     return np.asarray(
-        0.5 * (there @ pull - mean @ pull - np.linalg.slogdet(precision)[1]
-               + np.linalg.slogdet(known)[1]) + np.sum(np.log(spread / others), axis=1)
-        + size_odds(there, np.diagonal(narrower, axis1=1, axis2=2), others, signs))
+        0.5
+        * (
+            there @ pull
+            - mean @ pull
+            - np.linalg.slogdet(precision)[1]
+            + np.linalg.slogdet(known)[1]
+        )
+        + np.sum(np.log(spread / others), axis=1)
+        + size_odds(there, np.diagonal(narrower, axis1=1, axis2=2), others, signs)
+    )
 
 
 def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Array:
@@ -147,7 +161,8 @@ def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Arra
     hazard = np.exp(-0.5 * (ratio**2 + np.log(2.0 * np.pi)) - log_part)
     squares = mean**2 + variance + one * mean * deviation * hazard
     each = np.log(np.maximum(squares, 1e-300) / spread**2) + np.where(
-        one == 0.0, 0.0, np.log(2.0) + log_part)
+        one == 0.0, 0.0, np.log(2.0) + log_part
+    )
     return np.asarray(np.sum(np.where(np.isnan(signs), 0.0, each), axis=1))
 
 
@@ -192,7 +207,8 @@ class Linear:
         largest.
         """
         squares = self.left() ** 2 + np.sum(
-            (self.columns @ self.covariance) * self.columns, axis=-1)
+            (self.columns @ self.covariance) * self.columns, axis=-1
+        )
         noise = self.noise[:, None]
         return np.asarray(-0.5 * np.sum(squares / noise + np.log(noise), axis=0))
 
@@ -202,10 +218,17 @@ def weigh(
 ) -> list[Linear]:
     """Weigh the same columns under several priors, spreads of shape (m, p)."""
     one = gram(columns, target)
-    found = evidence(np.broadcast_to(one, (len(spreads), *one.shape)), len(observed), spreads,
-                     observed.trust, signs)
-    return [Linear(columns, target, spread, signs, float(log), mean, covariance, noise)
-            for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)]
+    found = evidence(
+        np.broadcast_to(one, (len(spreads), *one.shape)),
+        len(observed),
+        spreads,
+        observed.trust,
+        signs,
+    )
+    return [
+        Linear(columns, target, spread, signs, float(log), mean, covariance, noise)
+        for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)
+    ]
 
 
 def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
@@ -215,10 +238,17 @@ def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
     """
     group = replicate_groups(observed.axes, observed.points)
     points = int(group.max()) + 1
-    orders = [np.random.default_rng(seed + 1000 * i).permutation(points)
-              for i in range(1 if points <= FOLDS else DEALS)]
-    return [[np.flatnonzero(np.isin(group, part))
-             for part in np.array_split(order, min(FOLDS, points))] for order in orders]
+    orders = [
+        np.random.default_rng(seed + 1000 * i).permutation(points)
+        for i in range(1 if points <= FOLDS else DEALS)
+    ]
+    return [
+        [
+            np.flatnonzero(np.isin(group, part))
+            for part in np.array_split(order, min(FOLDS, points))
+        ]
+        for order in orders
+    ]
 
 
 def cross_validated_errors(
@@ -232,15 +262,25 @@ def cross_validated_errors(
     n, errors = len(observed), np.empty((len(dealt), len(observed)))
     for parts, own in zip(dealt, errors, strict=True):
         count = np.array([[n - len(part)] for part in parts])
-        left_out = np.stack([gram(model.columns[:, part], model.target[:, part])
-                             for part in parts])
-        found = evidence(gram(model.columns, model.target) - left_out, count, model.spread,
-                         observed.trust, model.signs)
-        for part, mean, covariance in zip(parts, found.mean, found.covariance, strict=True):
+        left_out = np.stack(
+            [gram(model.columns[:, part], model.target[:, part]) for part in parts]
+        )
+        found = evidence(
+            gram(model.columns, model.target) - left_out,
+            count,
+            model.spread,
+            observed.trust,
+            model.signs,
+        )
+        for part, mean, covariance in zip(
+            parts, found.mean, found.covariance, strict=True
+        ):
             for size in np.flatnonzero(model.signs * mean < 0.0):
                 # The others as they are once it is known to be zero.
                 along = covariance[:, size]
                 mean = mean - along * mean[size] / along[size]
             own[part] = model.target[0, part] - model.columns[0, part] @ mean
     errors *= observed.deviation[0]
-    return np.asarray(np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0)))
+    return np.asarray(
+        np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0))
+    )

@@ -32,11 +32,24 @@ More than any misfit, or refits to a large gap would hide the worst points where
 """
 
 _SCREENED_SIZE = 0.1  # in typical sizes
-_UNSEEN = 1e-3  # deviations: an effect this small at typical size has no channel to show in
+_UNSEEN = (
+    1e-3  # deviations: an effect this small at typical size has no channel to show in
+)
 _PASSES, _ROUGH = 60, 6  # at most; of a rough refit
-_PARTS = (1.0, 0.5, 0.2, 0.05, 0.01, 0.0)  # of a step, until it is one down; at last none
-_OTHERS_BEAR = 9.0  # times the variance of their noise, at least, the channels not served
-_SMALL = 0.3  # standard deviations: a step that changes or gains less is not worth making
+_PARTS = (
+    1.0,
+    0.5,
+    0.2,
+    0.05,
+    0.01,
+    0.0,
+)  # of a step, until it is one down; at last none
+_OTHERS_BEAR = (
+    9.0  # times the variance of their noise, at least, the channels not served
+)
+_SMALL = (
+    0.3  # standard deviations: a step that changes or gains less is not worth making
+)
 _BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
 # Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
 _MIDDLE, _ANYWHERE = 0.5, (2.0 * np.pi) ** -0.5
@@ -66,9 +79,18 @@ class Hypothesis:
     @cached_property
     def free(self) -> list[tuple[int, Any]]:
         """Which effect, and which parameter of it, each theta after the shared ones is."""
-        return [(i, item) for i, effect in enumerate(self.effects)
-                for item in (effect.sizes()[0], *(
-                    other for other in effect.parameters() if i < self.bent and other.bends))]
+        return [
+            (i, item)
+            for i, effect in enumerate(self.effects)
+            for item in (
+                effect.sizes()[0],
+                *(
+                    other
+                    for other in effect.parameters()
+                    if i < self.bent and other.bends
+                ),
+            )
+        ]
 
     @cached_property
     def sizes(self) -> NDArray[np.intp]:
@@ -78,8 +100,10 @@ class Hypothesis:
     @property
     def prior_mean(self) -> Array:
         """Mean of theta; sizes are free and have zero."""
-        return np.append(self.system.base.mean, [
-            0.0 if item.is_size else _MIDDLE for _, item in self.free])
+        return np.append(
+            self.system.base.mean,
+            [0.0 if item.is_size else _MIDDLE for _, item in self.free],
+        )
 
     def spread(self, sizes: Array | float) -> Array:
         """Prior standard deviations of theta, for those of the sizes."""
@@ -93,7 +117,11 @@ class Hypothesis:
         base, ends = self.system.base, []
         for _, item in self.free:
             low, high = _scaled(item, item.low), _scaled(item, item.high)
-            ends.append((-high, -max(low, 0.0)) if self.opposite and item.is_size else (low, high))
+            ends.append(
+                (-high, -max(low, 0.0))
+                if self.opposite and item.is_size
+                else (low, high)
+            )
         lowest, highest = np.array(ends).reshape(-1, 2).T
         return np.append(base.low, lowest), np.append(base.high, highest)
 
@@ -108,23 +136,38 @@ class Hypothesis:
     def effects_at(self, theta: Array) -> tuple[Effect, ...]:
         """Return the effects as they are at theta."""
         values: list[dict[str, float]] = [{} for _ in self.effects]
-        for (i, item), value in zip(self.free, theta[self.shared:].tolist(), strict=True):
+        for (i, item), value in zip(
+            self.free, theta[self.shared :].tolist(), strict=True
+        ):
             values[i][item.name] = _value(item, value)
-        return tuple(effect.with_values(each) for effect, each in zip(
-            self.effects, values, strict=True))
+        return tuple(
+            effect.with_values(each)
+            for effect, each in zip(self.effects, values, strict=True)
+        )
 
     def theta(self, base: Array) -> Array:
         """Return where the effects are as they stand, for scaled base parameters."""
-        return np.append(base, [_scaled(item, self.effects[i].values()[item.name])
-                                for i, item in self.free])
+        return np.append(
+            base,
+            [
+                _scaled(item, self.effects[i].values()[item.name])
+                for i, item in self.free
+            ],
+        )
 
     def predict(
         self, theta: Array, points: Points, channels: Sequence[Channel] = ()
     ) -> Array:
         """Return some channels, or every one, shape (channels, n)."""
-        found = self.system.predict(theta[:self.shared], self.effects_at(theta), points)
+        found = self.system.predict(
+            theta[: self.shared], self.effects_at(theta), points
+        )
         names = [channel.name for channel in self.system.channels]
-        return found[[names.index(channel.name) for channel in channels]] if channels else found
+        return (
+            found[[names.index(channel.name) for channel in channels]]
+            if channels
+            else found
+        )
 
     def turning(
         self, theta: Array, points: Points, channels: Sequence[Channel], here: Array
@@ -135,9 +178,13 @@ class Hypothesis:
         """
         found = np.zeros_like(here)
         for axis in (axis for axis in self.system.axes if axis.turns):
-            around = sum(self.predict(theta, {**points, axis.name: place}, channels)
-                         for place in points[axis.name] + axis.turns * np.array([[-1.0], [1.0]]))
-            found = np.fmax(found, np.abs(around / 2.0 - here))  # of NaN and a number, the number
+            around = sum(
+                self.predict(theta, {**points, axis.name: place}, channels)
+                for place in points[axis.name] + axis.turns * np.array([[-1.0], [1.0]])
+            )
+            found = np.fmax(
+                found, np.abs(around / 2.0 - here)
+            )  # of NaN and a number, the number
         found[[channel.served for channel in channels]] = 0.0
         return found
 
@@ -155,8 +202,11 @@ def _value(item: Any, scaled: float) -> float:
     """What `_scaled` gives back; a shape stays in its range, however it is rounded."""
     if item.is_size:
         return scaled * item.typical
-    found = item.low * (item.high / item.low) ** scaled if item.low > 0.0 else (
-        item.low + scaled * (item.high - item.low))
+    found = (
+        item.low * (item.high / item.low) ** scaled
+        if item.low > 0.0
+        else (item.low + scaled * (item.high - item.low))
+    )
     return min(max(found, item.low), item.high)
 
 
@@ -183,7 +233,7 @@ class Fit:
     @property
     def base(self) -> Array:
         """Scaled base parameters."""
-        return self.theta[:self.hypothesis.shared]
+        return self.theta[: self.hypothesis.shared]
 
     @property
     def sizes(self) -> Array:
@@ -198,8 +248,9 @@ class Fit:
     @property
     def target(self) -> Array:
         """What a linear model near the refit has to reproduce, shape (channels, n)."""
-        return np.asarray(self.whitened
-                          + self.jacobian @ (self.theta - self.hypothesis.prior_mean))
+        return np.asarray(
+            self.whitened + self.jacobian @ (self.theta - self.hypothesis.prior_mean)
+        )
 
     @cached_property
     def absorbed(self) -> Array:
@@ -211,15 +262,21 @@ class Fit:
         scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
         prior = np.diag(1.0 / self.hypothesis.system.base.spread)
         basis, _ = np.linalg.qr(
-            np.concatenate([scaled.reshape(-1, len(self.theta)), prior]))
+            np.concatenate([scaled.reshape(-1, len(self.theta)), prior])
+        )
         return np.asarray(basis)
 
     @cached_property
     def signatures(self) -> list[Signature]:
         """Every form of the library that can show beside the base model."""
-        every = ((form, self.signature(form)) for kind in self.hypothesis.system.library
-                 for form in forms_of(kind))
-        return [(form, change) for form, change in every if np.abs(change).max() >= _UNSEEN]
+        every = (
+            (form, self.signature(form))
+            for kind in self.hypothesis.system.library
+            for form in forms_of(kind)
+        )
+        return [
+            (form, change) for form, change in every if np.abs(change).max() >= _UNSEEN
+        ]
 
     def signature(self, form: Effect) -> Array:
         """Change by one typical size of a form beside what there is, shape (channels, n)."""
@@ -235,9 +292,13 @@ class Fit:
         Returns:
             The rows of `absorbed` one after another, shape (k, channels x n + p).
         """
-        whole = np.concatenate([
-            readings.reshape(len(readings), -1),
-            np.broadcast_to(prior, (len(readings), len(self.theta)))], axis=1)
+        whole = np.concatenate(
+            [
+                readings.reshape(len(readings), -1),
+                np.broadcast_to(prior, (len(readings), len(self.theta))),
+            ],
+            axis=1,
+        )
         return np.asarray(whole - whole @ self.absorbed @ self.absorbed.T)
 
     def delivered(self, noise: Array) -> Fit:
@@ -248,25 +309,51 @@ class Fit:
         """
         served = [channel.served for channel in self.observed.channels]
         weights = np.where(served, noise, np.maximum(self.noise, _OTHERS_BEAR * noise))
-        return self if all(served) else refit(
-            self.hypothesis, self.observed, self.theta, self.jacobian, rough=True, noise=weights)
+        return (
+            self
+            if all(served)
+            else refit(
+                self.hypothesis,
+                self.observed,
+                self.theta,
+                self.jacobian,
+                rough=True,
+                noise=weights,
+            )
+        )
 
     def as_measured(self, points: Points) -> Observations:
         """Other points as if read there: what is foretold, with the noise of the campaign."""
         observed = self.observed
         found = self.hypothesis.predict(self.theta, points, observed.channels)
-        deviation = np.stack([channel.deviation(row) for channel, row in zip(
-            observed.channels, found, strict=True)])
+        deviation = np.stack(
+            [
+                channel.deviation(row)
+                for channel, row in zip(observed.channels, found, strict=True)
+            ]
+        )
         deviation[0] = np.median(observed.deviation[0])
-        deviation = np.hypot(deviation * np.sqrt(self.noise)[:, None],
-                             self.hypothesis.turning(self.theta, points, observed.channels, found))
-        return replace(observed, points=points, measured=found, number=np.arange(found.shape[1]),
-                       deviation=deviation)
+        deviation = np.hypot(
+            deviation * np.sqrt(self.noise)[:, None],
+            self.hypothesis.turning(self.theta, points, observed.channels, found),
+        )
+        return replace(
+            observed,
+            points=points,
+            measured=found,
+            number=np.arange(found.shape[1]),
+            deviation=deviation,
+        )
 
 
 def refit(
-    hypothesis: Hypothesis, observed: Observations, start: Array | None = None,
-    slopes: Array | None = None, *, rough: bool = False, noise: Array | None = None,
+    hypothesis: Hypothesis,
+    observed: Observations,
+    start: Array | None = None,
+    slopes: Array | None = None,
+    *,
+    rough: bool = False,
+    noise: Array | None = None,
 ) -> Fit:
     """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
 
@@ -288,11 +375,13 @@ def refit(
     middle, bounds = hypothesis.prior_mean, hypothesis.bounds
     theta = middle.copy()
     if start is not None:
-        theta[:len(start)] = start
+        theta[: len(start)] = start
     theta = theta.clip(*bounds)
     here = _whitened(hypothesis, observed, theta)
     exact, moved = slopes is None, False
-    jacobian = _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
+    jacobian = (
+        _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
+    )
     prior = np.diag(1.0 / hypothesis.spread(np.inf))
     for _ in range(_ROUGH if rough else _PASSES):
         weight = _noise(observed, here, len(theta)) if noise is None else noise
@@ -301,12 +390,16 @@ def refit(
         def missed(here: Array, theta: Array, root: Array = root) -> Array:
             return np.append(here / root, prior @ (middle - theta))
 
-        columns = np.concatenate([(jacobian / root[..., None]).reshape(-1, len(theta)), prior])
+        columns = np.concatenate(
+            [(jacobian / root[..., None]).reshape(-1, len(theta)), prior]
+        )
         left, before, whitened = missed(here, theta), theta, here
         aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
         small, edge = np.linalg.norm(columns @ (aim - theta)) < _SMALL, False
         for part in (0.0,) if small else _PARTS:
-            theta = (before + part * (aim - before)).clip(*bounds)  # `aim` may miss by rounding
+            theta = (before + part * (aim - before)).clip(
+                *bounds
+            )  # `aim` may miss by rounding
             here = _whitened(hypothesis, observed, theta) if part else whitened
             if np.sum(missed(here, theta) ** 2) <= np.sum(left**2) - _SMALL**2:
                 break
@@ -314,17 +407,28 @@ def refit(
         if part:
             step = theta - before
             along = columns.T @ columns @ step
-            moved, exact, jacobian = True, False, jacobian + (
-                whitened - here - jacobian @ step)[..., None] * along / (step @ along)
+            moved, exact, jacobian = (
+                True,
+                False,
+                jacobian
+                + (whitened - here - jacobian @ step)[..., None]
+                * along
+                / (step @ along),
+            )
         elif exact or (rough and (small or moved)):
             if edge and not moved and start is not None and noise is None:
                 other = refit(hypothesis, observed, rough=rough)
-                if np.sum(np.log(other.noise / _noise(observed, here, len(theta)))) < 0.0:
+                if (
+                    np.sum(np.log(other.noise / _noise(observed, here, len(theta))))
+                    < 0.0
+                ):
                     return other
             break
         else:
             exact, jacobian = True, _jacobian(hypothesis, observed, theta, here)
-    return Fit(hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta)))
+    return Fit(
+        hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta))
+    )
 
 
 def freed(fit: Fit, rough: bool = False) -> Fit:
@@ -332,21 +436,35 @@ def freed(fit: Fit, rough: bool = False) -> Fit:
     before, observed = fit.hypothesis, fit.observed
     free = replace(before, effects=fit.effects, bent=len(fit.effects))
     theta = free.theta(fit.base)
-    known = np.array([*np.full(before.shared, True), *(item in before.free for item in free.free)])
+    known = np.array(
+        [*np.full(before.shared, True), *(item in before.free for item in free.free)]
+    )
     slopes = np.empty((*fit.whitened.shape, len(theta)))
     slopes[..., known] = fit.jacobian
     slopes[..., ~known] = _jacobian(
-        free, observed, theta, _whitened(free, observed, theta), np.flatnonzero(~known).tolist())
+        free,
+        observed,
+        theta,
+        _whitened(free, observed, theta),
+        np.flatnonzero(~known).tolist(),
+    )
     return refit(free, observed, theta, slopes, rough=rough)
 
 
 def without(fit: Fit, i: int) -> Fit:
     """Refit without one of the effects, from where a refit ended."""
     before = fit.hypothesis
-    kept = np.array([*np.full(before.shared, True), *(place != i for place, _ in before.free)])
-    rest = replace(before, effects=(*fit.effects[:i], *fit.effects[i + 1:]),
-                   bent=before.bent - (i < before.bent))
-    return refit(rest, fit.observed, fit.theta[kept], fit.jacobian[..., kept], rough=True)
+    kept = np.array(
+        [*np.full(before.shared, True), *(place != i for place, _ in before.free)]
+    )
+    rest = replace(
+        before,
+        effects=(*fit.effects[:i], *fit.effects[i + 1 :]),
+        bent=before.bent - (i < before.bent),
+    )
+    return refit(
+        rest, fit.observed, fit.theta[kept], fit.jacobian[..., kept], rough=True
+    )
 
 
 def linearise(
@@ -354,15 +472,23 @@ def linearise(
 ) -> Fit:
     """Return a fit as it stands at given parameters, also at points it was not fitted to."""
     here = _whitened(hypothesis, observed, theta)
-    return Fit(hypothesis, observed, theta, here, _jacobian(hypothesis, observed, theta, here),
-               noise)
+    return Fit(
+        hypothesis,
+        observed,
+        theta,
+        here,
+        _jacobian(hypothesis, observed, theta, here),
+        noise,
+    )
 
 
 def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:
     """Variance of each channel from its residuals and what was stated."""
     trust, n = observed.trust, len(observed)
     used = min(parameters, n - 1) / len(trust)
-    return np.asarray((trust + np.sum(whitened**2, axis=1)) / (trust + max(n - used, 1.0)))
+    return np.asarray(
+        (trust + np.sum(whitened**2, axis=1)) / (trust + max(n - used, 1.0))
+    )
 
 
 def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> Array:
@@ -371,7 +497,10 @@ def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> A
 
 
 def _jacobian(
-    hypothesis: Hypothesis, observed: Observations, theta: Array, here: Array,
+    hypothesis: Hypothesis,
+    observed: Observations,
+    theta: Array,
+    here: Array,
     which: Sequence[int] | None = None,
 ) -> Array:
     """Change of the prediction / deviation by each parameter, or some, where `here` is left."""
@@ -384,5 +513,6 @@ def _jacobian(
         there = _whitened(hypothesis, observed, moved)
         # Where an answer comes or goes there is no slope.
         jacobian[..., place] = np.where(
-            (there == REFUSED) == (here == REFUSED), here - there, 0.0) / (moved[i] - theta[i])
+            (there == REFUSED) == (here == REFUSED), here - there, 0.0
+        ) / (moved[i] - theta[i])
     return jacobian

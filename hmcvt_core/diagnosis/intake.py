@@ -50,29 +50,44 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     observed = base.observed
     slips, read = outliers(observed, base.whitened), observed.channels[0].name
     if len(slips) > _NAMED:
-        notes.append(f"{len(slips)} samples stand alone against their neighbours and were left "
-                     f"out: {listed_samples(observed, slips)}")
+        notes.append(
+            f"{len(slips)} samples stand alone against their neighbours and were left "
+            f"out: {listed_samples(observed, slips)}"
+        )
     else:
-        notes += [f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
-                  "against its neighbours and was left out: measure it again" for i in slips]
+        notes += [
+            f"{observed.describe(i)}, {read} {observed.measured[0, i]:.4g}, stands alone "
+            "against its neighbours and was left out: measure it again"
+            for i in slips
+        ]
     if len(slips):
         base = _answered(system, observed.without(slips), notes)
     _check(system, base.observed)
     if len(base.observed) > LARGE:
-        notes.append(f"{LARGE} of {len(base.observed)} samples are weighed, evenly spread over the "
-                     "operating points")
-        base = refit(base.hypothesis, base.observed.select(spread_out(base.observed, LARGE)),
-                     base.base)
+        notes.append(
+            f"{LARGE} of {len(base.observed)} samples are weighed, evenly spread over the "
+            "operating points"
+        )
+        base = refit(
+            base.hypothesis,
+            base.observed.select(spread_out(base.observed, LARGE)),
+            base.base,
+        )
     uneven = uneven_noise(base)
     changing = np.flatnonzero(np.ptp(uneven, axis=1))
-    notes += [f"the scatter of {base.observed.channels[i].name} seems to change "
-              f"{uneven[i].max() / uneven[i].min():.1f}-fold over the operating points, or a gap "
-              "is narrow; samples count by it, and a column of standard deviations would state it"
-              for i in changing]
+    notes += [
+        f"the scatter of {base.observed.channels[i].name} seems to change "
+        f"{uneven[i].max() / uneven[i].min():.1f}-fold over the operating points, or a gap "
+        "is narrow; samples count by it, and a column of standard deviations would state it"
+        for i in changing
+    ]
     if len(changing):
         observed = base.observed
-        base = refit(base.hypothesis, replace(
-            observed, deviation=observed.deviation * uneven), base.base)
+        base = refit(
+            base.hypothesis,
+            replace(observed, deviation=observed.deviation * uneven),
+            base.base,
+        )
     return base, notes
 
 
@@ -95,10 +110,13 @@ def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
         raise InputError(
             f"{observed.samples.source}: {len(impossible)} of {len(observed)} samples "
             f"{system.refusal}, whatever its parameters (first: "
-            f"{observed.describe(impossible[0])}): {system.advice}")
+            f"{observed.describe(impossible[0])}): {system.advice}"
+        )
     if len(impossible):
-        notes.append(f"{len(impossible)} samples {system.refusal} and were left out: "
-                     f"{listed_samples(observed, impossible)}")
+        notes.append(
+            f"{len(impossible)} samples {system.refusal} and were left out: "
+            f"{listed_samples(observed, impossible)}"
+        )
     if fit is not None and np.array_equal(impossible, before):
         return fit
     return refit(base, observed.without(impossible))
@@ -123,15 +141,20 @@ def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:
     place = (scaled_to_extent(observed.place).T + 1.0) / 2.0
     cell, parts = np.zeros(len(place), dtype=np.intp), 2.0
     while parts < _FINEST:
-        code = (place * parts).astype(int) @ (int(parts) + 1) ** np.arange(place.shape[1])
+        code = (place * parts).astype(int) @ (int(parts) + 1) ** np.arange(
+            place.shape[1]
+        )
         finer = np.unique(code, return_inverse=True)[1]
         if finer.max() >= most:
             break
         cell, parts = finer, _FINER * parts
     mixed = np.random.default_rng(0).permutation(len(cell))
     # Of their cells the ends of the campaign come first: what is measured is no extrapolation.
-    mixed = mixed[np.argsort(~np.any((place == 0.0) | (place == 1.0), axis=1)[mixed],
-                             kind="stable")]
+    mixed = mixed[
+        np.argsort(
+            ~np.any((place == 0.0) | (place == 1.0), axis=1)[mixed], kind="stable"
+        )
+    ]
     order = mixed[np.argsort(cell[mixed], kind="stable")]
     turn = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
     return np.sort(order[np.argsort(turn, kind="stable")[:most]])
@@ -142,8 +165,10 @@ def _check(system: System, observed: Observations) -> None:
     against = f"cannot tell a gap from the {free} parameters that are refitted"
     least = max(LEAST_SAMPLES, free + 1)
     if n < least:
-        raise InputError(f"{source}: {n} samples (rows that differ) {against}; at least {least} "
-                         "are needed")
+        raise InputError(
+            f"{source}: {n} samples (rows that differ) {against}; at least {least} "
+            "are needed"
+        )
     points = replicate_groups(observed.axes, observed.points).max() + 1
     if points <= free:
         raise InputError(f"{source}: {points} distinct operating points {against}")
@@ -160,33 +185,47 @@ def uneven_noise(fit: Fit) -> Array:
     from scipy.optimize import minimize
 
     observed, shape = fit.observed, np.ones_like(fit.whitened)
-    place = scaled_to_extent(np.stack([
-        np.log(row) if row.min() > 0.0 else row for row in observed.place]))
+    place = scaled_to_extent(
+        np.stack([np.log(row) if row.min() > 0.0 else row for row in observed.place])
+    )
     place = np.vstack([np.ones(len(observed)), place])
     points = replicate_groups(observed.axes, observed.points).max() + 1
     for i, channel in enumerate(observed.channels):
         columns = np.hstack([observed.smooth[0], fit.jacobian[i]])
         # What is propagated from its meters, sample by sample, has the shape that it has.
-        if (observed.trust[i] > TRUST_ASSUMED or channel.uncertainty == 0.0
-                or points < _ROOM * columns.shape[1]):
+        if (
+            observed.trust[i] > TRUST_ASSUMED
+            or channel.uncertainty == 0.0
+            or points < _ROOM * columns.shape[1]
+        ):
             continue
-        for _ in range(_ROUNDS):  # noise that is large somewhere bends what is taken elsewhere
+        for _ in range(
+            _ROUNDS
+        ):  # noise that is large somewhere bends what is taken elsewhere
             taken, _ = np.linalg.qr(columns / shape[i, :, None])
             left = fit.whitened[i] / shape[i]
             left = left - taken @ (taken.T @ left)
             free = 1.0 - np.sum(taken**2, axis=1)  # of each residual, what is not taken
             flat = np.log(np.sum(left**2) / free.sum())
-            found = minimize(_deviance, np.append(flat, np.zeros(len(place) - 1)),
-                             (place, free, left**2), jac=True)
+            found = minimize(
+                _deviance,
+                np.append(flat, np.zeros(len(place) - 1)),
+                (place, free, left**2),
+                jac=True,
+            )
             # Scatter beyond what was assumed is hardly noise.
-            if flat > 0.0 or not free.sum() * (flat + 1.0) - found.fun > 2.0 * (len(place) - 1):
+            if flat > 0.0 or not free.sum() * (flat + 1.0) - found.fun > 2.0 * (
+                len(place) - 1
+            ):
                 break
             shape[i] *= np.exp(0.5 * found.x @ place)
         shape[i] /= np.sqrt(np.mean(shape[i] ** 2))
     return shape
 
 
-def _deviance(slopes: Array, place: Array, free: Array, squares: Array) -> tuple[float, Array]:
+def _deviance(
+    slopes: Array, place: Array, free: Array, squares: Array
+) -> tuple[float, Array]:
     """-2 log likelihood of variances exp(slopes @ place), and its gradient."""
     log = slopes @ place
     ratio = squares * np.exp(-log)
@@ -231,4 +270,7 @@ def _together(some: Array, place: Array) -> bool:
         return False
     from scipy.stats import ks_2samp
 
-    return any(ks_2samp(one, row).pvalue < _CHANCE for one, row in zip(some, place, strict=True))
+    return any(
+        ks_2samp(one, row).pvalue < _CHANCE
+        for one, row in zip(some, place, strict=True)
+    )

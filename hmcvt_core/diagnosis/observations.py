@@ -93,7 +93,9 @@ class Observations:
         Shape (channels, channels, n).
         """
         relative = np.array([[channel.relative] for channel in self.channels])
-        found = np.eye(len(relative))[..., None] * np.where(relative, self.measured, 1.0)
+        found = np.eye(len(relative))[..., None] * np.where(
+            relative, self.measured, 1.0
+        )
         found[relative[:, 0], 0] = self.measured[0]
         return np.asarray(found / self.deviation)
 
@@ -104,9 +106,14 @@ class Observations:
 
     def select(self, index: NDArray[np.intp]) -> Observations:
         """Return a subset of samples, with the same noise."""
-        return replace(self, points={name: row[index] for name, row in self.points.items()},
-                       measured=self.measured[:, index], deviation=self.deviation[:, index],
-                       samples=self.samples.select(index), number=self.number[index])
+        return replace(
+            self,
+            points={name: row[index] for name, row in self.points.items()},
+            measured=self.measured[:, index],
+            deviation=self.deviation[:, index],
+            samples=self.samples.select(index),
+            number=self.number[index],
+        )
 
     def without(self, index: NDArray[np.intp]) -> Observations:
         """Return the other samples."""
@@ -114,20 +121,34 @@ class Observations:
 
     def stating(self, noise: float) -> Observations:
         """Return the same as if somebody had stated the noise of the first channel."""
-        first, trust, _ = noise_of(self.channels[0], self.measured[0], noise, None, (), {})
-        return replace(self, deviation=np.vstack([first, self.deviation[1:]]),
-                       trust=np.append(trust, self.trust[1:]), noise_source="given", assumed=False)
+        first, trust, _ = noise_of(
+            self.channels[0], self.measured[0], noise, None, (), {}
+        )
+        return replace(
+            self,
+            deviation=np.vstack([first, self.deviation[1:]]),
+            trust=np.append(trust, self.trust[1:]),
+            noise_source="given",
+            assumed=False,
+        )
 
     def describe(self, i: int) -> str:
         """Return one sample by number and operating point."""
-        place = ", ".join(f"{axis.name.replace('_', ' ')} {self.points[axis.name][i]:.4g} "
-                          f"{axis.unit}".removesuffix(" -") for axis in self.steered)
+        place = ", ".join(
+            f"{axis.name.replace('_', ' ')} {self.points[axis.name][i]:.4g} "
+            f"{axis.unit}".removesuffix(" -")
+            for axis in self.steered
+        )
         return f"sample {self.number[i] + 1} ({place})"
 
 
 def noise_of(
-    channel: Channel, measured: Array, given: float | None, column: Array | None,
-    axes: Sequence[Axis], points: Points,
+    channel: Channel,
+    measured: Array,
+    given: float | None,
+    column: Array | None,
+    axes: Sequence[Axis],
+    points: Points,
 ) -> tuple[Array, float, str | None]:
     """Return the noise of a channel as it is stated: given, by sample, or by repeated points.
 
@@ -169,7 +190,9 @@ def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] 
     mean = np.bincount(group, measured) / count
     deviation = float(np.sqrt(np.sum((measured - mean[group]) ** 2) / free))
     # Readings that agree better than any bench are filled in, as in a plan, or copied.
-    return None if deviation <= _LEAST_PART * np.abs(measured).max() else (deviation, free)
+    return (
+        None if deviation <= _LEAST_PART * np.abs(measured).max() else (deviation, free)
+    )
 
 
 def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
@@ -181,10 +204,18 @@ def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
     from scipy.cluster.hierarchy import fclusterdata
 
     # In tolerances: a bench never sets a point twice to the last digit.
-    scaled = np.stack([points[axis.name] / max(REPEATED * float(np.ptp(points[axis.name])),
-                                               axis.held) for axis in axes], axis=1)
+    scaled = np.stack(
+        [
+            points[axis.name]
+            / max(REPEATED * float(np.ptp(points[axis.name])), axis.held)
+            for axis in axes
+        ],
+        axis=1,
+    )
     if 1 < len(scaled) <= LARGE:
-        label = fclusterdata(scaled, 1.0, "distance", metric="chebyshev", method="complete")
+        label = fclusterdata(
+            scaled, 1.0, "distance", metric="chebyshev", method="complete"
+        )
     else:  # pairs of neighbours are too many: what a lattice does not part
         label = np.unique(np.round(scaled), axis=0, return_inverse=True)[1].ravel()
     order = np.lexsort(scaled.T[::-1])
@@ -198,7 +229,9 @@ def scaled_to_extent(place: Array, within: Array | None = None) -> Array:
     """Places scaled to -1 .. 1 by the extent of a campaign (their own), same shape; none beyond."""
     within = place if within is None else within
     low, high = within.min(axis=1, keepdims=True), within.max(axis=1, keepdims=True)
-    return np.asarray((2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0).clip(-1.0, 1.0))
+    return np.asarray(
+        (2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0).clip(-1.0, 1.0)
+    )
 
 
 def smooth_functions(
@@ -217,9 +250,18 @@ def smooth_functions(
     """
     # Along each axis, by order; the factor makes the mean square one.
     along = np.sqrt(2.0 * np.arange(degree + 1) + 1.0) * legendre.legvander(
-        scaled_to_extent(place, within), degree)
-    powers = sorted((p for p in itertools.product(range(degree + 1), repeat=len(place))
-                     if sum(p) <= degree), key=sum)
-    columns = [np.prod([along[axis, :, order] for axis, order in enumerate(power)], axis=0)
-               for power in powers]
+        scaled_to_extent(place, within), degree
+    )
+    powers = sorted(
+        (
+            p
+            for p in itertools.product(range(degree + 1), repeat=len(place))
+            if sum(p) <= degree
+        ),
+        key=sum,
+    )
+    columns = [
+        np.prod([along[axis, :, order] for axis, order in enumerate(power)], axis=0)
+        for power in powers
+    ]
     return np.stack(columns, axis=1), np.array([sum(power) for power in powers])

@@ -58,34 +58,53 @@ class Isolability:
         found = []
         for i in np.flatnonzero(self.detectability >= DECISIVE):
             name, twins = self.effects[i], self.twins(self.effects[i])
-            left = twins if self.fuller is None else [
-                other for other in twins if other in self.fuller.twins(name)]
-            remedies = dict.fromkeys(self.remedies[each] for each in (name, *left) if left)
+            left = (
+                twins
+                if self.fuller is None
+                else [other for other in twins if other in self.fuller.twins(name)]
+            )
+            remedies = dict.fromkeys(
+                self.remedies[each] for each in (name, *left) if left
+            )
             if twins:
-                found.append({
-                    "effect": name, "indistinguishable_from": twins,
-                    f"told_by_{self.further}": [each for each in twins if each not in left],
-                    "remedies": list(filter(None, remedies))})
+                found.append(
+                    {
+                        "effect": name,
+                        "indistinguishable_from": twins,
+                        f"told_by_{self.further}": [
+                            each for each in twins if each not in left
+                        ],
+                        "remedies": list(filter(None, remedies)),
+                    }
+                )
         return found
 
     def twins(self, effect: str) -> list[str]:
         """Return the effects that the plan cannot tell from one that it can see."""
         row = self.separation[self.effects.index(effect)]
-        return [other for other, level in zip(self.effects, row, strict=True)
-                if other != effect and level < DECISIVE]
+        return [
+            other
+            for other, level in zip(self.effects, row, strict=True)
+            if other != effect and level < DECISIVE
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
-            "samples": len(self.plan), "noise": self.plan.usual_noise,
+            "samples": len(self.plan),
+            "noise": self.plan.usual_noise,
             "noise_source": self.plan.noise_source,
             "channels": [channel.name for channel in self.plan.channels],
             "threshold": DECISIVE,
-            "effects": [{
-                "effect": name, "detectability": float(self.detectability[i]),
-                "visible": bool(self.detectability[i] >= DECISIVE),
-                "indistinguishable_from": self.twins(name),
-            } for i, name in enumerate(self.effects)],
+            "effects": [
+                {
+                    "effect": name,
+                    "detectability": float(self.detectability[i]),
+                    "visible": bool(self.detectability[i] >= DECISIVE),
+                    "indistinguishable_from": self.twins(name),
+                }
+                for i, name in enumerate(self.effects)
+            ],
             "confused": self.confused(),
             "separation": self.separation.tolist(),
         }
@@ -100,33 +119,61 @@ class Isolability:
         told, hidden = [], []
         for name, level in zip(self.effects, self.detectability.tolist(), strict=True):
             if level < DECISIVE:
-                runs = f" ({math.ceil(DECISIVE / level)})" if _MOST_RUNS * level >= DECISIVE else ""
+                runs = (
+                    f" ({math.ceil(DECISIVE / level)})"
+                    if _MOST_RUNS * level >= DECISIVE
+                    else ""
+                )
                 hidden.append(name + runs)
             elif not self.twins(name):
                 told.append(name)
         read = ", ".join(channel.name for channel in self.plan.channels)
-        lines = [f"{len(self.plan)} points; read: {read}",
-                 f"noise of the {plain(first.name)}: {first.factor * self.plan.usual_noise:.2g} "
-                 f"{first.unit}, {self.plan.noise_source}", "",
-                 _listed("told from all others: ", told)]
+        lines = [
+            f"{len(self.plan)} points; read: {read}",
+            f"noise of the {plain(first.name)}: {first.factor * self.plan.usual_noise:.2g} "
+            f"{first.unit}, {self.plan.noise_source}",
+            "",
+            _listed("told from all others: ", told),
+        ]
         if confused:
             lines += ["", "seen, but not told from:"]
         for item in confused:
-            lines.append(_listed(f"  {item['effect']}: ", item["indistinguishable_from"]))
+            lines.append(
+                _listed(f"  {item['effect']}: ", item["indistinguishable_from"])
+            )
             if by_channel := item[f"told_by_{self.further}"]:
-                lines.append(_listed(f"    reading the {plain(self.further)} too tells it from ",
-                                     by_channel))
+                lines.append(
+                    _listed(
+                        f"    reading the {plain(self.further)} too tells it from ",
+                        by_channel,
+                    )
+                )
             if item["remedies"]:
-                lines.append(_listed("    to settle it: ", ["; or ".join(item["remedies"])]))
-        lines += ["", _listed("not visible at their typical size (number: runs of the whole plan "
-                              "that would show it): ", hidden)]
+                lines.append(
+                    _listed("    to settle it: ", ["; or ".join(item["remedies"])])
+                )
+        lines += [
+            "",
+            _listed(
+                "not visible at their typical size (number: runs of the whole plan "
+                "that would show it): ",
+                hidden,
+            ),
+        ]
         if matrix:
-            lines += ["", "squared deviations that the row's effect, at its typical size, leaves "
-                      "after the refit of the", "base parameters when the column's effect, in the "
-                      f"same order, may mimic it; visible from {DECISIVE:g}:"]
+            lines += [
+                "",
+                "squared deviations that the row's effect, at its typical size, leaves "
+                "after the refit of the",
+                "base parameters when the column's effect, in the "
+                f"same order, may mimic it; visible from {DECISIVE:g}:",
+            ]
             width = max(map(len, self.effects))
-            lines += [f"{name:<{width}} " + " ".join(f"{min(value, 99999.0):5.0f}" for value in row)
-                      for name, row in zip(self.effects, self.separation, strict=True)]
+            lines += [
+                f"{name:<{width}} "
+                + " ".join(f"{min(value, 99999.0):5.0f}" for value in row)
+                for name, row in zip(self.effects, self.separation, strict=True)
+            ]
         return "\n".join(lines)
 
 
@@ -154,15 +201,21 @@ def isolability(
     # The worst case over the forms of each effect.
     members = [np.flatnonzero(index == i) for i in range(len(effects))]
     detectability = np.array([squares[own].min() for own in members])
-    separation = np.array([[alone[np.ix_(own, other)].min() for other in members]
-                           for own in members])
+    separation = np.array(
+        [[alone[np.ix_(own, other)].min() for other in members] for own in members]
+    )
     np.fill_diagonal(separation, detectability)
     read = {channel.name for channel in plan.channels}
     further = [channel.name for channel in system.channels if channel.name not in read]
     return Isolability(
-        effects, detectability, separation, plan, (further or [system.channels[-1].name])[0],
+        effects,
+        detectability,
+        separation,
+        plan,
+        (further or [system.channels[-1].name])[0],
         {form.name: form.remedy for form, _ in found},
-        None if fuller is None else isolability(system, fuller, base))
+        None if fuller is None else isolability(system, fuller, base),
+    )
 
 
 def _listed(title: str, names: Iterable[str]) -> str:

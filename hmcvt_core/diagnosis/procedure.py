@@ -26,7 +26,9 @@ from .words import Diagnosis
 
 FOUND = 0.80  # probability from which one set is called found, or effects that are not told apart
 UNEXPLAINED = 0.5  # probability of an unlisted loss from which no cause is named
-_TWIN = math.log(FOUND / (1.0 - FOUND))  # evidence, forms aside: less does not tell two sets apart
+_TWIN = math.log(
+    FOUND / (1.0 - FOUND)
+)  # evidence, forms aside: less does not tell two sets apart
 _ROUNDING = 1e-9
 _MOST_REGIONS = 5
 _TOLD_SETS = 5
@@ -67,16 +69,27 @@ class _Study:
         """Errors of a rival at samples left out, shape (n,); worked out once for each."""
         observed, dealt = self.base.observed, deals(self.base.observed, self.seed)
         # A size is held at its bound in what is handed over, not in the folds.
-        return cache(lambda rival: max(
-            cross_validated_errors(rival.plain, observed, dealt),
-            rival.delivered.whitened[0] * observed.deviation[0], key=_rms))
+        return cache(
+            lambda rival: max(
+                cross_validated_errors(rival.plain, observed, dealt),
+                rival.delivered.whitened[0] * observed.deviation[0],
+                key=_rms,
+            )
+        )
 
     @cached_property
     def shrunk(self) -> Callable[[Rival], result.ShrinkageSummary]:
         """How far the gap shrinks with a set held in every fold; worked out once for each."""
-        return cache(lambda rival: shrinkage(
-            self.before, self.errors(rival), self.noise, "cross-validation", self.seed,
-            least=self._foretold(rival)))
+        return cache(
+            lambda rival: shrinkage(
+                self.before,
+                self.errors(rival),
+                self.noise,
+                "cross-validation",
+                self.seed,
+                least=self._foretold(rival),
+            )
+        )
 
     @cached_property
     def expected(self) -> tuple[Array, Array]:
@@ -86,15 +99,21 @@ class _Study:
     def _foretold(self, rival: Rival) -> Array:
         """Mean squares expected of the gap before and after a set, shape (2,)."""
         (mean, deviation), unit = self.expected, self.base.observed.deviation[0]
-        before, after = (np.where(fit.whitened[0] == REFUSED, np.nan, fit.whitened[0] * unit)
-                         for fit in (self.base, rival.delivered))
-        return np.nanmean([mean**2, (mean - before + after) ** 2] + deviation**2, axis=1)
+        before, after = (
+            np.where(fit.whitened[0] == REFUSED, np.nan, fit.whitened[0] * unit)
+            for fit in (self.base, rival.delivered)
+        )
+        return np.nanmean(
+            [mean**2, (mean - before + after) ** 2] + deviation**2, axis=1
+        )
 
     @cached_property
     def noise(self) -> Array:
         """Standard deviation of the first channel, (n,); without a gap that of the base model."""
         ranking = self.ranking
-        likeliest = ranking.entries[0][0].weighed if self.significant else ranking.bare.plain
+        likeliest = (
+            ranking.entries[0][0].weighed if self.significant else ranking.bare.plain
+        )
         return np.asarray(self.base.observed.deviation[0] * np.sqrt(likeliest.noise[0]))
 
 
@@ -136,29 +155,75 @@ def diagnose_system(
     ranking, residuals, real = study.ranking, study.before, study.significant
     verdict, why = _verdict(study)
     after = study.errors(study.leading[0]) if real else residuals
-    delivered = result.Delivered(_rms(residuals), _rms(after if verdict in NAMING else residuals))
+    delivered = result.Delivered(
+        _rms(residuals), _rms(after if verdict in NAMING else residuals)
+    )
     before, noise, judged, held_out = residuals, study.noise, observed, list[str]()
     if held is not None:
         before, after, noise, judged, held_out = _errors_on(study, held)
-    shrunk = study.shrunk(study.leading[0]) if real and held is None else shrinkage(
-        before, after, noise, "cross-validation" if held is None else "holdout", seed, real)
-    gap = result.Gap(len(residuals), _rms(residuals), _rms(study.noise), observed.usual_noise,
-                     observed.noise_source, found.p_value, real)
+    shrunk = (
+        study.shrunk(study.leading[0])
+        if real and held is None
+        else shrinkage(
+            before,
+            after,
+            noise,
+            "cross-validation" if held is None else "holdout",
+            seed,
+            real,
+        )
+    )
+    gap = result.Gap(
+        len(residuals),
+        _rms(residuals),
+        _rms(study.noise),
+        observed.usual_noise,
+        observed.noise_source,
+        found.p_value,
+        real,
+    )
     advice = advise(ranking, system.candidates(observed.points, base.base))
     expected = study.expected[0]
     return Diagnosis(
-        gap, _where(study, expected), verdict, _causes(study, verdict),
-        _sets(study) if real else (), shrunk, delivered,
-        advice.next_tests, advice, ranking.unlisted if real else 0.0,
-        ranking.misfit if real else 0.0, _lost_power(study, verdict, expected), tuple(warnings),
-        (*warnings, *notes, *more, *held_out, *_on_noise(study), *system.remarks(observed.samples),
-         *why),
-        _model_of(base), ranking.alive, observed.samples, residuals, judged.samples, before, after)
+        gap,
+        _where(study, expected),
+        verdict,
+        _causes(study, verdict),
+        _sets(study) if real else (),
+        shrunk,
+        delivered,
+        advice.next_tests,
+        advice,
+        ranking.unlisted if real else 0.0,
+        ranking.misfit if real else 0.0,
+        _lost_power(study, verdict, expected),
+        tuple(warnings),
+        (
+            *warnings,
+            *notes,
+            *more,
+            *held_out,
+            *_on_noise(study),
+            *system.remarks(observed.samples),
+            *why,
+        ),
+        _model_of(base),
+        ranking.alive,
+        observed.samples,
+        residuals,
+        judged.samples,
+        before,
+        after,
+    )
 
 
 def next_test(
-    system: System, observed: Observations, possible: Points | None = None, *,
-    notes: Sequence[str] = (), seed: int = 0,
+    system: System,
+    observed: Observations,
+    possible: Points | None = None,
+    *,
+    notes: Sequence[str] = (),
+    seed: int = 0,
 ) -> Advice:
     """Choose the next test of a campaign; arguments and errors as of `diagnose_system`.
 
@@ -174,7 +239,12 @@ def next_test(
 
 
 def shrinkage(
-    before: Array, after: Array, noise: Array, on: str, seed: int, real: bool = True,
+    before: Array,
+    after: Array,
+    noise: Array,
+    on: str,
+    seed: int,
+    real: bool = True,
     least: Array | float = 0.0,
 ) -> result.ShrinkageSummary:
     r"""Say how far the gap shrinks, from errors on data not used for the fit.
@@ -192,18 +262,26 @@ def shrinkage(
         least: G^2 before and after, shape (2,), as far as the noise hides them; by default a gap
             below the noise is none.
     """
-    squares = np.stack([before**2, after**2], axis=1) - np.broadcast_to(
-        np.square(noise), before.shape)[:, None]
+    squares = (
+        np.stack([before**2, after**2], axis=1)
+        - np.broadcast_to(np.square(noise), before.shape)[:, None]
+    )
     mean, hidden = np.maximum(squares.mean(axis=0), 0.0), np.mean(np.square(noise))
     mean = np.maximum(mean, least * hidden / max(hidden + mean[0], _ROUNDING**2))
     fraction, interval = None, None
     if real and mean[0] > 0.0:
         rng, n = np.random.default_rng(seed), len(squares)
-        drawn = np.stack([mean, *(squares[rng.integers(0, n, n)].mean(axis=0)
-                                  for _ in range(_DRAWS))])
+        drawn = np.stack(
+            [
+                mean,
+                *(squares[rng.integers(0, n, n)].mean(axis=0) for _ in range(_DRAWS)),
+            ]
+        )
         drawn = drawn[drawn[:, 0] > 0.0]
         # Below the noise nothing is left to remove; a gap cannot shrink by more than all of it.
-        fraction, *others = np.clip(1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0).tolist()
+        fraction, *others = np.clip(
+            1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0
+        ).tolist()
         if others:
             low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
             interval = min(low, fraction), max(high, fraction)
@@ -228,14 +306,22 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
         return "unexplained", [
             "the base model is a little off, smoothly: less than what a cause would need"
             if ranking.misfit > ranking.unlisted / 2.0
-            else "no set of listed effects explains the gap: look at the regions"]
+            else "no set of listed effects explains the gap: look at the regions"
+        ]
     # A prior, or a form more, does not tell two sets apart.
-    twins = [rival for names, (rival, _) in ranking.sets.items()
-             if len(names) == len(leading.names) and rival is not leading
-             and rival.log > leading.log - _TWIN]
+    twins = [
+        rival
+        for names, (rival, _) in ranking.sets.items()
+        if len(names) == len(leading.names)
+        and rival is not leading
+        and rival.log > leading.log - _TWIN
+    ]
     first = ranking.entries[0][0]
-    rest = ["a smaller loss that nobody listed stands beside it: look at the regions"
-            ] if first.beside is not None and first.listed(ranking.bare) > 0.5 else []
+    rest = (
+        ["a smaller loss that nobody listed stands beside it: look at the regions"]
+        if first.beside is not None and first.listed(ranking.bare) > 0.5
+        else []
+    )
     return "cause_found" if probability >= FOUND and not twins else "ambiguous", rest
 
 
@@ -243,7 +329,7 @@ def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
     """Mean over the samples, of the leading set [W]; where none is named, over where the gap is."""
     fit = study.leading[0].delivered if verdict in NAMING else study.base
     system, points = fit.hypothesis.system, study.base.observed.points
-    expected, = system.predict(fit.base, (), points)[:1]
+    (expected,) = system.predict(fit.base, (), points)[:1]
     if fit is not study.base:
         real = fit.hypothesis.predict(fit.theta, points)[0]
         return float(np.mean(system.lost_power(points, expected, real)))
@@ -256,7 +342,9 @@ def _sets(study: _Study) -> tuple[CauseSet, ...]:
     told = list[CauseSet]()
     for names, (rival, p) in study.ranking.sets.items():
         each = study.shrunk(rival) if len(told) < _TOLD_SETS else None
-        told.append(CauseSet(names, p, *((each.after, each.fraction) if each else (None, None))))
+        told.append(
+            CauseSet(names, p, *((each.after, each.fraction) if each else (None, None)))
+        )
     return tuple(told)
 
 
@@ -270,15 +358,25 @@ def _errors_on(
     """
     base, refusal = study.base, study.base.hypothesis.system.refusal
     first = study.leading[0].delivered
-    before, after = (held.measured[0] - fit.hypothesis.predict(fit.theta, held.points)[0]
-                     for fit in (base, first if study.significant else base))
+    before, after = (
+        held.measured[0] - fit.hypothesis.predict(fit.theta, held.points)[0]
+        for fit in (base, first if study.significant else base)
+    )
     usable = np.isfinite(before) & np.isfinite(after)
     if not usable.any():
-        raise InputError(f"{held.samples.source}: the model has no answer at any of the operating "
-                         "points held out")
+        raise InputError(
+            f"{held.samples.source}: the model has no answer at any of the operating "
+            "points held out"
+        )
     stalled = np.flatnonzero(~usable)
-    notes = [f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
-             f"{listed_samples(held, stalled)}"] if len(stalled) else []
+    notes = (
+        [
+            f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
+            f"{listed_samples(held, stalled)}"
+        ]
+        if len(stalled)
+        else []
+    )
     held = held.select(np.flatnonzero(usable))
     noise = np.full(len(held), _rms(study.noise)) if held.assumed else held.deviation[0]
     return before[usable], after[usable], noise, held, notes
@@ -289,10 +387,16 @@ def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
         return ()
     # The members of the leading set first, so that the first cause is one of it.
     leading = study.leading[0].names
-    probability = dict(sorted(study.ranking.effects.items(),
-                              key=lambda item: (item[0] not in leading, -item[1])))
+    probability = dict(
+        sorted(
+            study.ranking.effects.items(),
+            key=lambda item: (item[0] not in leading, -item[1]),
+        )
+    )
     names = [name for name, p in probability.items() if p >= 0.01 or name in leading]
-    return tuple(_cause(study, name) for name in names[:3 if verdict == "unexplained" else 6])
+    return tuple(
+        _cause(study, name) for name in names[: 3 if verdict == "unexplained" else 6]
+    )
 
 
 def _cause(study: _Study, name: str) -> Cause:
@@ -308,12 +412,21 @@ def _cause(study: _Study, name: str) -> Cause:
     shrunk = study.shrunk(rival)
     partners = [other for other in rival.names if other != name]
     return Cause(
-        name, effect.form, effect.component, study.ranking.effects[name],
-        _twins(study.ranking, name), " and ".join(partners) or None,
+        name,
+        effect.form,
+        effect.component,
+        study.ranking.effects[name],
+        _twins(study.ranking, name),
+        " and ".join(partners) or None,
         _parameters(effect, errors[hypothesis.shared + index]),
-        shrunk.after, shrunk.fraction,
-        _drift(study.base, fit, errors), effect.summary, effect.source, effect.remedy,
-        _model_of(fit))
+        shrunk.after,
+        shrunk.fraction,
+        _drift(study.base, fit, errors),
+        effect.summary,
+        effect.source,
+        effect.remedy,
+        _model_of(fit),
+    )
 
 
 def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
@@ -323,11 +436,18 @@ def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
     but the partners of the one are no alternatives.
     """
     partners, chosen = set(ranking.best_with(name).names) - {name}, list[str]()
-    missed = {names: p for names, (_, p) in ranking.sets.items() if not partners.issuperset(names)}
+    missed = {
+        names: p
+        for names, (_, p) in ranking.sets.items()
+        if not partners.issuperset(names)
+    }
     least = (1.0 - FOUND) * sum(missed.values()) + _ROUNDING
     while sum(missed.values()) > least:
-        need = {other: sum(p for names, p in missed.items() if other in names)
-                for other in dict.fromkeys(itertools.chain(*missed)) if other not in partners}
+        need = {
+            other: sum(p for names, p in missed.items() if other in names)
+            for other in dict.fromkeys(itertools.chain(*missed))
+            if other not in partners
+        }
         chosen.append(max(need, key=need.__getitem__))
         missed = {names: p for names, p in missed.items() if chosen[-1] not in names}
     return tuple(other for other in chosen if other != name)
@@ -338,24 +458,39 @@ def _parameters(effect: Effect, error: float) -> dict[str, dict[str, Any]]:
     values: dict[str, dict[str, Any]] = {}
     for parameter in effect.parameters():
         value = effect.values()[parameter.name]
-        entry = values[parameter.name] = {"value": value, "unit": parameter.unit,
-                                          "meaning": parameter.meaning}
+        entry = values[parameter.name] = {
+            "value": value,
+            "unit": parameter.unit,
+            "meaning": parameter.meaning,
+        }
         if parameter.is_size:
             spread = 1.96 * float(error) * parameter.typical
-            entry["interval"] = [max(value - spread, parameter.low),
-                                 min(value + spread, parameter.high)]
-            entry["plausible"] = bool(parameter.low < value < parameter.high
-                                      and abs(value) <= 5.0 * abs(parameter.typical))
+            entry["interval"] = [
+                max(value - spread, parameter.low),
+                min(value + spread, parameter.high),
+            ]
+            entry["plausible"] = bool(
+                parameter.low < value < parameter.high
+                and abs(value) <= 5.0 * abs(parameter.typical)
+            )
     return values
 
 
 def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]]:
     base = before.hypothesis.system.base
-    rows = np.stack([base.values(before.base), base.values(after.base),
-                     (before.base - after.base) / errors[:len(base)]], axis=1)
+    rows = np.stack(
+        [
+            base.values(before.base),
+            base.values(after.base),
+            (before.base - after.base) / errors[: len(base)],
+        ],
+        axis=1,
+    )
     keys = ("without_effect", "with_effect", "standard_errors")
-    return {name: dict(zip(keys, row, strict=True))
-            for name, row in zip(base.names, rows.tolist(), strict=True)}
+    return {
+        name: dict(zip(keys, row, strict=True))
+        for name, row in zip(base.names, rows.tolist(), strict=True)
+    }
 
 
 def _where(study: _Study, expected: Array) -> tuple[result.Region, ...]:
@@ -368,33 +503,50 @@ def _where(study: _Study, expected: Array) -> tuple[result.Region, ...]:
     observed = study.base.observed
     residual = study.base.whitened[0] * observed.deviation[0]
     limits = np.stack([boxes.low, boxes.high], axis=-1).tolist()
-    return tuple(result.Region(
-        {axis.name: (low, high) for axis, (low, high) in zip(observed.steered, limits[i],
-                                                             strict=True)},
-        float(residual[boxes.members[i]].mean()), int(boxes.members[i].sum()),
-        float(found.region_p[i]), observed.channels[found.region_channel[i]].name)
-        for i in chosen)
+    return tuple(
+        result.Region(
+            {
+                axis.name: (low, high)
+                for axis, (low, high) in zip(observed.steered, limits[i], strict=True)
+            },
+            float(residual[boxes.members[i]].mean()),
+            int(boxes.members[i].sum()),
+            float(found.region_p[i]),
+            observed.channels[found.region_channel[i]].name,
+        )
+        for i in chosen
+    )
 
 
 def _on_noise(study: _Study) -> list[str]:
     """Say that the noise found is not the one stated, or what a statement would change."""
     observed = study.base.observed
-    channel, stated, found = observed.channels[0], observed.usual_noise, _rms(study.noise)
+    channel, stated, found = (
+        observed.channels[0],
+        observed.usual_noise,
+        _rms(study.noise),
+    )
     ratio = found / stated
     if observed.assumed and len(observed) < FEW:
         noise = float(f"{stated:.2g}")
         believed = refit(study.base.hypothesis, observed.stating(noise))
         p_value = significance(believed, study.boxes, study.seed).p_value
-        return [f"nobody stated the noise, and {len(observed)} samples cannot tell it from a gap: "
-                f"the verdict rests on an assumption; if the noise is known to be "
-                f"{channel.factor * noise:.2g} {channel.unit}, --noise {noise:g} gives p = "
-                f"{p_value:.2g}"]
+        return [
+            f"nobody stated the noise, and {len(observed)} samples cannot tell it from a gap: "
+            f"the verdict rests on an assumption; if the noise is known to be "
+            f"{channel.factor * noise:.2g} {channel.unit}, --noise {noise:g} gives p = "
+            f"{p_value:.2g}"
+        ]
     if 0.75 < ratio < 1.33:
         return []
     if not observed.assumed:
-        return [f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
-                "check the statement"]
+        return [
+            f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
+            "check the statement"
+        ]
     if np.ptp(observed.deviation[0] / channel.deviation(observed.measured[0])) > 1e-9:
         return []  # uneven: no one number states it
-    return [f"nobody stated the noise; it looks like {channel.factor * found:.2g} {channel.unit}, "
-            f"{ratio:.2f} times what is assumed: --noise {found:.2g} states that"]
+    return [
+        f"nobody stated the noise; it looks like {channel.factor * found:.2g} {channel.unit}, "
+        f"{ratio:.2f} times what is assumed: --noise {found:.2g} states that"
+    ]

@@ -84,9 +84,15 @@ class Ranking:
     def effects(self) -> dict[str, float]:
         """Probability that an effect is present, by name, most probable first."""
         listed = [item for item in self.entries if not item[0].fit.hypothesis.opposite]
-        each = {name: min(1.0, sum(p for rival, p in listed if name in rival.names))
-                for name in sorted({name for rival, _ in listed for name in rival.names})}
-        return dict(sorted(((name, p) for name, p in each.items() if p), key=lambda item: -item[1]))
+        each = {
+            name: min(1.0, sum(p for rival, p in listed if name in rival.names))
+            for name in sorted({name for rival, _ in listed for name in rival.names})
+        }
+        return dict(
+            sorted(
+                ((name, p) for name, p in each.items() if p), key=lambda item: -item[1]
+            )
+        )
 
     def best_with(self, name: str) -> Rival:
         """The most probable set that holds an effect."""
@@ -112,7 +118,9 @@ class Ranking:
             there, start = self.bare.fit.as_measured(points), np.zeros(1)
         told = [rival.at(there) for rival, _ in self.entries]
         means = there.deviation[0] * np.array([start + each.mean[0] for each in told])
-        variances = there.deviation[0] ** 2 * np.array([each.spread[:, 0, 0] for each in told])
+        variances = there.deviation[0] ** 2 * np.array(
+            [each.spread[:, 0, 0] for each in told]
+        )
         # Who has no answer at a point has no say there.
         weight = np.isfinite(means) * np.array([[p] for _, p in self.entries])
         with np.errstate(invalid="ignore"):
@@ -134,8 +142,16 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
 
     bare, library = nothing(base), base.signatures
     sets, kinds = search(bare, library, max(PRIOR_OF_SIZE))
-    found = [(rival, math.log(PRIOR_OF_SIZE[len(rival.names)]
-                              / math.comb(kinds, len(rival.names))) + log) for rival, log in sets]
+    found = [
+        (
+            rival,
+            math.log(
+                PRIOR_OF_SIZE[len(rival.names)] / math.comb(kinds, len(rival.names))
+            )
+            + log,
+        )
+        for rival, log in sets
+    ]
     found.sort(key=lambda item: -item[1])
     for rival, log in found[:_BESIDE]:
         prior = log - rival.log + math.log(PRIOR_UNLISTED / 2.0)
@@ -143,22 +159,43 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
     found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
     wrong = distinct(screen(base, library, opposite=True))
-    turned = [replace(rival := exact(each.refit(opposite=True)), log=rival.log + each.price[0])
-              for each in wrong[:_OPPOSITE] if each.gain > 0.0]
-    for family, count in ((fields(bare), 0), (local(bare, boxes), 0), (turned, len(wrong))):
+    turned = [
+        replace(
+            rival := exact(each.refit(opposite=True)), log=rival.log + each.price[0]
+        )
+        for each in wrong[:_OPPOSITE]
+        if each.gain > 0.0
+    ]
+    for family, count in (
+        (fields(bare), 0),
+        (local(bare, boxes), 0),
+        (turned, len(wrong)),
+    ):
         found += _shared(family, math.log(PRIOR_UNLISTED / 3.0), count)
     logs = np.array([log for _, log in found])
     odds = math.log(PRIOR_NO_GAP / (1.0 - PRIOR_NO_GAP)) + bare.log - logsumexp(logs)
     observed, n = base.observed, len(base.observed)
-    drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), _CAMPAIGNS) - 1.0
+    drawn = (
+        np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), _CAMPAIGNS)
+        - 1.0
+    )
     # The same draw whatever the order of the rows.
     drawn[:, np.lexsort([*observed.measured, *observed.place])] = drawn.copy()
     likelihoods = np.stack([rival.weighed.likelihoods for rival, _ in found], axis=1)
-    entries = zip((rival for rival, _ in found),
-                  softmax(logs + drawn @ likelihoods, axis=1).mean(axis=0).tolist(), strict=True)
-    return Ranking(tuple(sorted(entries, key=lambda item: -item[1])), bare, float(expit(odds)))
+    entries = zip(
+        (rival for rival, _ in found),
+        softmax(logs + drawn @ likelihoods, axis=1).mean(axis=0).tolist(),
+        strict=True,
+    )
+    return Ranking(
+        tuple(sorted(entries, key=lambda item: -item[1])), bare, float(expit(odds))
+    )
 
 
-def _shared(rivals: Sequence[Rival], prior: float, count: int = 0) -> list[tuple[Rival, float]]:
+def _shared(
+    rivals: Sequence[Rival], prior: float, count: int = 0
+) -> list[tuple[Rival, float]]:
     """Share a log prior among rivals, or as many as `count` of which these are the best."""
-    return [(rival, prior + rival.log - math.log(count or len(rivals))) for rival in rivals]
+    return [
+        (rival, prior + rival.log - math.log(count or len(rivals))) for rival in rivals
+    ]

@@ -56,14 +56,24 @@ def regions(place: Array) -> Regions:
     extent = [(float(values.min()), float(values.max())) for values in place]
     bands = [_intervals(_edges(values, _BAND_EDGES)) for values in place]
     # A corner is one-sided on each axis: high load at low speed, and so on.
-    sides = [[pair for pair in _intervals(edges) if pair[0] == edges[0] or pair[1] == edges[-1]]
-             for edges in (_edges(values, _CORNER_EDGES) for values in place)]
+    sides = [
+        [
+            pair
+            for pair in _intervals(edges)
+            if pair[0] == edges[0] or pair[1] == edges[-1]
+        ]
+        for edges in (_edges(values, _CORNER_EDGES) for values in place)
+    ]
     boxes: list[tuple[tuple[float, float], ...]] = []
     for size in range(1, len(place) + 1):
         for axes in itertools.combinations(range(len(place)), size):
             own = bands if size == 1 else sides
-            boxes += itertools.product(*(own[axis] if axis in axes else [limits]
-                                         for axis, limits in enumerate(extent)))
+            boxes += itertools.product(
+                *(
+                    own[axis] if axis in axes else [limits]
+                    for axis, limits in enumerate(extent)
+                )
+            )
     limits = np.array(boxes).reshape(-1, len(place), 2)
     low, high = limits[..., 0], limits[..., 1]
     members = np.ones((len(limits), place.shape[1]), dtype=bool)
@@ -93,11 +103,16 @@ def _edges(values: Array, most: int) -> Array:
 
 def _intervals(edges: Array) -> list[tuple[float, float]]:
     pairs = itertools.combinations(range(len(edges)), 2)
-    return [(float(edges[i]), float(edges[j])) for i, j in pairs
-            if not (i == 0 and j == len(edges) - 1)]
+    return [
+        (float(edges[i]), float(edges[j]))
+        for i, j in pairs
+        if not (i == 0 and j == len(edges) - 1)
+    ]
 
 
-def covering(members: NDArray[np.bool_], target: NDArray[np.bool_], most: int) -> list[int]:
+def covering(
+    members: NDArray[np.bool_], target: NDArray[np.bool_], most: int
+) -> list[int]:
     """The fewest regions that hold some points and no others, by F1, one after another.
 
     With each that is added the others are exchanged while that is better.
@@ -113,8 +128,14 @@ def covering(members: NDArray[np.bool_], target: NDArray[np.bool_], most: int) -
         while best > before:
             before = best
             for place in (count - 1, *range(count - 1)):
-                union = members | members[tried[:place] + tried[place + 1:]].any(axis=0)
-                f1 = 2.0 * (union & target).sum(axis=1) / (union.sum(axis=1) + target.sum())
+                union = members | members[tried[:place] + tried[place + 1 :]].any(
+                    axis=0
+                )
+                f1 = (
+                    2.0
+                    * (union & target).sum(axis=1)
+                    / (union.sum(axis=1) + target.sum())
+                )
                 if f1.max() > best:
                     tried[place], best = int(f1.argmax()), float(f1.max())
         if best < reached + _PAYS:
@@ -160,14 +181,19 @@ def significance(
     null = np.concatenate(tops, axis=1)
     # Two families of looks: the smaller p value, itself judged against the same campaigns.
     ranks = np.min([_p_values(top, top) for top in null], axis=0)
-    own = np.min([_p_values(*each) for each in zip(null, _tops(found, effects), strict=True)],
-                 axis=0)
+    own = np.min(
+        [_p_values(*each) for each in zip(null, _tops(found, effects), strict=True)],
+        axis=0,
+    )
     p_value = (1.0 + np.sum(ranks <= own)) / (1.0 + replicates)
     if len(fit.observed) < FEW:
         # Two looks: shape and size.
         p_value = min(1.0, 2.0 * min(p_value, look.lack_of_fit(white)))
-    return Significance(float(p_value), found[0].argmax(axis=0),
-                        _p_values(null[0], found[0].max(axis=0)))
+    return Significance(
+        float(p_value),
+        found[0].argmax(axis=0),
+        _p_values(null[0], found[0].max(axis=0)),
+    )
 
 
 class _Search:
@@ -178,15 +204,24 @@ class _Search:
         n, self.trust = len(observed), observed.trust
         # Which readings, one channel after another, and how they change; each channel by itself,
         # that none has to be right for another to show a gap.
-        looks = [(slice(i * n, (i + 1) * n), (boxes.members * loss).astype(np.float32))
-                 for i, loss in enumerate(np.einsum("iin->in", observed.unit_loss)
-                                          / self.root[:, None])]
-        effects = np.stack([change for _, change in fit.signatures]) / self.root[:, None]
+        looks = [
+            (slice(i * n, (i + 1) * n), (boxes.members * loss).astype(np.float32))
+            for i, loss in enumerate(
+                np.einsum("iin->in", observed.unit_loss) / self.root[:, None]
+            )
+        ]
+        effects = (
+            np.stack([change for _, change in fit.signatures]) / self.root[:, None]
+        )
         looks.append((slice(effects[0].size), effects.reshape(len(effects), -1)))
-        self.looks = [(own, look, _norms(np.sum(look**2, axis=1), look @ fit.absorbed[own]))
-                      for own, look in looks]
+        self.looks = [
+            (own, look, _norms(np.sum(look**2, axis=1), look @ fit.absorbed[own]))
+            for own, look in looks
+        ]
         # Degrees of freedom by channel.
-        used = np.sum(fit.absorbed[:self.root.size * n].reshape(self.root.size, -1) ** 2, axis=1)
+        used = np.sum(
+            fit.absorbed[: self.root.size * n].reshape(self.root.size, -1) ** 2, axis=1
+        )
         self.free = np.maximum(n - used, 1.0)
 
     def __call__(self, data: Array, prior: Array) -> tuple[Array, Array]:
@@ -194,18 +229,22 @@ class _Search:
 
         Of k campaigns, `data` of shape (k, channels, n) and `prior` (k, p).
         """
-        left = self.fit.left(data, prior)[:, :data[0].size].reshape(data.shape)
-        scale = np.sqrt((self.trust + np.sum(left**2, axis=2)) / (self.trust + self.free))
+        left = self.fit.left(data, prior)[:, : data[0].size].reshape(data.shape)
+        scale = np.sqrt(
+            (self.trust + np.sum(left**2, axis=2)) / (self.trust + self.free)
+        )
         flat = (left / scale[..., None]).reshape(len(data), -1)
-        *boxes, effects = (np.abs(flat[:, own].astype(look.dtype) @ look.T / norms)
-                           for own, look, norms in self.looks)
+        *boxes, effects = (
+            np.abs(flat[:, own].astype(look.dtype) @ look.T / norms)
+            for own, look, norms in self.looks
+        )
         return np.stack(boxes, axis=1), effects
 
     def lack_of_fit(self, white: Array) -> float:
         """Chance of so much scatter at the noise stated (F test, its worth counted)."""
         from scipy.special import fdtrc
 
-        left = self.fit.left(white[None])[0, :white.shape[1]] * self.root[0]
+        left = self.fit.left(white[None])[0, : white.shape[1]] * self.root[0]
         free = float(self.free[0])
         return float(fdtrc(free, self.trust[0], np.sum(left**2) / free))
 
@@ -214,12 +253,16 @@ def _norms(squares: NDArray[Any], shadow: NDArray[Any]) -> Array:
     total = squares.astype(np.float64)
     left = total - np.sum(shadow.astype(np.float64) ** 2, axis=1)
     # A column that the refit absorbs whole can show nothing.
-    return np.asarray(np.sqrt(np.where(left > 1e-6 * total, left, np.inf)), dtype=np.float64)
+    return np.asarray(
+        np.sqrt(np.where(left > 1e-6 * total, left, np.inf)), dtype=np.float64
+    )
 
 
 def _tops(boxes: Array, effects: Array) -> Array:
     """Largest |z| of all boxes and of all effects, shape (2, k)."""
-    return np.stack([boxes.max(axis=(1, 2), initial=0.0), effects.max(axis=1, initial=0.0)])
+    return np.stack(
+        [boxes.max(axis=(1, 2), initial=0.0), effects.max(axis=1, initial=0.0)]
+    )
 
 
 def _p_values(null: Array, values: Array) -> Array:

@@ -208,15 +208,19 @@ class Outcome:
     @property
     def extent(self) -> dict[str, tuple[float, float]]:
         """How far the samples reach along each of `axes`."""
-        return {axis.name: (float(row.min()), float(row.max())) for axis, row in zip(
-            self.axes, self._observed.place, strict=True)}
+        return {
+            axis.name: (float(row.min()), float(row.max()))
+            for axis, row in zip(self.axes, self._observed.place, strict=True)
+        }
 
     @property
     def channel(self) -> Channel:
         """The one in which the gap is measured."""
         return self._observed.channels[0]
 
-    def gap_at(self, *place: Array | float, **named: Array | float) -> tuple[Array, Array]:
+    def gap_at(
+        self, *place: Array | float, **named: Array | float
+    ) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at any operating point.
 
         Measured minus refitted base, averaged over the explanations alive, the unlisted among them;
@@ -231,16 +235,28 @@ class Outcome:
             InputError: a value is missing, or there is no such axis.
         """
         observed = self._observed
-        given = {**dict(zip((axis.name for axis in self.axes), place, strict=False)), **named}
+        given = {
+            **dict(zip((axis.name for axis in self.axes), place, strict=False)),
+            **named,
+        }
         known = [axis.name for axis in observed.axes]
         for name in (*(axis.name for axis in self.axes), *named):
             if name not in given or name not in known:
-                raise InputError(f"gap_at needs {', '.join(known)}: {name} is "
-                                 f"{'unknown' if name in given else 'missing'}")
-        values = np.broadcast_arrays(*(
-            np.asarray(given.get(name, np.median(observed.points[name])), dtype=float)
-            for name in known))
-        mean, deviation = self.alive.gap_at(dict(zip(known, map(np.ravel, values), strict=True)))
+                raise InputError(
+                    f"gap_at needs {', '.join(known)}: {name} is "
+                    f"{'unknown' if name in given else 'missing'}"
+                )
+        values = np.broadcast_arrays(
+            *(
+                np.asarray(
+                    given.get(name, np.median(observed.points[name])), dtype=float
+                )
+                for name in known
+            )
+        )
+        mean, deviation = self.alive.gap_at(
+            dict(zip(known, map(np.ravel, values), strict=True))
+        )
         return mean.reshape(values[0].shape), deviation.reshape(values[0].shape)
 
     @property

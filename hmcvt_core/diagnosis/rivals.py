@@ -73,7 +73,11 @@ class Rival:
     @property
     def by_itself(self) -> bool:
         """Whether it is known effects with the signs they have, and nothing beside them."""
-        return bool(self.names) and self.beside is None and not self.fit.hypothesis.opposite
+        return (
+            bool(self.names)
+            and self.beside is None
+            and not self.fit.hypothesis.opposite
+        )
 
     def listed(self, bare: Rival) -> float:
         """How far known effects with the signs they have are all of it, 0 to 1.
@@ -84,18 +88,33 @@ class Rival:
         if not self.names or self.fit.hypothesis.opposite:
             return 0.0
         model, observed, own = self.weighed, self.fit.observed, len(self.fit.theta)
-        known = own + len(observed.channels) * len(observed.smooth[1])  # and a misfit of the base
-        bent = own + model.columns.shape[-1] - self.plain.columns.shape[-1]  # all but a loss beside
+        known = own + len(observed.channels) * len(
+            observed.smooth[1]
+        )  # and a misfit of the base
+        bent = (
+            own + model.columns.shape[-1] - self.plain.columns.shape[-1]
+        )  # all but a loss beside
         root = np.sqrt(model.noise)[:, None]
-        start, left, unlost, unbent, alone = (rows / root for rows in (
-            bare.fit.whitened, model.left(), model.left(bent), model.left(known),
-            self.plain.left(own)))
-        every = np.sum((start - left)**2) + _NOTHING_LEFT
+        start, left, unlost, unbent, alone = (
+            rows / root
+            for rows in (
+                bare.fit.whitened,
+                model.left(),
+                model.left(bent),
+                model.left(known),
+                self.plain.left(own),
+            )
+        )
+        every = np.sum((start - left) ** 2) + _NOTHING_LEFT
         gone = max(np.sum(start**2) - np.sum(left**2), _NOTHING_LEFT)
-        lost = np.sum((unlost - left)**2) / every
-        missed = min(np.sum((unbent - unlost)**2) / every,
-                     (np.sum(alone**2) - np.sum(left**2)) / gone)
-        return float(np.interp(lost, _LOST, _LISTED) * np.interp(missed, _MISSED, _LISTED))
+        lost = np.sum((unlost - left) ** 2) / every
+        missed = min(
+            np.sum((unbent - unlost) ** 2) / every,
+            (np.sum(alone**2) - np.sum(left**2)) / gone,
+        )
+        return float(
+            np.interp(lost, _LOST, _LISTED) * np.interp(missed, _MISSED, _LISTED)
+        )
 
     @property
     def of_base(self) -> bool:
@@ -108,8 +127,11 @@ class Rival:
         Plainly, or with the allowances for forms and a base that are a little off.
         """
         model = self.weighed if allowing else self.plain
-        there = self.fit if points is self.fit.observed else linearise(
-            self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
+        there = (
+            self.fit
+            if points is self.fit.observed
+            else linearise(self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
+        )
         columns, change = there.jacobian, np.zeros(len(model.mean))
         if allowing and self.names:
             columns = _allowance_columns(there, self.fit.observed)
@@ -117,10 +139,15 @@ class Rival:
             columns = np.concatenate([columns, self.beside.columns(points)], axis=-1)
         if allowing or self.beside is not None:
             change = model.mean.copy()
-            change[:len(self.fit.theta)] -= self.fit.theta - self.fit.hypothesis.prior_mean
+            change[: len(self.fit.theta)] -= (
+                self.fit.theta - self.fit.hypothesis.prior_mean
+            )
         refused = (there.whitened == REFUSED).any(axis=0)
-        return Foretold(np.where(refused, np.nan, columns @ change - there.whitened), columns,
-                        model.covariance)
+        return Foretold(
+            np.where(refused, np.nan, columns @ change - there.whitened),
+            columns,
+            model.covariance,
+        )
 
 
 class Foretold(NamedTuple):
@@ -145,7 +172,11 @@ class Foretold(NamedTuple):
     def measured(self, index: int) -> Foretold:
         """Return the same when a point has been read, whatever the reading (Kalman update)."""
         own = self.columns[:, index]
-        gain = self.covariance @ own.T @ np.linalg.inv(self.spread[index] + np.eye(len(own)))
+        gain = (
+            self.covariance
+            @ own.T
+            @ np.linalg.inv(self.spread[index] + np.eye(len(own)))
+        )
         return self._replace(covariance=self.covariance - gain @ own @ self.covariance)
 
     def against(self, other: Foretold, tests: float) -> float:
@@ -160,14 +191,17 @@ class Foretold(NamedTuple):
         # Without the inverse of a covariance over units of very different sizes.
         inner = np.eye(columns.shape[1]) + each * columns.T @ columns @ self.covariance
         cross = each * columns.T @ miss
-        return float(each * miss @ miss - cross @ self.covariance @ np.linalg.solve(inner, cross))
+        return float(
+            each * miss @ miss - cross @ self.covariance @ np.linalg.solve(inner, cross)
+        )
 
 
 def nothing(base: Fit) -> Rival:
     """The refitted base model."""
     spread = base.hypothesis.system.base.spread
-    plain, = weigh(base.observed, base.jacobian, base.target, spread[None],
-                   base.hypothesis.signs)
+    (plain,) = weigh(
+        base.observed, base.jacobian, base.target, spread[None], base.hypothesis.signs
+    )
     return Rival(base, plain, plain, plain.log)
 
 
@@ -190,8 +224,12 @@ class Proposal(NamedTuple):
 
     def refit(self, opposite: bool = False) -> Fit:
         """Refit roughly from where the start ended."""
-        hypothesis = replace(self.start.hypothesis, effects=self.effects, opposite=opposite)
-        slopes = np.concatenate([self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1)
+        hypothesis = replace(
+            self.start.hypothesis, effects=self.effects, opposite=opposite
+        )
+        slopes = np.concatenate(
+            [self.start.jacobian, np.stack(self.changes, axis=-1)], axis=-1
+        )
         # Sizes of zero: the steps then never leave what the start had reached.
         start = np.append(self.start.theta, np.zeros(len(self.changes)))
         return refit(hypothesis, self.start.observed, start, slopes, rough=True)
@@ -208,46 +246,90 @@ def screen(
         count: how many at a time.
         opposite: with the wrong sign; effects that have either sign are left out.
     """
-    hypothesis, names = fit.hypothesis, {effect.name for effect in fit.hypothesis.effects}
-    kept = [(form, change) for form, change in library
-            if form.name not in names and not (opposite and form.sizes()[0].low < 0.0)]
+    hypothesis, names = (
+        fit.hypothesis,
+        {effect.name for effect in fit.hypothesis.effects},
+    )
+    kept = [
+        (form, change)
+        for form, change in library
+        if form.name not in names and not (opposite and form.sizes()[0].low < 0.0)
+    ]
     forms = tuple(form for form, _ in kept)
-    combined = [chosen for chosen in itertools.combinations(range(len(forms)), count)
-                if len({forms[i].name for i in chosen}) == count]
+    combined = [
+        chosen
+        for chosen in itertools.combinations(range(len(forms)), count)
+        if len({forms[i].name for i in chosen}) == count
+    ]
     if not combined:
         return []
     observed, own = fit.observed, len(fit.theta)
-    which = np.concatenate([np.tile(np.arange(own), (len(combined), 1)), own + np.array(combined)],
-                           axis=1)
+    which = np.concatenate(
+        [np.tile(np.arange(own), (len(combined), 1)), own + np.array(combined)], axis=1
+    )
     changes = np.stack([change for _, change in kept], axis=-1)
     whole = gram(np.concatenate([fit.jacobian, changes], axis=-1), fit.target)
     with_target = np.append(which, np.full((len(which), 1), own + len(forms)), axis=1)
-    grams = np.moveaxis(whole[:, with_target[:, :, None], with_target[:, None, :]], 0, 1)
+    grams = np.moveaxis(
+        whole[:, with_target[:, :, None], with_target[:, None, :]], 0, 1
+    )
     added = Hypothesis(hypothesis.system, forms, opposite)
-    signs = np.append(hypothesis.signs, added.signs[hypothesis.shared:])[which]
+    signs = np.append(hypothesis.signs, added.signs[hypothesis.shared :])[which]
     spread = hypothesis.spread(_SCREENED_SPREAD)
-    without, = weigh(observed, fit.jacobian, fit.target, spread[None], hypothesis.signs)
-    found = [evidence(grams, len(observed), np.append(spread, np.full(count, scale)),
-                      observed.trust, signs) for scale in SIZE_SPREADS]
+    (without,) = weigh(
+        observed, fit.jacobian, fit.target, spread[None], hypothesis.signs
+    )
+    found = [
+        evidence(
+            grams,
+            len(observed),
+            np.append(spread, np.full(count, scale)),
+            observed.trust,
+            signs,
+        )
+        for scale in SIZE_SPREADS
+    ]
     log = log_mean([each.log for each in found]) - without.log
     # Members of one set come in the order of the library.
     kinds = [tuple(forms[i].name for i in chosen) for chosen in combined]
     fixed = list(map(_fixed, forms))
     of_kind: dict[tuple[str, ...], dict[Any, list[float]]] = {}
     for chosen, kind, value in zip(combined, kinds, log.tolist(), strict=True):
-        of_kind.setdefault(kind, {}).setdefault(tuple(fixed[i] for i in chosen), []).append(value)
-    price = {kind: np.array([log_mean(list(itertools.chain(*values.values()))),
-                             log_mean(list(map(max, values.values())))])
-             - max(map(max, values.values())) for kind, values in of_kind.items()}
-    return [Proposal(float(log[i]), fit, (*hypothesis.effects, *(forms[j] for j in combined[i])),
-                     tuple(kept[j][1] for j in combined[i]), price[kinds[i]])
-            for i in np.argsort(-log)]
+        of_kind.setdefault(kind, {}).setdefault(
+            tuple(fixed[i] for i in chosen), []
+        ).append(value)
+    price = {
+        kind: np.array(
+            [
+                log_mean(list(itertools.chain(*values.values()))),
+                log_mean(list(map(max, values.values()))),
+            ]
+        )
+        - max(map(max, values.values()))
+        for kind, values in of_kind.items()
+    }
+    return [
+        Proposal(
+            float(log[i]),
+            fit,
+            (*hypothesis.effects, *(forms[j] for j in combined[i])),
+            tuple(kept[j][1] for j in combined[i]),
+            price[kinds[i]],
+        )
+        for i in np.argsort(-log)
+    ]
 
 
 def _fixed(form: Effect) -> tuple[Any, ...]:
     """What refits do not change of a form: its name and the shapes that do not bend."""
-    return (form.form, *(form.values()[item.name] for item in form.parameters()
-                         if not (item.is_size or item.bends)))
+    return (
+        form.form,
+        *(
+            form.values()[item.name]
+            for item in form.parameters()
+            if not (item.is_size or item.bends)
+        ),
+    )
 
 
 def explanation(fit: Fit) -> Rival:
@@ -258,18 +340,39 @@ def explanation(fit: Fit) -> Rival:
     bends = columns.shape[-1] - len(fit.theta) - len(off)  # of k forms together
     each = np.full(bends, np.sqrt(len(observed.place) * k / max(bends, 1)))
     widest = np.full(k, max(SIZE_SPREADS))
-    spreads = np.stack([
-        np.concatenate([hypothesis.spread(widest), misfitting, allowance * each])
-        for allowance in FORM_ALLOWANCES for misfitting in (off, np.full(len(off), _EXACT))])
-    tried = weigh(observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan))
+    spreads = np.stack(
+        [
+            np.concatenate([hypothesis.spread(widest), misfitting, allowance * each])
+            for allowance in FORM_ALLOWANCES
+            for misfitting in (off, np.full(len(off), _EXACT))
+        ]
+    )
+    tried = weigh(
+        observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan)
+    )
     scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=k)))
     signs = hypothesis.signs
-    logs = np.array([item.log + respread(
-        item.mean[sizes], item.covariance[np.ix_(sizes, sizes)], widest, scales, signs[sizes])
-        for item in tried])
+    logs = np.array(
+        [
+            item.log
+            + respread(
+                item.mean[sizes],
+                item.covariance[np.ix_(sizes, sizes)],
+                widest,
+                scales,
+                signs[sizes],
+            )
+            for item in tried
+        ]
+    )
     best, scale = np.unravel_index(int(logs.argmax()), logs.shape)
-    plain, = weigh(observed, fit.jacobian, fit.target, hypothesis.spread(scales[scale])[None],
-                   signs)
+    (plain,) = weigh(
+        observed,
+        fit.jacobian,
+        fit.target,
+        hypothesis.spread(scales[scale])[None],
+        signs,
+    )
     return Rival(fit, tried[best], plain, float(log_mean(logs.ravel())))
 
 
@@ -280,10 +383,20 @@ def _allowance_columns(fit: Fit, campaign: Observations) -> Array:
     """
     misfit, _ = base_misfit(campaign)
     degree = campaign.smooth[1]
-    bends = misfit.functions(fit.observed)[:, (degree > 0) & (degree <= _ALLOWED_DEGREE)]
-    return np.concatenate([
-        fit.jacobian, misfit.columns(fit.observed),
-        *(fit.jacobian[..., [i]] * fit.theta[i] * bends for i in fit.hypothesis.sizes)], axis=-1)
+    bends = misfit.functions(fit.observed)[
+        :, (degree > 0) & (degree <= _ALLOWED_DEGREE)
+    ]
+    return np.concatenate(
+        [
+            fit.jacobian,
+            misfit.columns(fit.observed),
+            *(
+                fit.jacobian[..., [i]] * fit.theta[i] * bends
+                for i in fit.hypothesis.sizes
+            ),
+        ],
+        axis=-1,
+    )
 
 
 def exact(fit: Fit) -> Rival:
@@ -312,8 +425,11 @@ class Loss:
 
         Those of one channel after another.
         """
-        return np.einsum("kcn,nm->cnkm", points.unit_loss[list(self.channels)],
-                         self.functions(points)).reshape(*points.measured.shape, -1)
+        return np.einsum(
+            "kcn,nm->cnkm",
+            points.unit_loss[list(self.channels)],
+            self.functions(points),
+        ).reshape(*points.measured.shape, -1)
 
     def functions(self, points: Observations) -> Array:
         """What it may be made of, shape (n, m)."""
@@ -321,8 +437,11 @@ class Loss:
             low, high = self.box[..., None]
             inside = (points.place >= low) & (points.place <= high)
             return inside.all(axis=0)[:, None].astype(float)
-        return self.campaign.smooth[0] if points is self.campaign else smooth_functions(
-            points.place, SMOOTH_DEGREE, self.campaign.place)[0]
+        return (
+            self.campaign.smooth[0]
+            if points is self.campaign
+            else smooth_functions(points.place, SMOOTH_DEGREE, self.campaign.place)[0]
+        )
 
     def spread(self, *scales: float) -> Array:
         """Prior standard deviations of a smooth one, by channel: the rougher, the smaller."""
@@ -335,13 +454,25 @@ def _with_loss(rival: Rival, loss: Loss, spreads: Iterable[Array]) -> Rival:
     observed, found = rival.fit.observed, []
     for model in (rival.weighed, rival.plain):
         columns = np.concatenate([model.columns, loss.columns(observed)], axis=-1)
-        found.append(weigh(
-            observed, columns, model.target,
-            np.stack([np.append(model.spread, spread) for spread in spreads]),
-            np.append(model.signs, np.full(columns.shape[-1] - len(model.signs), np.nan))))
+        found.append(
+            weigh(
+                observed,
+                columns,
+                model.target,
+                np.stack([np.append(model.spread, spread) for spread in spreads]),
+                np.append(
+                    model.signs, np.full(columns.shape[-1] - len(model.signs), np.nan)
+                ),
+            )
+        )
     best = int(np.argmax([item.log for item in found[0]]))
-    return Rival(rival.fit, found[0][best], found[1][best],
-                 float(log_mean([item.log for item in found[0]])), loss)
+    return Rival(
+        rival.fit,
+        found[0][best],
+        found[1][best],
+        float(log_mean([item.log for item in found[0]])),
+        loss,
+    )
 
 
 def base_misfit(observed: Observations) -> tuple[Loss, Array]:
@@ -359,9 +490,13 @@ def misfitting(bare: Rival) -> Rival:
 def fields(rival: Rival) -> list[Rival]:
     """Weigh a smooth loss that nobody listed beside a rival, channel by channel."""
     observed = rival.fit.observed
-    losses = [(Loss(observed, (i,)), channel) for i, channel in enumerate(observed.channels)]
-    return [_with_loss(rival, loss, [loss.spread(scale) for scale in channel.field_spreads])
-            for loss, channel in losses]
+    losses = [
+        (Loss(observed, (i,)), channel) for i, channel in enumerate(observed.channels)
+    ]
+    return [
+        _with_loss(rival, loss, [loss.spread(scale) for scale in channel.field_spreads])
+        for loss, channel in losses
+    ]
 
 
 def local(rival: Rival, boxes: Regions) -> list[Rival]:
@@ -376,18 +511,30 @@ def local(rival: Rival, boxes: Regions) -> list[Rival]:
     left = model.left()
     for unit, channel in zip(observed.unit_loss, observed.channels, strict=True):
         # Over all channels at once: a box holds or does not hold a sample.
-        shadow, whole, pull = (boxes.members @ np.einsum("cn,cn...->n...", unit / noise, each)
-                               for each in (model.columns, unit, left))
+        shadow, whole, pull = (
+            boxes.members @ np.einsum("cn,cn...->n...", unit / noise, each)
+            for each in (model.columns, unit, left)
+        )
         squares = np.maximum(  # of what the rival leaves; all but none at least
-            whole - np.sum(shadow @ model.covariance * shadow, axis=1), _NOTHING_LEFT * whole)
+            whole - np.sum(shadow @ model.covariance * shadow, axis=1),
+            _NOTHING_LEFT * whole,
+        )
         ratios = np.square(channel.step_spreads)[:, None] * squares
-        gains.append(log_mean(
-            0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios))))
+        gains.append(
+            log_mean(
+                0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios))
+            )
+        )
     best, box = divmod(int(np.argmax(gains)), len(boxes))
     # An edge of the campaign is none of the place.
     ends = observed.place.min(axis=1), observed.place.max(axis=1)
     low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
     high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
-    found = _with_loss(rival, Loss(observed, (best,), np.stack([low, high])), [
-        np.array([scale]) for scale in observed.channels[best].step_spreads])
-    return [replace(found, log=found.log + float(log_mean(np.ravel(gains)) - np.max(gains)))]
+    found = _with_loss(
+        rival,
+        Loss(observed, (best,), np.stack([low, high])),
+        [np.array([scale]) for scale in observed.channels[best].step_spreads],
+    )
+    return [
+        replace(found, log=found.log + float(log_mean(np.ravel(gains)) - np.max(gains)))
+    ]

@@ -16,7 +16,10 @@ from .system import Array, Effect
 
 Names = tuple[str, ...]
 
-_LEADERS, _SETS = 4, 6  # whom to ask for a further effect; how many of each proposal are refitted
+_LEADERS, _SETS = (
+    4,
+    6,
+)  # whom to ask for a further effect; how many of each proposal are refitted
 _FORMS = 8  # that the library proposes beside a set, besides the best of each effect
 _ROUNDS, _BEST = 3, 2  # of exchange; sets that take part
 _OTHER_FORMS, _OTHERS = 2, 1  # an effect is held against
@@ -66,14 +69,22 @@ class _Search:
         self.prices = {each.effects[0].name: each.price for each in alone}
         forms = distinct(alone, by_form=True)
         for names in self.leaders(1):
-            self.refit(_promising([each for each in forms if each.effects[0].name in names]),
-                       bent=True)
+            self.refit(
+                _promising([each for each in forms if each.effects[0].name in names]),
+                bent=True,
+            )
         # Pairs with the leader are found from it.
         first = self._ranked(self.found)[0]
-        pairs = screen(self.bare.fit, [(each.effects[0], each.changes[0]) for each in forms], 2)
-        self.refit([each._replace(price=self._price(each.effects))
-                    for each in _promising(distinct(pairs))
-                    if not {effect.name for effect in each.effects}.intersection(first)][:_SETS])
+        pairs = screen(
+            self.bare.fit, [(each.effects[0], each.changes[0]) for each in forms], 2
+        )
+        self.refit(
+            [
+                each._replace(price=self._price(each.effects))
+                for each in _promising(distinct(pairs))
+                if not {effect.name for effect in each.effects}.intersection(first)
+            ][:_SETS]
+        )
 
     def grow(self, sets: Iterable[Names]) -> None:
         """Refit what may stand beside some sets."""
@@ -82,17 +93,25 @@ class _Search:
             if rival not in self.grown:
                 self.grown.add(rival)
                 told = screen(rival.fit, self.library)
-                first = distinct(told)  # each effect, however little it gained beside the base
-                told = distinct([*first, *told], by_form=True)[:len(first) + _FORMS]
-                proposals += [each._replace(gain=rival.log + each.gain, price=each.price + price)
-                              for each in distinct(self._there(rival.fit, told))[:_SETS]
-                              if each.gain > 0.0]
-        self.refit(distinct(sorted(proposals, key=lambda each: -each.gain))[:2 * _SETS])
+                first = distinct(
+                    told
+                )  # each effect, however little it gained beside the base
+                told = distinct([*first, *told], by_form=True)[: len(first) + _FORMS]
+                proposals += [
+                    each._replace(gain=rival.log + each.gain, price=each.price + price)
+                    for each in distinct(self._there(rival.fit, told))[:_SETS]
+                    if each.gain > 0.0
+                ]
+        self.refit(
+            distinct(sorted(proposals, key=lambda each: -each.gain))[: 2 * _SETS]
+        )
 
     def exchange(self, most: int) -> None:
         """Hold each effect of the leading sets against its other forms, others and none."""
         for _ in range(_ROUNDS):
-            leading = (self.refined(names)[0] for names in self._ranked(self.found)[:_BEST])
+            leading = (
+                self.refined(names)[0] for names in self._ranked(self.found)[:_BEST]
+            )
             rival = next((each for each in leading if each not in self.exchanged), None)
             if rival is None:
                 break
@@ -110,7 +129,10 @@ class _Search:
             if self.weight(names) > best - _HOPELESS:
                 rival, price = self.found[names]
                 self.found[names] = explanation(freed(rival.fit)), price[[1, 1]]
-        return [(self.found[names][0], self.weight(names)) for names in self._near(self.found)]
+        return [
+            (self.found[names][0], self.weight(names))
+            for names in self._near(self.found)
+        ]
 
     # --- steps --------------------------------------------------------------------------------
 
@@ -121,7 +143,9 @@ class _Search:
 
     def consider(self, rival: Rival, price: Array) -> None:
         """Keep a refit if it is the best of its set."""
-        if rival.names not in self.found or rival.log + price[0] > self.weight(rival.names):
+        if rival.names not in self.found or rival.log + price[0] > self.weight(
+            rival.names
+        ):
             self.found[rival.names] = rival, price
 
     def bend(self, fit: Fit, price: Array) -> tuple[Rival, Array]:
@@ -134,8 +158,13 @@ class _Search:
         """Refit proposals, with free shapes as well if they are to be bent."""
         for each in proposals:
             fit = each.refit()
-            self.consider(*(self.bend(fit, each.price) if bent
-                            else (explanation(fit), each.price)))
+            self.consider(
+                *(
+                    self.bend(fit, each.price)
+                    if bent
+                    else (explanation(fit), each.price)
+                )
+            )
 
     def refined(self, names: Names) -> tuple[Rival, Array]:
         """Return a set with its shapes free."""
@@ -146,24 +175,32 @@ class _Search:
 
     def leaders(self, size: int) -> list[Names]:
         """The best sets of a size."""
-        return self._ranked(self._near(names for names in self.found if len(names) == size)
-                            )[:_LEADERS]
+        return self._ranked(
+            self._near(names for names in self.found if len(names) == size)
+        )[:_LEADERS]
 
     def _price(self, effects: Iterable[Effect]) -> Array:
         """What the forms of a set cost, as those of each effect alone."""
-        return np.sum([np.zeros(2), *(self.prices[effect.name] for effect in effects)], axis=0)
+        return np.sum(
+            [np.zeros(2), *(self.prices[effect.name] for effect in effects)], axis=0
+        )
 
     def _ranked(self, sets: Iterable[Names]) -> list[Names]:
         return sorted(sets, key=self.weight, reverse=True)
 
     def _near(self, sets: Iterable[Names]) -> list[Names]:
         # Without allowances: what a misfit of the base explains is not theirs.
-        gains = {names: self.found[names][0].plain.log - self.bare.log for names in sets}
+        gains = {
+            names: self.found[names][0].plain.log - self.bare.log for names in sets
+        }
         least = _least(max(gains.values(), default=0.0))
         return [names for names, gain in gains.items() if gain > least]
 
     def _hold_against(self, rival: Rival, i: int) -> None:
-        own, beside = rival.fit.effects[i], (*rival.fit.effects[:i], *rival.fit.effects[i + 1:])
+        own, beside = (
+            rival.fit.effects[i],
+            (*rival.fit.effects[:i], *rival.fit.effects[i + 1 :]),
+        )
         held = own.name, *sorted(each.name + each.form for each in beside)
         if held in self.held:
             return
@@ -174,12 +211,22 @@ class _Search:
             return
         self.held.add(held)
         told = distinct(screen(rest, self.library), by_form=True)
-        forms = self._there(rest, [each for each in told if each.effects[-1].name == own.name
-                                   and each.effects[-1].form != own.form])
-        others = self._there(rest, [each for each in told if each.effects[-1].name != own.name
-                                    ][:_FORMS])
-        tried = [(explanation(each.refit()), each.price + price)
-                 for each in (*forms[:_OTHER_FORMS], *others[:_OTHERS])]
+        forms = self._there(
+            rest,
+            [
+                each
+                for each in told
+                if each.effects[-1].name == own.name
+                and each.effects[-1].form != own.form
+            ],
+        )
+        others = self._there(
+            rest, [each for each in told if each.effects[-1].name != own.name][:_FORMS]
+        )
+        tried = [
+            (explanation(each.refit()), each.price + price)
+            for each in (*forms[:_OTHER_FORMS], *others[:_OTHERS])
+        ]
         if tried:
             best, price = max(tried, key=lambda item: item[0].log + item[1][0])
             self.consider(*self.bend(best.fit, price))
@@ -195,8 +242,14 @@ def distinct(proposals: Sequence[Proposal], by_form: bool = False) -> list[Propo
     """The best shapes of each set of names (and forms), best first."""
     first: dict[Names, Proposal] = {}
     for proposal in proposals:
-        first.setdefault(tuple(sorted(
-            effect.name + by_form * effect.form for effect in proposal.effects)), proposal)
+        first.setdefault(
+            tuple(
+                sorted(
+                    effect.name + by_form * effect.form for effect in proposal.effects
+                )
+            ),
+            proposal,
+        )
     return list(first.values())
 
 

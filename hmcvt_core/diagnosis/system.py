@@ -181,5 +181,7 @@ class System(Protocol):
 def forms_of(effect: Effect) -> list[Effect]:
     """Return one instance for each combination of the values tried of an effect's shapes."""
     shapes = {item.name: item.grid for item in effect.parameters() if not item.is_size}
-    return [effect.with_values(dict(zip(shapes, values, strict=True)))
-            for values in itertools.product(*shapes.values())]
+    return [
+        effect.with_values(dict(zip(shapes, values, strict=True)))
+        for values in itertools.product(*shapes.values())
+    ]

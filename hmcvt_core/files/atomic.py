@@ -64,8 +64,11 @@ def free_name(path: Path, why: str) -> Path:
 
 def numbered(folder: Path, prefix: str = "") -> dict[Path, int]:
     """Return what a folder holds under a prefix and a number, whatever the suffix."""
-    return {path: int(path.stem.removeprefix(prefix)) for path in folder.iterdir()
-            if path.stem.startswith(prefix) and path.stem.removeprefix(prefix).isdecimal()}
+    return {
+        path: int(path.stem.removeprefix(prefix))
+        for path in folder.iterdir()
+        if path.stem.startswith(prefix) and path.stem.removeprefix(prefix).isdecimal()
+    }
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Array, OperatingPoints
+from ..transmission.ranges import (
+    BENCH_COLUMNS,
+    REQUIRED_COLUMNS,
+    Array,
+    OperatingPoints,
+)
 from .atomic import write_atomically
 from .guess import holds_units
 from .table import Table, csv_text, read_plain
@@ -70,8 +75,10 @@ class BenchSamples:
                 continue
             array = np.array(column.check(value, self.source), ndmin=1)
             if array.shape != (len(np.atleast_1d(self.displacement_ratio)),):
-                raise InputError(f"{self.source}: {column.name} has shape {array.shape}, "
-                                 f"displacement_ratio has {len(self.displacement_ratio)} values")
+                raise InputError(
+                    f"{self.source}: {column.name} has shape {array.shape}, "
+                    f"displacement_ratio has {len(self.displacement_ratio)} values"
+                )
             array.flags.writeable = False
             object.__setattr__(self, column.name, array)
         if len(self) == 0:
@@ -84,30 +91,48 @@ class BenchSamples:
     def points(self) -> OperatingPoints:
         """Where the samples were taken; a column `stage` says in which one."""
         stage = self.extra.get("stage")
-        return OperatingPoints(self.displacement_ratio, self.engine_speed, self.load_torque,
-                               self.oil_temperature, None if stage is None else np.array(stage))
+        return OperatingPoints(
+            self.displacement_ratio,
+            self.engine_speed,
+            self.load_torque,
+            self.oil_temperature,
+            None if stage is None else np.array(stage),
+        )
 
     @property
     def columns(self) -> dict[str, Any]:
         """The columns of numbers that there are, by name."""
-        return {column.name: values for column in BENCH_COLUMNS
-                if (values := getattr(self, column.name)) is not None}
+        return {
+            column.name: values
+            for column in BENCH_COLUMNS
+            if (values := getattr(self, column.name)) is not None
+        }
 
     def select(self, index: ArrayLike) -> BenchSamples:
         """Return the samples at an index array or mask, in that order."""
         chosen = np.arange(len(self))[np.asarray(index)]
-        extra = {name: tuple(column[i] for i in chosen) for name, column in self.extra.items()}
+        extra = {
+            name: tuple(column[i] for i in chosen)
+            for name, column in self.extra.items()
+        }
         return replace(
-            self, **{name: values[chosen] for name, values in self.columns.items()}, extra=extra,
-            rows=tuple(self.rows[i] for i in chosen) if self.rows else ())
+            self,
+            **{name: values[chosen] for name, values in self.columns.items()},
+            extra=extra,
+            rows=tuple(self.rows[i] for i in chosen) if self.rows else (),
+        )
 
 
 def joined(parts: Sequence[BenchSamples]) -> BenchSamples:
     """Return bench samples of the same columns one after the other."""
-    values: dict[str, Any] = {name: np.concatenate([part.columns[name] for part in parts])
-                              for name in parts[0].columns}
-    extra = {name: tuple(chain.from_iterable(part.extra[name] for part in parts))
-             for name in parts[0].extra}
+    values: dict[str, Any] = {
+        name: np.concatenate([part.columns[name] for part in parts])
+        for name in parts[0].columns
+    }
+    extra = {
+        name: tuple(chain.from_iterable(part.extra[name] for part in parts))
+        for name in parts[0].extra
+    }
     return BenchSamples(**values, extra=extra, source=parts[0].source)
 
 
@@ -121,13 +146,20 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
             doubled, or a value is not a number or outside its range; file, row and field are named.
     """
     values, extra, table = read_columns(path, REQUIRED_COLUMNS)
-    return BenchSamples(**values, extra=extra, source=table.source, sha256=table.sha256,
-                        rows=tuple(table.rows))
+    return BenchSamples(
+        **values,
+        extra=extra,
+        source=table.source,
+        sha256=table.sha256,
+        rows=tuple(table.rows),
+    )
 
 
 def write_bench(path: str | os.PathLike[str], samples: BenchSamples) -> None:
     """Write bench samples as CSV, whole or not at all; `read_bench` gives the same values."""
-    columns = {name: map(repr, values.tolist()) for name, values in samples.columns.items()}
+    columns = {
+        name: map(repr, values.tolist()) for name, values in samples.columns.items()
+    }
     write_atomically(Path(path), csv_text({**columns, **samples.extra}))
 
 
@@ -145,14 +177,22 @@ def read_columns(
     table = read_plain(path, required, column_name)
     first = [table.columns[name][0] for name in required]
     if holds_units(first):
-        raise InputError(f"{table.source}: row {table.rows[0]}: {', '.join(first)} are no numbers; "
-                         f"remove a row of units ({required[1]} is in rad/s, {required[2]} in N m)")
+        raise InputError(
+            f"{table.source}: row {table.rows[0]}: {', '.join(first)} are no numbers; "
+            f"remove a row of units ({required[1]} is in rad/s, {required[2]} in N m)"
+        )
     known = {}
     for column in BENCH_COLUMNS:
         if column.name in table.columns:
-            known[column.name] = table.numbers(column.name, column.name not in REQUIRED_COLUMNS)
+            known[column.name] = table.numbers(
+                column.name, column.name not in REQUIRED_COLUMNS
+            )
             table.require_range(known[column.name], column)
-    extra = {name: tuple(column) for name, column in table.columns.items() if name not in known}
+    extra = {
+        name: tuple(column)
+        for name, column in table.columns.items()
+        if name not in known
+    }
     return known, extra, table
 
 

@@ -27,14 +27,18 @@ def named(path: str | os.PathLike[str]) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from None
 
 
-def read_tree(path: str | os.PathLike[str], schema: str) -> tuple[dict[str, Any], yaml.Node]:
+def read_tree(
+    path: str | os.PathLike[str], schema: str
+) -> tuple[dict[str, Any], yaml.Node]:
     """Read a mapping of a schema, and the tree of the text that it was made of."""
     import yaml
 
     path = Path(path)
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"larger than {_MAX_BYTES >> 20} MiB, not a parameter file")
+            raise InputError(
+                f"larger than {_MAX_BYTES >> 20} MiB, not a parameter file"
+            )
         # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
         kind = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         text = path.read_text(encoding="utf-8")
@@ -49,11 +53,15 @@ def read_tree(path: str | os.PathLike[str], schema: str) -> tuple[dict[str, Any]
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         # PyYAML lets a ValueError through for an impossible date or an endless number.
         place = _line_of(error, "problem_mark")
-        raise InputError(f"not YAML{place}: {getattr(error, 'problem', error)}") from None
+        raise InputError(
+            f"not YAML{place}: {getattr(error, 'problem', error)}"
+        ) from None
     if tree is None or not isinstance(data, dict):
         raise InputError("holds no mapping; is it empty or cut off?")
     if data.get("schema") != schema:
-        raise InputError(f"schema = {data.get('schema')!r}; this version reads {schema!r}")
+        raise InputError(
+            f"schema = {data.get('schema')!r}; this version reads {schema!r}"
+        )
     return data, tree
 
 
@@ -63,16 +71,26 @@ def _require_plain(events: Iterable[yaml.Event]) -> None:
 
     depth = 0
     for event in events:
-        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        depth += isinstance(event, CollectionStartEvent) - isinstance(
+            event, CollectionEndEvent
+        )
         anchor, tag = (getattr(event, mark, None) for mark in ("anchor", "tag"))
         for found, what in (
-            (anchor, f"{anchor!r} is an alias or the anchor of one: write the values out"),
+            (
+                anchor,
+                f"{anchor!r} is an alias or the anchor of one: write the values out",
+            ),
             (tag, f"{tag!r} is a tag: write the value alone"),
-            (getattr(event, "value", None) == "<<", "'<<' merges mappings: write the values out"),
+            (
+                getattr(event, "value", None) == "<<",
+                "'<<' merges mappings: write the values out",
+            ),
             (depth > _DEEPEST, f"more than {_DEEPEST} levels"),
         ):
             if found:
-                raise InputError(f"not YAML of a parameter file{_line_of(event)}: {what}")
+                raise InputError(
+                    f"not YAML of a parameter file{_line_of(event)}: {what}"
+                )
 
 
 def _line_of(item: object, mark: str = "start_mark") -> str:
@@ -80,7 +98,9 @@ def _line_of(item: object, mark: str = "start_mark") -> str:
     return f" at line {found.line + 1}" if found else ""
 
 
-def require_known(tree: yaml.Node, known: Mapping[str, Any] | None, where: str = "") -> None:
+def require_known(
+    tree: yaml.Node, known: Mapping[str, Any] | None, where: str = ""
+) -> None:
     """Refuse keys that mean nothing, such as a misspelt one, and those that stand there twice."""
     from yaml.nodes import MappingNode, SequenceNode
 
@@ -93,8 +113,10 @@ def require_known(tree: yaml.Node, known: Mapping[str, Any] | None, where: str =
     for key, value in tree.value:
         name = str(key.value)
         if known is not None and name not in known and "*" not in known:
-            raise InputError(f"{where}{name}{_line_of(key)} is not known; there is "
-                             f"{', '.join(known)}")
+            raise InputError(
+                f"{where}{name}{_line_of(key)} is not known; there is "
+                f"{', '.join(known)}"
+            )
         if name in seen:
             raise InputError(f"{where}{name}{_line_of(key)} stands there twice")
         seen.add(name)

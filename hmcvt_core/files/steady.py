@@ -21,12 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, DISPLACEMENT_RATIO, EFFICIENCY_STD, Array
+from ..transmission.ranges import (
+    BENCH_COLUMNS,
+    DISPLACEMENT_RATIO,
+    EFFICIENCY_STD,
+    Array,
+)
 
 LEAST_BLOCKS = 3  # fewer block means show no drift
 _LEAST_READINGS = 3  # in a block; fewer have no scatter to speak of
 _LAGS_SUMMED = 3.0  # in correlation times
-_ZERO_ERROR = 0.01  # at full stroke a stroke sensor may read this much above 1 on average
+_ZERO_ERROR = (
+    0.01  # at full stroke a stroke sensor may read this much above 1 on average
+)
 _MOST_LAGS = 4  # a quarter of the readings: further lags have too few pairs
 
 
@@ -50,18 +57,29 @@ class Steadiness:
 
     min_duration: float = limit(5.0, "Shortest steady window in s.")
     block: float = limit(1.0, "Blocks of this many s are averaged to judge drift.")
-    speed_drift: float = limit(0.005, "Of engine and output speed over a window, a fraction.")
-    speed_scatter: float = limit(0.01, "Of engine and output speed in a block, a fraction.")
-    torque_drift: float = limit(0.02, "Of engine and load torque over a window, a fraction.")
-    torque_scatter: float = limit(0.05, "Of engine and load torque in a block, a fraction.")
+    speed_drift: float = limit(
+        0.005, "Of engine and output speed over a window, a fraction."
+    )
+    speed_scatter: float = limit(
+        0.01, "Of engine and output speed in a block, a fraction."
+    )
+    torque_drift: float = limit(
+        0.02, "Of engine and load torque over a window, a fraction."
+    )
+    torque_scatter: float = limit(
+        0.05, "Of engine and load torque in a block, a fraction."
+    )
     displacement_drift: float = limit(
-        0.01, "Of the displacement ratio over a window; also its scatter.")
+        0.01, "Of the displacement ratio over a window; also its scatter."
+    )
 
     def __post_init__(self) -> None:
         require_positive(self)
         if self.min_duration < LEAST_BLOCKS * self.block:
-            raise InputError(f"min_duration = {self.min_duration:g} s holds fewer than "
-                             f"{LEAST_BLOCKS} blocks of {self.block:g} s")
+            raise InputError(
+                f"min_duration = {self.min_duration:g} s holds fewer than "
+                f"{LEAST_BLOCKS} blocks of {self.block:g} s"
+            )
 
 
 def require_positive(settings: Any) -> None:
@@ -111,12 +129,16 @@ def block_statistics(
     return edges, means + origin, deviations
 
 
-def find_windows(time: Array, channels: Channels, steadiness: Steadiness) -> list[slice]:
+def find_windows(
+    time: Array, channels: Channels, steadiness: Steadiness
+) -> list[slice]:
     """Steady windows of a series without gaps, at times (n,) that rise [s], in order."""
     edges, means, deviations = block_statistics(time, channels.values, steadiness.block)
     least = int(np.ceil(steadiness.min_duration / steadiness.block - 1e-9))
-    return [slice(int(edges[first]), int(edges[last]))
-            for first, last in _longest_first(_reach(means, deviations, channels), least)]
+    return [
+        slice(int(edges[first]), int(edges[last]))
+        for first, last in _longest_first(_reach(means, deviations, channels), least)
+    ]
 
 
 def _reach(means: Array, deviations: Array, channels: Channels) -> NDArray[np.intp]:
@@ -174,7 +196,7 @@ def effective_size(values: Array) -> float:
     count = len(values)
     centred = values - values.mean()
     spectrum = np.fft.rfft(centred, 1 << (2 * count - 1).bit_length())
-    products = np.fft.irfft(np.abs(spectrum) ** 2)[:count // _MOST_LAGS + 1]
+    products = np.fft.irfft(np.abs(spectrum) ** 2)[: count // _MOST_LAGS + 1]
     if not products[0] > 0.0:
         return float(count)
     sums = np.maximum(2.0 * np.cumsum(products / products[0]) - 1.0, 1.0)
@@ -256,9 +278,14 @@ class Readings(NamedTuple):
 
     def select(self, index: slice | list[int]) -> Readings:
         """Return some of the readings."""
-        temperature = None if self.oil_temperature is None else self.oil_temperature[index]
-        return Readings(self.time[index], Shafts(*(column[index] for column in self.shafts)),
-                        temperature)
+        temperature = (
+            None if self.oil_temperature is None else self.oil_temperature[index]
+        )
+        return Readings(
+            self.time[index],
+            Shafts(*(column[index] for column in self.shafts)),
+            temperature,
+        )
 
 
 @dataclass(frozen=True)
@@ -303,11 +330,20 @@ def held(at: Array, times: Array, values: Array, age: float) -> Array:
     after = np.searchsorted(times, at)
     around = np.clip([after - 1, after], 0, len(times) - 1)
     fresh = np.abs(at - times[around]) <= age
-    return np.select([fresh.all(axis=0), *fresh],
-                     [np.interp(at, times, values), *values[around]], np.nan)
+    return np.select(
+        [fresh.all(axis=0), *fresh],
+        [np.interp(at, times, values), *values[around]],
+        np.nan,
+    )
 
 
-SETTLED = ("engine_speed", "output_speed", "engine_torque", "load_torque", "displacement_ratio")
+SETTLED = (
+    "engine_speed",
+    "output_speed",
+    "engine_torque",
+    "load_torque",
+    "displacement_ratio",
+)
 """What has to be settled.
 
 The engine torque besides the load torque: an engine that takes up speed loads only the one. The
@@ -320,18 +356,33 @@ def channels(readings: Readings, limits: Steadiness) -> Channels:
     """Return the quantities of `SETTLED` and their limits."""
     stroke = limits.displacement_drift
     drift = np.repeat([limits.speed_drift, limits.torque_drift, stroke], (2, 2, 1))
-    scatter = np.repeat([limits.speed_scatter, limits.torque_scatter, stroke], (2, 2, 1))
-    return Channels(np.stack([getattr(readings.shafts, name) for name in SETTLED]), drift, scatter,
-                    np.array(SETTLED) != "displacement_ratio")
+    scatter = np.repeat(
+        [limits.speed_scatter, limits.torque_scatter, stroke], (2, 2, 1)
+    )
+    return Channels(
+        np.stack([getattr(readings.shafts, name) for name in SETTLED]),
+        drift,
+        scatter,
+        np.array(SETTLED) != "displacement_ratio",
+    )
 
 
 def steady_tests(
     stretches: Iterable[Readings], limits: Steadiness, averaged: bool = False
 ) -> list[tuple[SteadyWindow, dict[str, float]]]:
     """Average the steady windows of stretches without gaps, or each as a whole; see `average`."""
-    return [average(part) for stretch in stretches for part in (
-        [stretch] if averaged else map(stretch.select, find_windows(
-            stretch.time, channels(stretch, limits), limits)))]
+    return [
+        average(part)
+        for stretch in stretches
+        for part in (
+            [stretch]
+            if averaged
+            else map(
+                stretch.select,
+                find_windows(stretch.time, channels(stretch, limits), limits),
+            )
+        )
+    ]
 
 
 def average(part: Readings) -> tuple[SteadyWindow, dict[str, float]]:
@@ -342,7 +393,10 @@ def average(part: Readings) -> tuple[SteadyWindow, dict[str, float]]:
     """
     shafts, start, end = part.shafts, float(part.time[0]), float(part.time[-1])
     efficiency, std, size = ratio_of_means(shafts.output_power, shafts.engine_power)
-    speed, stroke = float(shafts.engine_speed.mean()), float(shafts.displacement_ratio.mean())
+    speed, stroke = (
+        float(shafts.engine_speed.mean()),
+        float(shafts.displacement_ratio.mean()),
+    )
     if abs(stroke) <= DISPLACEMENT_RATIO.high + _ZERO_ERROR:
         stroke = float(np.clip(stroke, DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high))
     values = {
@@ -368,5 +422,11 @@ def complaint(values: Mapping[str, float]) -> str | None:
     """Say why averages make no bench sample, None when they do."""
     if math.isnan(values.get("oil_temperature", 0.0)):
         return "no oil_temperature in time (--no-oil-temperature does without)"
-    return next((f"{column.name} out of range" for column in BENCH_COLUMNS
-                 if column.name in values and not column.contains(values[column.name])), None)
+    return next(
+        (
+            f"{column.name} out of range"
+            for column in BENCH_COLUMNS
+            if column.name in values and not column.contains(values[column.name])
+        ),
+        None,
+    )

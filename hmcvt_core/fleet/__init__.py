@@ -9,6 +9,7 @@ summary     the table over the fleet, with robust z scores
 from collections.abc import Mapping
 from types import MappingProxyType
 
-ONE_BLAS_THREAD: Mapping[str, str] = MappingProxyType(dict.fromkeys(
-    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+ONE_BLAS_THREAD: Mapping[str, str] = MappingProxyType(
+    dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+)
 """Environment of a process whose threads would fight with those of its neighbours."""

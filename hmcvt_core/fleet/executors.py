@@ -41,7 +41,8 @@ _FILES = 10  # that a process takes here, pipes and semaphores
 
 
 def study_all(
-    study: Callable[[Sent], Result], tasks: Iterator[tuple[Key, Sent]],
+    study: Callable[[Sent], Result],
+    tasks: Iterator[tuple[Key, Sent]],
     place: AbstractContextManager[futures.Executor],
 ) -> Generator[tuple[Key, Result | str], None, None]:
     """Study logs side by side; give each with its outcome, in the order in which they finish.
@@ -62,6 +63,7 @@ def study_all(
     """
     killed: list[tuple[Key, Sent]] = []
     with place as executor:
+
         def outcomes(
             tasks: Iterator[tuple[Key, Sent]], ahead: int
         ) -> Iterator[tuple[tuple[Key, Sent], Result | str | None]]:
@@ -71,7 +73,9 @@ def study_all(
                     in_hand[executor.submit(attempt, study, task[1])] = task
                 if not in_hand:
                     return
-                for future in futures.wait(in_hand, return_when=futures.FIRST_COMPLETED).done:
+                for future in futures.wait(
+                    in_hand, return_when=futures.FIRST_COMPLETED
+                ).done:
                     yield in_hand.pop(future), _outcome(future)
 
         for task, outcome in outcomes(tasks, getattr(executor, "ahead", _AHEAD)):
@@ -81,8 +85,14 @@ def study_all(
                 yield task[0], outcome
         # Each alone, and last, when it hurts fewest.
         for task, outcome in outcomes(iter(killed), 1):
-            yield task[0], ("killed its worker 2 times (memory, most likely)" if outcome is None
-                            else outcome)
+            yield (
+                task[0],
+                (
+                    "killed its worker 2 times (memory, most likely)"
+                    if outcome is None
+                    else outcome
+                ),
+            )
 
 
 def attempt(study: Callable[[Sent], Result], sent: Sent) -> Result | str:
@@ -110,12 +120,20 @@ def _outcome(future: futures.Future[Result | str]) -> Result | str | None:
     except futures.BrokenExecutor:
         return None
     except futures.CancelledError:
-        raise HmcvtError("the Dask scheduler is lost; finished logs are kept, run again to go "
-                         "on") from None
+        raise HmcvtError(
+            "the Dask scheduler is lost; finished logs are kept, run again to go on"
+        ) from None
     except Exception as error:  # `attempt` raises none: the place failed over this log
-        failures = getattr(error, "allowed_failures", None)  # of distributed.KilledWorker
-        return _internal_failure(error) if failures is None else (
-            f"killed its worker {failures + 1} times (as often as the cluster allows)")
+        failures = getattr(
+            error, "allowed_failures", None
+        )  # of distributed.KilledWorker
+        return (
+            _internal_failure(error)
+            if failures is None
+            else (
+                f"killed its worker {failures + 1} times (as often as the cluster allows)"
+            )
+        )
 
 
 class Processes(futures.ThreadPoolExecutor):
@@ -134,14 +152,18 @@ class Processes(futures.ThreadPoolExecutor):
         # What a thread blocks its process inherits: Ctrl-C is for the run. Not so on Windows.
         block = getattr(signal, "pthread_sigmask", None)
         super().__init__(
-            count, initializer=block and partial(block, signal.SIG_BLOCK, {signal.SIGINT}))
+            count,
+            initializer=block and partial(block, signal.SIG_BLOCK, {signal.SIGINT}),
+        )
         self._spawn = multiprocessing.get_context("spawn")
         self._heard, self._held = self._spawn.Pipe(duplex=False)
         self._idle: SimpleQueue[futures.Executor] = SimpleQueue()
         for _ in range(count):
             self._idle.put(self._open())
 
-    def submit(self, work: Callable[..., Any], /, *args: Any, **named: Any) -> futures.Future[Any]:
+    def submit(
+        self, work: Callable[..., Any], /, *args: Any, **named: Any
+    ) -> futures.Future[Any]:
         """Have a process do the work."""
         return super().submit(self._hand_over, partial(work, *args, **named))
 
@@ -162,7 +184,8 @@ class Processes(futures.ThreadPoolExecutor):
 
     def _open(self) -> futures.Executor:
         return futures.ProcessPoolExecutor(
-            1, self._spawn, _thread.start_new_thread, (_end_with, (self._heard,)))
+            1, self._spawn, _thread.start_new_thread, (_end_with, (self._heard,))
+        )
 
     def _hand_over(self, work: Callable[[], Any]) -> Any:
         process = self._idle.get()
@@ -205,8 +228,10 @@ def on_cluster(address: str) -> Iterator[futures.Executor]:
         from distributed import Client
         from distributed.comm import connect
     except ImportError as error:
-        raise InputError("--scheduler needs the library distributed (Dask); in the folder of "
-                         "hmcvt: pip install \".[fleet]\"") from error
+        raise InputError(
+            "--scheduler needs the library distributed (Dask); in the folder of "
+            'hmcvt: pip install ".[fleet]"'
+        ) from error
 
     async def knock() -> None:
         await (await connect(address, timeout=_CONNECT)).close()
@@ -218,8 +243,9 @@ def on_cluster(address: str) -> Iterator[futures.Executor]:
         asyncio.run(knock())
         client = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:  # a timeout is an OSError too
-        raise InputError(f"--scheduler {address}: no Dask scheduler answers there: "
-                         f"{error}") from error
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers there: {error}"
+        ) from error
     with client:
         version = pkgutil.resolve_name, "hmcvt_core.version:__version__"
         try:
@@ -227,8 +253,13 @@ def on_cluster(address: str) -> Iterator[futures.Executor]:
         except Exception as error:  # whatever the import of another hmcvt may raise
             found = {"the scheduler": error}
         # Refused: a cluster whose every outcome would be a failure, or from another version.
-        for place, there in {**found, **client.run(*version, on_error="return")}.items():
+        for place, there in {
+            **found,
+            **client.run(*version, on_error="return"),
+        }.items():
             if there != __version__:
-                raise InputError(f"--scheduler {address}: {place} needs hmcvt {__version__}, "
-                                 f"there is {there}")
+                raise InputError(
+                    f"--scheduler {address}: {place} needs hmcvt {__version__}, "
+                    f"there is {there}"
+                )
         yield client.get_executor(pure=False)

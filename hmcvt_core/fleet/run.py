@@ -66,10 +66,17 @@ class Settings:
     def __post_init__(self) -> None:
         # Told once, before the work, not by every log.
         for value in self.gear_efficiencies:
-            first, *others = (each if value is None else each.with_gear_efficiency(value)
-                              for each in self.stages)
-            model = EfficiencyModel(first, PAPER_PARAMETERS[0.98], self.formulation, self.effects,
-                                    other_stages=tuple(others))
+            first, *others = (
+                each if value is None else each.with_gear_efficiency(value)
+                for each in self.stages
+            )
+            model = EfficiencyModel(
+                first,
+                PAPER_PARAMETERS[0.98],
+                self.formulation,
+                self.effects,
+                other_stages=tuple(others),
+            )
             if self.diagnosed:
                 Transmission(model)
         if self.noise is not None:
@@ -90,13 +97,28 @@ class Study(NamedTuple):
 
 def study(settings: Settings, samples: BenchSamples) -> Study:
     """Identify the parameters of a log and diagnose its gap; equal input gives equal output."""
-    tried = [identify(samples, stage=settings.stages, formulation=settings.formulation,
-                      gear_efficiency=value, effects=settings.effects, seed=settings.seed)
-             for value in settings.gear_efficiencies]
+    tried = [
+        identify(
+            samples,
+            stage=settings.stages,
+            formulation=settings.formulation,
+            gear_efficiency=value,
+            effects=settings.effects,
+            seed=settings.seed,
+        )
+        for value in settings.gear_efficiencies
+    ]
     found = min(tried, key=lambda item: item.objective)
-    diagnosis = None if not settings.diagnosed else diagnose(
-        found.model, samples, noise=settings.noise, seed=settings.seed).to_dict()
-    return Study(found.model, {"identification": found.to_dict(), "diagnosis": diagnosis})
+    diagnosis = (
+        None
+        if not settings.diagnosed
+        else diagnose(
+            found.model, samples, noise=settings.noise, seed=settings.seed
+        ).to_dict()
+    )
+    return Study(
+        found.model, {"identification": found.to_dict(), "diagnosis": diagnosis}
+    )
 
 
 class Log(NamedTuple):
@@ -126,22 +148,32 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
     """
     if folder.resolve() == out.resolve():
         # A logger may leave files of the same names beside its logs.
-        raise InputError(f"{out}: holds the logs; the results need a folder of their own")
+        raise InputError(
+            f"{out}: holds the logs; the results need a folder of their own"
+        )
     found: dict[Path, Log] = {}
     for path in _csv_files(folder):
         below = path.relative_to(folder)
-        log = Log(below.as_posix(), path, (out / below).with_suffix(".yaml"),
-                  (out / below).with_suffix(".json"))
+        log = Log(
+            below.as_posix(),
+            path,
+            (out / below).with_suffix(".yaml"),
+            (out / below).with_suffix(".json"),
+        )
         other = found.setdefault(log.result, log)
         if other is not log:
-            raise InputError(f"{other.path} and {path} would share {log.result}: rename one")
+            raise InputError(
+                f"{other.path} and {path} would share {log.result}: rename one"
+            )
     if not found:
         raise InputError(f"{folder}: holds no .csv file")
     return sorted(found.values())
 
 
 def _csv_files(folder: Path) -> Iterator[Path]:
-    for path in folder.iterdir():  # which raises where os.walk would pass over a closed folder
+    for (
+        path
+    ) in folder.iterdir():  # which raises where os.walk would pass over a closed folder
         if path.is_dir():
             if not (path.name.startswith(".") or path.is_symlink()):
                 yield from _csv_files(path)
@@ -162,7 +194,9 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             _hold(file.fileno())
         except (BlockingIOError, PermissionError):
-            raise InputError(f"{folder}: another hmcvt fleet writes there now") from None
+            raise InputError(
+                f"{folder}: another hmcvt fleet writes there now"
+            ) from None
         yield
 
 
@@ -177,7 +211,10 @@ def _hold(file: int) -> None:
 
 
 def run(
-    folder: Path, out: Path, settings: Settings, place: AbstractContextManager[Executor],
+    folder: Path,
+    out: Path,
+    settings: Settings,
+    place: AbstractContextManager[Executor],
     progress: Callable[[Entry, int], None],
 ) -> dict[str, Any]:
     """Study the logs of a folder and write the files of each as soon as it is finished.
@@ -202,7 +239,9 @@ def run(
     # Before the folder for the results is made: a misspelt one shall leave nothing behind.
     logs = find_logs(folder, out)
     with locked(out):
-        before = {log: entry for log in logs if (entry := finished(log, settings)) is not None}
+        before = {
+            log: entry for log in logs if (entry := finished(log, settings)) is not None
+        }
         todo = [log for log in logs if log not in before]
         now: list[Entry] = []
 
@@ -218,10 +257,15 @@ def run(
                     finish(_broken(log, str(error)))
 
         if todo:  # else no cluster is asked
-            with closing(study_all(partial(study, settings), tasks(), place)) as outcomes:
+            with closing(
+                study_all(partial(study, settings), tasks(), place)
+            ) as outcomes:
                 for log, outcome in outcomes:
-                    finish(_broken(log, outcome) if isinstance(outcome, str)
-                           else save(log, outcome, settings))
+                    finish(
+                        _broken(log, outcome)
+                        if isinstance(outcome, str)
+                        else save(log, outcome, settings)
+                    )
     return summarise(list(before.values()), now)
 
 
@@ -236,10 +280,16 @@ def save(log: Log, found: Study, settings: Settings) -> Entry:
         # One that an earlier run wrote and nobody has touched: no copy of it is kept.
         log.parameters.unlink(missing_ok=True)
     save_model(found.model, log.parameters)  # keeps what a person may have put there
-    result: dict[str, Any] = plain({
-        "schema": SCHEMA, "log": log.name, "log_sha256": found.model.provenance["data_sha256"],
-        "settings_sha256": settings.sha256, "parameters_sha256": sha256(log.parameters),
-        **found.told})
+    result: dict[str, Any] = plain(
+        {
+            "schema": SCHEMA,
+            "log": log.name,
+            "log_sha256": found.model.provenance["data_sha256"],
+            "settings_sha256": settings.sha256,
+            "parameters_sha256": sha256(log.parameters),
+            **found.told,
+        }
+    )
     write_atomically(log.result, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return record(result)
 
@@ -247,8 +297,12 @@ def save(log: Log, found: Study, settings: Settings) -> Entry:
 def finished(log: Log, settings: Settings) -> Entry | None:
     """Return the record of a finished log; None if damaged, or of other data or settings."""
     result = _result(log)
-    proof = {"schema": SCHEMA, "settings_sha256": settings.sha256, "log_sha256": sha256(log.path),
-             "parameters_sha256": sha256(log.parameters)}
+    proof = {
+        "schema": SCHEMA,
+        "settings_sha256": settings.sha256,
+        "log_sha256": sha256(log.path),
+        "parameters_sha256": sha256(log.parameters),
+    }
     if any(not value or result.get(name) != value for name, value in proof.items()):
         return None
     try:
@@ -284,6 +338,10 @@ def _read(log: Log) -> BenchSamples:
 
 def _broken(log: Log, reason: str) -> Entry:
     path = str(log.path)
-    told = {"log": log.name,
-            "error": reason if reason.startswith(path) else f"{path}: {reason}"}
-    return {key: text if text.isprintable() else ascii(text) for key, text in told.items()}
+    told = {
+        "log": log.name,
+        "error": reason if reason.startswith(path) else f"{path}: {reason}",
+    }
+    return {
+        key: text if text.isprintable() else ascii(text) for key, text in told.items()
+    }

@@ -52,9 +52,11 @@ def robust_scores(values: Sequence[float], logarithmic: bool = False) -> Scores:
     x = np.log10(values) if logarithmic else np.asarray(values, dtype=float)
     median = float(np.median(x))
     deviation = _MAD_TO_DEVIATION * float(np.median(np.abs(x - median)))
-    enough = len(x) >= LEAST_LOGS and deviation > _LEAST_DEVIATION * float(np.abs(x).max())
+    enough = len(x) >= LEAST_LOGS and deviation > _LEAST_DEVIATION * float(
+        np.abs(x).max()
+    )
     z = (x - median) / deviation if enough else np.full(len(x), np.nan)
-    return Scores(10.0 ** median if logarithmic else median, deviation, z)
+    return Scores(10.0**median if logarithmic else median, deviation, z)
 
 
 def record(result: Mapping[str, Any]) -> Entry:
@@ -66,13 +68,18 @@ def record(result: Mapping[str, Any]) -> Entry:
     named = found is not None and found["verdict"] in NAMING
     return {
         "log": result["log"],
-        "parameters": {name: {key: parameters[name][key]
-                              for key in ("value", "unit", "standard_error")}
-                       for name in PARAMETER_NAMES},
+        "parameters": {
+            name: {
+                key: parameters[name][key]
+                for key in ("value", "unit", "standard_error")
+            }
+            for name in PARAMETER_NAMES
+        },
         GAP: None if found is None else found["gap"]["rmse"],
         "verdict": None if found is None else found["verdict"],
         "cause": found["causes"][0]["effect"] if named else None,
-        "probability": found["causes"][0]["probability"] if named else None}
+        "probability": found["causes"][0]["probability"] if named else None,
+    }
 
 
 def summarise(before: Sequence[Entry], now: Sequence[Entry]) -> dict[str, Any]:
@@ -83,34 +90,58 @@ def summarise(before: Sequence[Entry], now: Sequence[Entry]) -> dict[str, Any]:
         now: logs of this run.
     """
     every = sorted([*before, *now], key=itemgetter("log"))
-    rows, broken = ([entry for entry in every if ("error" in entry) == failed]
-                    for failed in (False, True))
-    values = {name: [row["parameters"][name]["value"] for row in rows] for name in PARAMETER_NAMES}
+    rows, broken = (
+        [entry for entry in every if ("error" in entry) == failed]
+        for failed in (False, True)
+    )
+    values = {
+        name: [row["parameters"][name]["value"] for row in rows]
+        for name in PARAMETER_NAMES
+    }
     values[GAP] = [row[GAP] for row in rows if row[GAP] is not None]
-    scores = {name: robust_scores(column, name in _LOGARITHMIC)
-              for name, column in values.items() if column}
+    scores = {
+        name: robust_scores(column, name in _LOGARITHMIC)
+        for name, column in values.items()
+        if column
+    }
     logs = []
     for place, row in enumerate(rows):
         z = {name: float(found.z[place]) for name, found in scores.items()}
-        logs.append({**row, "z": z,
-                     "outlier": [name for name, far in z.items() if abs(far) > THRESHOLD]})
+        logs.append(
+            {
+                **row,
+                "z": z,
+                "outlier": [name for name, far in z.items() if abs(far) > THRESHOLD],
+            }
+        )
     return {
         "counts": {
-            "logs": len(every), "finished_now": len(rows) - len(before),
-            "finished_before": len(before), "broken": len(broken),
+            "logs": len(every),
+            "finished_now": len(rows) - len(before),
+            "finished_before": len(before),
+            "broken": len(broken),
             "outliers": sum(bool(log["outlier"]) for log in logs),
             "verdicts": _counted(row["verdict"] for row in rows),
-            "causes": _counted(row["cause"] for row in rows)},
+            "causes": _counted(row["cause"] for row in rows),
+        },
         "outlier_rule": {
             "z": "(value - median) / deviation; deviation = 1.4826 x median absolute deviation",
-            "threshold": THRESHOLD, "least_logs": LEAST_LOGS},
-        "fleet": {name: {"unit": PARAMETER_UNITS.get(name, "-"), "median": found.median,
-                         "deviation": found.deviation,
-                         "scale": "log10" if name in _LOGARITHMIC else "linear",
-                         "judged": bool(np.isfinite(found.z).all())}
-                  for name, found in scores.items()},
+            "threshold": THRESHOLD,
+            "least_logs": LEAST_LOGS,
+        },
+        "fleet": {
+            name: {
+                "unit": PARAMETER_UNITS.get(name, "-"),
+                "median": found.median,
+                "deviation": found.deviation,
+                "scale": "log10" if name in _LOGARITHMIC else "linear",
+                "judged": bool(np.isfinite(found.z).all()),
+            }
+            for name, found in scores.items()
+        },
         "logs": logs,
-        "broken": broken}
+        "broken": broken,
+    }
 
 
 def _counted(words: Iterable[str | None]) -> dict[str, int]:

@@ -62,10 +62,14 @@ class Schedule:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.final_temperature < self.initial_temperature < math.inf:
-            raise InputError(f"temperatures {self.initial_temperature} -> "
-                             f"{self.final_temperature}: need 0 < final < initial, both finite")
+            raise InputError(
+                f"temperatures {self.initial_temperature} -> "
+                f"{self.final_temperature}: need 0 < final < initial, both finite"
+            )
         if not all(0.0 < factor < 1.0 for factor in self.cooling):
-            raise InputError(f"cooling = {self.cooling}: need factors above 0 and below 1")
+            raise InputError(
+                f"cooling = {self.cooling}: need factors above 0 and below 1"
+            )
         for name in ("moves", "chains"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)} is not at least 1")
@@ -77,7 +81,9 @@ class Schedule:
 
     def slow_steps(self, temperature: Array) -> Array:
         """Cooling steps at the slower rate from t_0 to such a temperature, any shape."""
-        return np.log(temperature / self.initial_temperature) / math.log(max(self.cooling))
+        return np.log(temperature / self.initial_temperature) / math.log(
+            max(self.cooling)
+        )
 
 
 @dataclass(frozen=True)
@@ -126,8 +132,11 @@ def minimise(
     low, high = np.asarray(bounds, dtype=float).T
     rng = np.random.default_rng(seed)
     shape = (schedule.chains, len(low))
-    points = (rng.uniform(low, high, shape) if start is None
-              else np.broadcast_to(start, shape).astype(float))
+    points = (
+        rng.uniform(low, high, shape)
+        if start is None
+        else np.broadcast_to(start, shape).astype(float)
+    )
     values = _values(objective, points)
     best, best_values, evaluations = points.copy(), values.copy(), len(points)
     temperature = np.full(schedule.chains, float(schedule.initial_temperature))
@@ -135,8 +144,14 @@ def minimise(
 
     def run(stop_reason: str) -> AnnealingRun:
         order = np.argsort(best_values)
-        return AnnealingRun(best[order], float(best_values.min()), float(temperature.max()),
-                            evaluations, tuple(history), stop_reason)
+        return AnnealingRun(
+            best[order],
+            float(best_values.min()),
+            float(temperature.max()),
+            evaluations,
+            tuple(history),
+            stop_reason,
+        )
 
     while schedule.threshold is None or best_values.min() >= schedule.threshold:
         # A chain that has cooled rests.
@@ -148,7 +163,9 @@ def minimise(
         before, warmth = best_values[warm], temperature[warm]
         for _ in range(schedule.moves):
             moves = rng.random((len(warm), len(low))) - 0.5
-            trial = reflect(points[warm] + size[:, None] * (high - low) * moves, low, high)
+            trial = reflect(
+                points[warm] + size[:, None] * (high - low) * moves, low, high
+            )
             found = _values(objective, trial)
             evaluations += len(trial)
             with np.errstate(invalid="ignore", over="ignore", under="ignore"):
@@ -160,7 +177,9 @@ def minimise(
             points[taken], values[taken] = trial[accepted], found[accepted]
             better = taken[values[taken] < best_values[taken]]
             best[better], best_values[better] = points[better], values[better]
-        temperature[warm] = warmth * np.where(best_values[warm] < before, *schedule.cooling)
+        temperature[warm] = warmth * np.where(
+            best_values[warm] < before, *schedule.cooling
+        )
         history.append(float(best_values.min()))
         if progress is not None:
             progress(run("running"))

@@ -32,10 +32,14 @@ Array = NDArray[np.float64]
 MEDIAN_TO_DEVIATION = 1.4826
 """Median of absolute values to standard deviation, normal distribution."""
 
-_SAME_POINT = 0.01  # of the range of displacement ratio, speed or torque: no point of its own
+_SAME_POINT = (
+    0.01  # of the range of displacement ratio, speed or torque: no point of its own
+)
 _HONEST_LOST = 0.01  # campaigns in which an honest sample may be set aside, at most
 _STARTS, _CONCENTRATIONS, _REWEIGHTINGS = 4, 3, 10
-_SIGNIFICANT = 0.0228  # of either tail: two standard deviations where the noise is well known
+_SIGNIFICANT = (
+    0.0228  # of either tail: two standard deviations where the noise is well known
+)
 _FAR = 1e3  # residual where there is no answer
 _STEP = 1e-5
 _OPEN = 0.5  # part of a parameter's change below which it is called kept
@@ -66,7 +70,10 @@ class Prior:
         covariance, stated = np.eye(len(unit)), False
         if model.standard_errors and model.correlation is not None:
             stated = True
-            spread = np.array([model.standard_errors[name] for name in PARAMETER_NAMES]) / unit
+            spread = (
+                np.array([model.standard_errors[name] for name in PARAMETER_NAMES])
+                / unit
+            )
             spread = np.maximum(spread, _LEAST_ERROR)
             covariance = np.outer(spread, spread) * model.correlation
         return cls(unit, values / unit, covariance, stated)
@@ -85,7 +92,9 @@ class Prior:
 
     def change(self, parameters: Array) -> Array:
         """Inverse of `parameters`."""
-        return np.asarray((parameters / self.unit - self.centre) @ np.linalg.inv(self.root).T)
+        return np.asarray(
+            (parameters / self.unit - self.centre) @ np.linalg.inv(self.root).T
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +130,9 @@ class Campaign(Problem):
     def slopes(self, change: Array) -> Array:
         """Derivatives of the residuals, shape (n, 3)."""
         step = _STEP * np.eye(len(change))
-        low, high = np.split(self.residuals(np.vstack([change - step, change + step])), 2)
+        low, high = np.split(
+            self.residuals(np.vstack([change - step, change + step])), 2
+        )
         return (high - low).T / (2.0 * _STEP)
 
     def scatter(self, residuals: Array, weights: Array) -> Array:
@@ -137,11 +148,18 @@ class Campaign(Problem):
 
         roots = np.sqrt(weights), np.sqrt(precision)
         found = least_squares(
-            lambda steps: np.concatenate([
-                roots[0] * self.residuals(directions @ steps), roots[1] * steps]),
-            start, lambda steps: np.vstack([
-                roots[0][:, None] * self.slopes(directions @ steps) @ directions,
-                np.diag(roots[1])]), method="lm")
+            lambda steps: np.concatenate(
+                [roots[0] * self.residuals(directions @ steps), roots[1] * steps]
+            ),
+            start,
+            lambda steps: np.vstack(
+                [
+                    roots[0][:, None] * self.slopes(directions @ steps) @ directions,
+                    np.diag(roots[1]),
+                ]
+            ),
+            method="lm",
+        )
         return np.asarray(directions @ found.x)
 
     def better_half(self, residuals: Array) -> NDArray[np.bool_]:
@@ -161,8 +179,11 @@ class Campaign(Problem):
         residuals = self.residuals(change)
         free = max(self.votes.sum() - len(change), 1.0)
         # The correction for few samples is that of Rousseeuw & Leroy.
-        scatter = MEDIAN_TO_DEVIATION * (1.0 + 5.0 / free) * float(
-            np.abs(residuals[self.better_half(residuals)]).max())
+        scatter = (
+            MEDIAN_TO_DEVIATION
+            * (1.0 + 5.0 / free)
+            * float(np.abs(residuals[self.better_half(residuals)]).max())
+        )
         cutoff = float(norm.isf(0.5 * _HONEST_LOST / len(residuals)))
         belongs = np.abs(residuals) <= cutoff * scatter
         for _ in range(_REWEIGHTINGS):
@@ -171,7 +192,9 @@ class Campaign(Problem):
             residuals, slopes = self.residuals(change), self.slopes(change) / scatter
             scatter = float(self.scatter(residuals, weights))
             precision = np.eye(len(change)) + (slopes.T * weights) @ slopes
-            leverage = np.einsum("ni,ij,nj->n", slopes, np.linalg.inv(precision), slopes)
+            leverage = np.einsum(
+                "ni,ij,nj->n", slopes, np.linalg.inv(precision), slopes
+            )
             # What the fit has not seen it misses by more than what it has seen.
             spread = scatter * np.sqrt(np.where(belongs, 1.0, 1.0 + leverage))
             before, belongs = belongs, np.abs(residuals) <= cutoff * spread
@@ -188,14 +211,21 @@ class Campaign(Problem):
             return np.asarray((half * residuals**2).sum(axis=-1) / half.sum(axis=-1))
 
         annealed = annealing.minimise(
-            lambda scaled: loss(self.prior.change(from_scaled(scaled))), SEARCH_BOUNDS,
-            schedule=QUICK, seed=seed)
+            lambda scaled: loss(self.prior.change(from_scaled(scaled))),
+            SEARCH_BOUNDS,
+            schedule=QUICK,
+            seed=seed,
+        )
         starts = self.prior.change(from_scaled(annealed.ends[:_STARTS]))
         ends = [*starts, np.zeros(len(PARAMETER_NAMES))]
-        for _ in range(_CONCENTRATIONS):  # fit the better half, and again that of the fit
+        for _ in range(
+            _CONCENTRATIONS
+        ):  # fit the better half, and again that of the fit
             for i, end in enumerate(ends):
                 half = few.votes * few.better_half(residuals := few.residuals(end))
-                ends[i] = few.least_squares(end, half / few.scatter(residuals, half)**2)
+                ends[i] = few.least_squares(
+                    end, half / few.scatter(residuals, half) ** 2
+                )
         return ends[int(np.argmin([loss(end) for end in ends]))]
 
     def least_squares(self, start: Array, weights: Array) -> Array:
@@ -214,7 +244,9 @@ class Campaign(Problem):
         slopes = self.slopes(change) * root[:, None]
         information, directions = np.linalg.eigh(slopes.T @ slopes)
         steps = change @ directions
-        least = self._least_significance(slopes @ directions, residuals * root, information, steps)
+        least = self._least_significance(
+            slopes @ directions, residuals * root, information, steps
+        )
         free = max(self.votes.sum() - len(steps), 0.0) + 1.0
         with np.errstate(divide="ignore"):
             part = np.maximum(0.0, 1.0 - (student.isf(_SIGNIFICANT, free) / least) ** 2)
@@ -229,22 +261,35 @@ class Campaign(Problem):
 
         The errors are those of samples and prior, by the part that each has in the model.
         """
-        part, information, directions = evidence.part, evidence.information, evidence.directions
+        part, information, directions = (
+            evidence.part,
+            evidence.information,
+            evidence.directions,
+        )
         chosen, model, prior = part > 0.0, self.model, self.prior
         if chosen.any():
             change = self.nearest(
-                (part * evidence.steps)[chosen], self.votes / evidence.scatter**2,
-                directions[:, chosen], (information * (1.0 - part))[chosen] / part[chosen])
+                (part * evidence.steps)[chosen],
+                self.votes / evidence.scatter**2,
+                directions[:, chosen],
+                (information * (1.0 - part))[chosen] / part[chosen],
+            )
             values = prior.parameters(change).tolist()
             model = replace(model, parameters=HydraulicParameters(*values))
-        back, turn = directions.T @ np.linalg.inv(prior.root), prior.unit[:, None] * prior.root
-        found = (np.outer(1.0 - part, 1.0 - part) * (back @ prior.covariance @ back.T)
-                 + np.diag(part**2 / (1.0 + information)))
+        back, turn = (
+            directions.T @ np.linalg.inv(prior.root),
+            prior.unit[:, None] * prior.root,
+        )
+        found = np.outer(1.0 - part, 1.0 - part) * (
+            back @ prior.covariance @ back.T
+        ) + np.diag(part**2 / (1.0 + information))
         covariance = turn @ directions @ found @ (turn @ directions).T
         spread = np.sqrt(np.diag(covariance))
         return replace(
-            model, standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
-            correlation=covariance / np.outer(spread, spread))
+            model,
+            standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
+            correlation=covariance / np.outer(spread, spread),
+        )
 
     def _least_significance(
         self, slopes: Array, residuals: Array, information: Array, steps: Array
@@ -256,7 +301,9 @@ class Campaign(Problem):
         np.add.at(said, self.places, slopes * (slopes @ steps - residuals)[:, None])
         covariance = np.linalg.inv(np.diag(information + 1.0) - lost)
         left = np.einsum("gij,gj->gi", covariance, (information + 1.0) * steps - said)
-        ratio = left * np.sign(steps) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        ratio = (
+            left * np.sign(steps) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        )
         return np.maximum(ratio.min(axis=0), 0.0)
 
 
@@ -284,4 +331,6 @@ class Evidence(NamedTuple):
         return tuple(
             f"{name} is kept from the model in service: of how it may have changed, the samples "
             f"prove {100.0 * of:.0f} %"
-            for name, of in zip(PARAMETER_NAMES, followed, strict=True) if of < _OPEN)
+            for name, of in zip(PARAMETER_NAMES, followed, strict=True)
+            if of < _OPEN
+        )

@@ -18,7 +18,11 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage, save_model
 from ..physics.effects.base import Effect
-from ..transmission.parameters import PAPER_PARAMETERS, SEARCH_BOUNDS, HydraulicParameters
+from ..transmission.parameters import (
+    PAPER_PARAMETERS,
+    SEARCH_BOUNDS,
+    HydraulicParameters,
+)
 from ..transmission.ranges import Array
 from ..transmission.stage import Stage
 from ..version import __version__
@@ -45,7 +49,9 @@ SCHEDULES = {
 QUICK = Schedule(chains=8, moves=2)
 """Annealing enough where only what the local search makes of it counts."""
 
-_MOST_ANNEALED = 500  # samples that the annealing looks at: it costs 13,600 predictions of each
+_MOST_ANNEALED = (
+    500  # samples that the annealing looks at: it costs 13,600 predictions of each
+)
 _FINISHED = 4  # chain ends that a local search finishes: a second valley may be as deep
 
 
@@ -125,9 +131,19 @@ class Identification:
             "seed": self.seed,
             "residuals": self.residuals.tolist(),
             "warnings": list(self.warnings),
-            **({"stages": {name: {"standard_errors": dict(errors)}
-                           for name, errors in self.alone.items()}} if self.alone else {}),
-            "gear_efficiency": sorted({pair.efficiency for pair in self.model.stage.gear_pairs}),
+            **(
+                {
+                    "stages": {
+                        name: {"standard_errors": dict(errors)}
+                        for name, errors in self.alone.items()
+                    }
+                }
+                if self.alone
+                else {}
+            ),
+            "gear_efficiency": sorted(
+                {pair.efficiency for pair in self.model.stage.gear_pairs}
+            ),
         }
 
     def plot(self, held_back: BenchSamples | None = None) -> Any:
@@ -144,34 +160,57 @@ class Identification:
             numbers: of the samples in their file; 1, 2, ... when left out.
         """
         first = gear_train_remarks(self.model, self.samples)
-        return "\n".join([*first, *self._result_lines(), *self._sample_lines(numbers),
-                          *(f"  note: {sentence}" for sentence in self.warnings[len(first):])])
+        return "\n".join(
+            [
+                *first,
+                *self._result_lines(),
+                *self._sample_lines(numbers),
+                *(f"  note: {sentence}" for sentence in self.warnings[len(first) :]),
+            ]
+        )
 
     def _result_lines(self) -> Iterator[str]:
         model = self.model
-        names = f"stage {model.stage.name}" if not self.alone else (
-            f"stages {', '.join(self.alone)}")
-        yield (f"{model.formulation}, {names}: fitted to {len(self.samples)} "
-               f"samples, {self.objective_name} = {self.objective:.6g}")
-        yield (f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
-               "search finished it)")
+        names = (
+            f"stage {model.stage.name}"
+            if not self.alone
+            else (f"stages {', '.join(self.alone)}")
+        )
+        yield (
+            f"{model.formulation}, {names}: fitted to {len(self.samples)} "
+            f"samples, {self.objective_name} = {self.objective:.6g}"
+        )
+        yield (
+            f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
+            "search finished it)"
+        )
         for name, entry in self.parameters.to_mapping(self.standard_errors).items():
-            yield (f"  {name:<14} {entry['value']:10.4g} +- "
-                   f"{entry['standard_error']:.2g} {entry['unit']}")
+            yield (
+                f"  {name:<14} {entry['value']:10.4g} +- "
+                f"{entry['standard_error']:.2g} {entry['unit']}"
+            )
         for stage, errors in self.alone.items():
             told = ", ".join(f"{error:.2g}" for error in errors.values())
             yield f"  (samples of {stage} alone would leave standard errors of {told})"
-        yield ("  (leakage holds for a displacement of "
-               f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)")
-        yield (f"  error of the fit         {100 * self.fit_error:6.2f} % "
-               "(mean |predicted - measured| / measured)")
+        yield (
+            "  (leakage holds for a displacement of "
+            f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)"
+        )
+        yield (
+            f"  error of the fit         {100 * self.fit_error:6.2f} % "
+            "(mean |predicted - measured| / measured)"
+        )
         held_back = self.model.provenance.get("validation_samples")
         if self.prediction_error is not None:
-            yield (f"  error of the prediction  {100 * self.prediction_error:6.2f} % "
-                   f"({held_back} samples held back)")
+            yield (
+                f"  error of the prediction  {100 * self.prediction_error:6.2f} % "
+                f"({held_back} samples held back)"
+            )
         elif held_back is not None:
-            yield (f"  error of the prediction  unknown: no answer at any of the {held_back} "
-                   "samples held back")
+            yield (
+                f"  error of the prediction  unknown: no answer at any of the {held_back} "
+                "samples held back"
+            )
 
     def _sample_lines(self, numbers: Sequence[int] | None) -> Iterator[str]:
         samples, tests = self.samples, self.samples.extra.get("test")
@@ -180,13 +219,17 @@ class Identification:
         yield f"  {head:>6}  displacement  engine      load    measured  predicted"
         yield "            ratio [-]  [rad/s]     [N m]         [-]        [-]"
         for i, measured in enumerate(samples.efficiency):
-            yield (f"  {names[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
-                   f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
-                   f"{measured:10.4f} {measured + self.residuals[i]:10.4f}")
+            yield (
+                f"  {names[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
+                f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
+                f"{measured:10.4f} {measured + self.residuals[i]:10.4f}"
+            )
         doubled = sum(bool(entry.rejected) for entry in self.roots)
         if doubled:
-            yield (f"  {doubled} samples have a second root for eta_H, beyond the pole of "
-                   "eq. (11); it was rejected")
+            yield (
+                f"  {doubled} samples have a second root for eta_H, beyond the pole of "
+                "eq. (11); it was rejected"
+            )
 
 
 def identify(
@@ -229,11 +272,18 @@ def identify(
     if gear_efficiency is not None:
         stages = [each.with_gear_efficiency(gear_efficiency) for each in stages]
     if len(stages) > 1 and (formulation == "published" or samples.points.stage is None):
-        raise InputError("several stages need formulation power_balance and samples with a column "
-                         f"stage; {samples.source} is to be fitted with "
-                         f"{', '.join(each.name for each in stages)}")
-    model = EfficiencyModel(stages[0], PAPER_PARAMETERS[0.98], formulation, tuple(effects),
-                            other_stages=tuple(stages[1:]))
+        raise InputError(
+            "several stages need formulation power_balance and samples with a column "
+            f"stage; {samples.source} is to be fitted with "
+            f"{', '.join(each.name for each in stages)}"
+        )
+    model = EfficiencyModel(
+        stages[0],
+        PAPER_PARAMETERS[0.98],
+        formulation,
+        tuple(effects),
+        other_stages=tuple(stages[1:]),
+    )
     problem = Problem(model, samples)
     parts = by_stage(model, samples)
     told = gear_train_remarks(model, samples)
@@ -243,26 +293,44 @@ def identify(
     if formulation == "published":
         roots = hydraulic_roots(model.stage, samples)
         # For half of the chains; the others begin at random.
-        starts = starting_points(problem, roots)[:max(1, schedule.chains // 2)]
+        starts = starting_points(problem, roots)[: max(1, schedule.chains // 2)]
         low, high = SEARCH_BOUNDS.T
-        fill = np.random.default_rng(seed).uniform(low, high, (schedule.chains, len(low)))
-        start = np.concatenate([starts, fill])[:schedule.chains]
+        fill = np.random.default_rng(seed).uniform(
+            low, high, (schedule.chains, len(low))
+        )
+        start = np.concatenate([starts, fill])[: schedule.chains]
     annealed = annealing.minimise(
-        replace(problem, samples=thinned(samples)).objective, SEARCH_BOUNDS, schedule=schedule,
-        start=start, seed=seed, progress=progress)
+        replace(problem, samples=thinned(samples)).objective,
+        SEARCH_BOUNDS,
+        schedule=schedule,
+        start=start,
+        seed=seed,
+        progress=progress,
+    )
     scaled, value = problem.finish(annealed.ends[:_FINISHED])
     if not np.isfinite(value):
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
-            f"sample: {'; '.join([*told, 'check stage, units and load torque'])}")
+            f"sample: {'; '.join([*told, 'check stage, units and load torque'])}"
+        )
     standard_errors, correlation = precision(problem, scaled)
     model = replace(
-        model, parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
-        standard_errors=standard_errors, correlation=correlation, domain=Domain.of(samples))
+        model,
+        parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
+        standard_errors=standard_errors,
+        correlation=correlation,
+        domain=Domain.of(samples),
+    )
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, samples.efficiency)
-    alone = {} if len(parts) == 1 else {
-        name: precision(Problem(model, part), scaled, problem)[0] for name, part in parts.items()}
+    alone = (
+        {}
+        if len(parts) == 1
+        else {
+            name: precision(Problem(model, part), scaled, problem)[0]
+            for name, part in parts.items()
+        }
+    )
     warnings = [*told, *findings(samples, model)]
     provenance: dict[str, Any] = {
         **origin("identify", samples, seed),
@@ -281,10 +349,22 @@ def identify(
             provenance["validation_without_answer"] = none
         warnings += unchecked(held, none, samples)
     return Identification(
-        replace(model, provenance=provenance), samples, predicted - samples.efficiency, fit_error,
-        provenance.get("prediction_error"), value, float(problem.objective(annealed.ends[0])),
-        OBJECTIVES[formulation], (*annealed.history, value), annealed.evaluations,
-        annealed.stop_reason, seed, tuple(warnings), tuple(roots), alone)
+        replace(model, provenance=provenance),
+        samples,
+        predicted - samples.efficiency,
+        fit_error,
+        provenance.get("prediction_error"),
+        value,
+        float(problem.objective(annealed.ends[0])),
+        OBJECTIVES[formulation],
+        (*annealed.history, value),
+        annealed.evaluations,
+        annealed.stop_reason,
+        seed,
+        tuple(warnings),
+        tuple(roots),
+        alone,
+    )
 
 
 def origin(command: str, samples: BenchSamples, seed: int | None) -> dict[str, Any]:
@@ -304,4 +384,6 @@ def thinned(samples: BenchSamples) -> BenchSamples:
     if len(samples) <= _MOST_ANNEALED:
         return samples
     order = np.argsort(samples.displacement_ratio, kind="stable")
-    return samples.select(order[np.linspace(0, len(order) - 1, _MOST_ANNEALED).astype(int)])
+    return samples.select(
+        order[np.linspace(0, len(order) - 1, _MOST_ANNEALED).astype(int)]
+    )

@@ -27,7 +27,12 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.agreement import carried_at, gear_train_remarks, mean_error, relative_errors
+from ..model.agreement import (
+    carried_at,
+    gear_train_remarks,
+    mean_error,
+    relative_errors,
+)
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY, PARAMETER_NAMES
@@ -75,8 +80,10 @@ class CrossValidation:
     @property
     def worse(self) -> bool:
         """Whether the refit is worse by more than noise explains."""
-        return (self.error_refit - self.error_in_service > self.allowance
-                and self.change > self.allowance)
+        return (
+            self.error_refit - self.error_in_service > self.allowance
+            and self.change > self.allowance
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,25 +142,33 @@ def refit(
         raise IdentificationError(
             f"{samples.source}: {len(samples)} samples at {points} distinct working "
             f"point{'s' * (points > 1)} cannot determine {len(PARAMETER_NAMES)} parameters; a "
-            f"refit needs at least {len(PARAMETER_NAMES)} points")
+            f"refit needs at least {len(PARAMETER_NAMES)} points"
+        )
     fit, belongs = campaign.majority(seed)
     used = replace(campaign, samples=samples.select(belongs))
     if not np.isfinite(used.predict(fit)).all():
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at most of the "
-            "samples: check stage, units and load torque")
+            "samples: check stage, units and load torque"
+        )
     evidence = used.evidence(fit)
     model = used.follow(evidence)
     fold = folds(used.samples, seed)
-    others = [replace(used, samples=used.samples.select(fold != part)).follow(evidence)
-              for part in range(fold.max() + 1)]
-    held_back = cross_validate(used.samples, model, served, fold, others) if others else None
+    others = [
+        replace(used, samples=used.samples.select(fold != part)).follow(evidence)
+        for part in range(fold.max() + 1)
+    ]
+    held_back = (
+        cross_validate(used.samples, model, served, fold, others) if others else None
+    )
     # The smallest box that holds the samples and the domain of the model in service.
     box = Domain.of(used.samples)
     pairs = [getattr(box, axis) + getattr(served.domain or box, axis) for axis in AXES]
     domain = Domain(*((min(ends), max(ends)) for ends in pairs))
-    axes = [np.linspace(min(ends), max(ends), number)
-            for ends, number in zip(pairs, _GRID, strict=True)]
+    axes = [
+        np.linspace(min(ends), max(ends), number)
+        for ends, number in zip(pairs, _GRID, strict=True)
+    ]
     grid = OperatingPoints(*map(np.ravel, np.meshgrid(*axes, indexing="ij")))
     after, before, first = (carried_at(each, grid) for each in (model, served, base))
     change, drift = after - before, float(np.abs(after - first).mean())
@@ -163,43 +178,73 @@ def refit(
     def objections() -> Iterator[str]:
         """Say what speaks against the refit."""
         if len(aside) > _MOST_SET_ASIDE * len(samples):
-            yield (f"{len(aside)} of {len(samples)} samples disagree with the others, more than a "
-                   "third: none can be trusted")
+            yield (
+                f"{len(aside)} of {len(samples)} samples disagree with the others, more than a "
+                "third: none can be trusted"
+            )
         if held_back is not None and held_back.worse:
-            yield ("the refit is worse on samples held back: mean error "
-                   f"{100 * held_back.error_refit:.2f} %, model in service "
-                   f"{100 * held_back.error_in_service:.2f} %")
+            yield (
+                "the refit is worse on samples held back: mean error "
+                f"{100 * held_back.error_refit:.2f} %, model in service "
+                f"{100 * held_back.error_in_service:.2f} %"
+            )
         # One that does not state its errors is, once refuted, worth no more than the refit.
         if others and campaign.prior.stated:
             # Jackknife of groups.
             parts = np.array([carried_at(each, grid) for each in others])
             doubt = _CERTAIN * np.sqrt((len(parts) - 1) * parts.var(axis=0))
-            excess = np.where(np.abs(change) > _NOTICED, doubt - np.abs(change), -np.inf)
+            excess = np.where(
+                np.abs(change) > _NOTICED, doubt - np.abs(change), -np.inf
+            )
             worst = int(excess.argmax())
             if excess[worst] > 0.0:
                 stroke, speed, load = (axis[worst] for axis in grid[:3])
-                yield (f"the refit would move the efficiency by {100 * change[worst]:+.1f} points "
-                       f"at displacement ratio {stroke:.2f}, {speed:.1f} rad/s, {load:.0f} N m, "
-                       f"where the samples held back allow a doubt of {100 * doubt[worst]:.1f} "
-                       "points")
+                yield (
+                    f"the refit would move the efficiency by {100 * change[worst]:+.1f} points "
+                    f"at displacement ratio {stroke:.2f}, {speed:.1f} rad/s, {load:.0f} N m, "
+                    f"where the samples held back allow a doubt of {100 * doubt[worst]:.1f} "
+                    "points"
+                )
         if drift > limit:
-            yield (f"the refit would differ from the base model by {100 * drift:.1f} points on "
-                   f"average, more than the {100 * limit:.3g} points allowed")
+            yield (
+                f"the refit would differ from the base model by {100 * drift:.1f} points on "
+                f"average, more than the {100 * limit:.3g} points allowed"
+            )
 
     expected = campaign.predict(fit)
     warnings = [
         *gear_train_remarks(served, samples),
-        *(f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
-          f"{expected[i]:.4g}" for i in aside[:_NAMED]),
-        *([] if len(aside) <= _NAMED else [
-            f"{len(aside) - _NAMED} more samples are set aside like these"]),
-        *([] if drift <= 0.5 * limit else [
-            f"the refit differs from the base model by {100 * drift:.1f} points on average, the "
-            f"limit is {100 * limit:.3g}"]),
+        *(
+            f"sample {i + 1} is set aside: it reads {measured[i]:.4g}, the rest of the samples say "
+            f"{expected[i]:.4g}"
+            for i in aside[:_NAMED]
+        ),
+        *(
+            []
+            if len(aside) <= _NAMED
+            else [f"{len(aside) - _NAMED} more samples are set aside like these"]
+        ),
+        *(
+            []
+            if drift <= 0.5 * limit
+            else [
+                f"the refit differs from the base model by {100 * drift:.1f} points on average, the "
+                f"limit is {100 * limit:.3g}"
+            ]
+        ),
         *findings(used.samples, model),
-        *([] if held_back is not None else [
-            f"fewer than {FEWEST} samples: none could be held back to check the refit"])]
-    errors = [mean_error(each.efficiency(*samples.points), measured) for each in (served, model)]
+        *(
+            []
+            if held_back is not None
+            else [
+                f"fewer than {FEWEST} samples: none could be held back to check the refit"
+            ]
+        ),
+    ]
+    errors = [
+        mean_error(each.efficiency(*samples.points), measured)
+        for each in (served, model)
+    ]
     provenance = {
         **{name: told for name, told in served.provenance.items() if name == "units"},
         **origin("refit", samples, seed),
@@ -208,13 +253,23 @@ def refit(
     }
     return Refit(
         replace(model, domain=domain, provenance=provenance),
-        tuple((aside + 1).tolist()), evidence.kept(campaign.prior), next(objections(), ""),
-        float(np.abs(change).max()), drift, tuple(warnings), held_back, *errors)
+        tuple((aside + 1).tolist()),
+        evidence.kept(campaign.prior),
+        next(objections(), ""),
+        float(np.abs(change).max()),
+        drift,
+        tuple(warnings),
+        held_back,
+        *errors,
+    )
 
 
 def cross_validate(
-    samples: BenchSamples, refit: EfficiencyModel, in_service: EfficiencyModel,
-    fold: NDArray[np.intp], others: Sequence[EfficiencyModel],
+    samples: BenchSamples,
+    refit: EfficiencyModel,
+    in_service: EfficiencyModel,
+    fold: NDArray[np.intp],
+    others: Sequence[EfficiencyModel],
 ) -> CrossValidation:
     """Compare a refit with the model in service on samples that it has not seen.
 
@@ -235,20 +290,30 @@ def cross_validate(
     measured, unseen = samples.efficiency, np.empty(len(samples))
     for part, other in enumerate(others):
         unseen[fold == part] = carried_at(other, samples.select(fold == part).points)
-    served, refitted = carried_at(in_service, samples.points), carried_at(refit, samples.points)
+    served, refitted = (
+        carried_at(in_service, samples.points),
+        carried_at(refit, samples.points),
+    )
     errors = relative_errors(served, measured)
     # The noise as the better of the two models sees it. From medians, so that a few bad samples do
     # not pass for noise and excuse the refit they spoil; not below what the paper's bench has: a
     # fit to a handful of samples leaves no residual.
-    noise = float(np.clip(
-        MEDIAN_TO_DEVIATION * min(np.median(errors),
-                                  np.median(relative_errors(refitted, measured))),
-        PAPER_EFFICIENCY_UNCERTAINTY, _NOISIEST * PAPER_EFFICIENCY_UNCERTAINTY))
+    noise = float(
+        np.clip(
+            MEDIAN_TO_DEVIATION
+            * min(np.median(errors), np.median(relative_errors(refitted, measured))),
+            PAPER_EFFICIENCY_UNCERTAINTY,
+            _NOISIEST * PAPER_EFFICIENCY_UNCERTAINTY,
+        )
+    )
     return CrossValidation(
-        len(samples), len(others), float(relative_errors(unseen, measured).mean()),
+        len(samples),
+        len(others),
+        float(relative_errors(unseen, measured).mean()),
         float(errors.mean()),
         float(_ALLOWANCE * len(PARAMETER_NAMES) / len(samples) * noise),
-        float(np.mean(np.abs(refitted - served) / measured)))
+        float(np.mean(np.abs(refitted - served) / measured)),
+    )
 
 
 def folds(samples: BenchSamples, seed: int) -> NDArray[np.intp]:
@@ -263,5 +328,6 @@ def folds(samples: BenchSamples, seed: int) -> NDArray[np.intp]:
     if count >= FEWEST:
         rng = np.random.default_rng(seed)
         fold[np.argsort(samples.displacement_ratio, kind="stable")] = np.concatenate(
-            [rng.permutation(number) for _ in range(0, count, number)])[:count]
+            [rng.permutation(number) for _ in range(0, count, number)]
+        )[:count]
     return fold

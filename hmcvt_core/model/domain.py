@@ -32,20 +32,33 @@ class Domain:
         for axis in AXES:
             low, high = getattr(self, axis)
             if not (np.isfinite([low, high]).all() and low <= high):
-                raise InputError(f"domain.{axis} = [{low}, {high}]: needs two rising numbers")
+                raise InputError(
+                    f"domain.{axis} = [{low}, {high}]: needs two rising numbers"
+                )
 
     @classmethod
     def of(cls, samples: BenchSamples) -> Domain:
         """Return the smallest box that holds the samples."""
-        return cls(*((float(getattr(samples, axis).min()), float(getattr(samples, axis).max()))
-                     for axis in AXES))
+        return cls(
+            *(
+                (
+                    float(getattr(samples, axis).min()),
+                    float(getattr(samples, axis).max()),
+                )
+                for axis in AXES
+            )
+        )
 
     def contains(
-        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
     ) -> NDArray[np.bool_]:
         """Tell which points, of arrays that broadcast, lie inside."""
         stroke, speed, load = map(
-            self.covers, AXES, (displacement_ratio, engine_speed, load_torque))
+            self.covers, AXES, (displacement_ratio, engine_speed, load_torque)
+        )
         return stroke & speed & load
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
@@ -64,12 +77,19 @@ class Domain:
         for axis, value in zip(POINT_RANGES, point, strict=True):
             if not self.covers(axis.name, value):
                 low, high = getattr(self, axis.name)
-                form = ".9g" if low <= float(f"{value:.4g}") <= high else ".4g"  # just beyond
+                form = (
+                    ".9g" if low <= float(f"{value:.4g}") <= high else ".4g"
+                )  # just beyond
                 unit = "" if axis.unit == "-" else f" {axis.unit}"
-                turns = (f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
-                         if axis == ENGINE_SPEED else "")
-                said.append(f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to "
-                            f"{high:{form}}{unit}{turns}")
+                turns = (
+                    f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
+                    if axis == ENGINE_SPEED
+                    else ""
+                )
+                said.append(
+                    f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to "
+                    f"{high:{form}}{unit}{turns}"
+                )
         return said
 
     def to_mapping(self) -> dict[str, list[float]]:

@@ -22,7 +22,12 @@ _KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
 _UNITS = {
     "engine_speed": {"rad/s": 1.0, "r/min": RPM, "rpm": RPM, "1/min": RPM},
     "torque": {"N m": 1.0, "Nm": 1.0},
-    "fuel": {"kg/s": 1.0, "g/h": 1e-3 / 3600.0, "kg/h": 1.0 / 3600.0, "g/kWh": 1e-3 / 3.6e6},
+    "fuel": {
+        "kg/s": 1.0,
+        "g/h": 1e-3 / 3600.0,
+        "kg/h": 1.0 / 3600.0,
+        "g/kWh": 1e-3 / 3.6e6,
+    },
 }
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
@@ -60,7 +65,9 @@ class Engine:
         with np.errstate(invalid="ignore"):
             load = asked / self.full_load_torque(speed)
             known = (load >= 0.0) & (load <= 1.0 + 1e-12)
-        found = np.where(known, self._surface.ev(speed, np.where(known, load, 0.0)), np.nan)
+        found = np.where(
+            known, self._surface.ev(speed, np.where(known, load, 0.0)), np.nan
+        )
         return found if found.ndim else float(found)
 
     @cached_property
@@ -95,7 +102,9 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
         fuel = fuel * speed * torque
     speeds = np.unique(speed)
     if len(speeds) < 2:
-        raise InputError(f"{cells.source}: one engine speed is no map; needs two or more")
+        raise InputError(
+            f"{cells.source}: one engine speed is no map; needs two or more"
+        )
     curves = []
     for value in speeds:
         rows = np.flatnonzero(speed == value)
@@ -106,11 +115,17 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
             used = rates[-1] / (here[-1] * value) * 3.6e9
             _SPECIFIC.check(used, place)
         gaps = np.diff(here)
-        if len(rows) < 2 or (gaps <= 0.0).any() or max(gaps.max(), here[0]) > _HOLE * here[-1]:
+        if (
+            len(rows) < 2
+            or (gaps <= 0.0).any()
+            or max(gaps.max(), here[0]) > _HOLE * here[-1]
+        ):
             told = ", ".join(f"{each:g}" for each in here)
-            raise InputError(f"{place}: torques {told} N m leave a hole: each speed needs rows "
-                             "from low to full load, none twice and none further apart than "
-                             f"{_HOLE:g} of full load")
+            raise InputError(
+                f"{place}: torques {told} N m leave a hole: each speed needs rows "
+                "from low to full load, none twice and none further apart than "
+                f"{_HOLE:g} of full load"
+            )
         if here[0] > 0.0:
             idle = rates[0] - here[0] * (rates[1] - rates[0]) / gaps[0]
             here, rates = np.append(0.0, here), np.append(max(idle, 0.0), rates)
@@ -128,7 +143,11 @@ def _column(cells: Table, quantity: str) -> Array:
         if match and match[1] in _UNITS[quantity]:
             return cells.numbers(column) * _UNITS[quantity][match[1]]
         if match:
-            raise InputError(f"{cells.source}: {match[1]!r} is no unit of {quantity}; there is "
-                             f"{', '.join(_UNITS[quantity])}")
-    raise InputError(f"{cells.source}: column {quantity} [unit] is missing; there is "
-                     f"{', '.join(cells.columns)}")
+            raise InputError(
+                f"{cells.source}: {match[1]!r} is no unit of {quantity}; there is "
+                f"{', '.join(_UNITS[quantity])}"
+            )
+    raise InputError(
+        f"{cells.source}: column {quantity} [unit] is missing; there is "
+        f"{', '.join(cells.columns)}"
+    )

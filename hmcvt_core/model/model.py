@@ -22,7 +22,12 @@ from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
 from ..physics.steady_state import Point
 from ..transmission import ranges
-from ..transmission.parameters import PARAMETER_RANGES, Candidates, HydraulicParameters, Parameters
+from ..transmission.parameters import (
+    PARAMETER_RANGES,
+    Candidates,
+    HydraulicParameters,
+    Parameters,
+)
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction
@@ -36,10 +41,14 @@ _OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
 DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
-NO_OPTIMUM = ("formulation 'published' has no optimum: it has a pole, eq. (11), and "
-              "peaks where eq. (8) alone sees no hydraulic power; take power_balance")
-INCONSISTENT = ("the published formulas contradict themselves here (pole of eq. (11), "
-                "or an efficiency outside 0 to 1)")
+NO_OPTIMUM = (
+    "formulation 'published' has no optimum: it has a pole, eq. (11), and "
+    "peaks where eq. (8) alone sees no hydraulic power; take power_balance"
+)
+INCONSISTENT = (
+    "the published formulas contradict themselves here (pole of eq. (11), "
+    "or an efficiency outside 0 to 1)"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,44 +95,62 @@ class EfficiencyModel:
 
     def __post_init__(self) -> None:
         if self.formulation not in FORMULATIONS:
-            raise InputError(f"formulation = {self.formulation!r}; there is "
-                             f"{', '.join(FORMULATIONS)}")
+            raise InputError(
+                f"formulation = {self.formulation!r}; there is "
+                f"{', '.join(FORMULATIONS)}"
+            )
         if self.formulation == "published" and (
-                self.stage.layout != "input_coupled" or self.stage.reverse):
-            raise InputError("the published formulas are of an input-coupled forward stage")
+            self.stage.layout != "input_coupled" or self.stage.reverse
+        ):
+            raise InputError(
+                "the published formulas are of an input-coupled forward stage"
+            )
         if self.effects and self.formulation != "power_balance":
-            raise InputError("effects act in the power balance only, "
-                             f"not in formulation {self.formulation!r}")
+            raise InputError(
+                "effects act in the power balance only, "
+                f"not in formulation {self.formulation!r}"
+            )
 
     def __getstate__(self) -> dict[str, Any]:
-        return {item.name: getattr(self, item.name) for item in fields(self)}  # no caches
+        return {
+            item.name: getattr(self, item.name) for item in fields(self)
+        }  # no caches
 
     @cached_property
     def stages(self) -> Mapping[str, EfficiencyModel]:
         """A model of each stage by its name, in the order of the file."""
-        return {stage.name: replace(self, stage=stage, other_stages=())
-                for stage in (self.stage, *self.other_stages)}
+        return {
+            stage.name: replace(self, stage=stage, other_stages=())
+            for stage in (self.stage, *self.other_stages)
+        }
 
     def in_stage(self, name: str | None) -> EfficiencyModel:
         """Return the model of one stage, itself for None; `InputError` where there is none such."""
         if name is None:
             return self
         if name not in self.stages:
-            raise InputError(f"stage {name!r} is not known to the model; there is "
-                             f"{', '.join(self.stages)}")
+            raise InputError(
+                f"stage {name!r} is not known to the model; there is "
+                f"{', '.join(self.stages)}"
+            )
         return self.stages[name]
 
     @cached_property
     def _at_point(self) -> Callable[[float, float, float], Point] | None:
-        return self._solver.at_point if isinstance(self._solver, BalanceSolver) else None
+        return (
+            self._solver.at_point if isinstance(self._solver, BalanceSolver) else None
+        )
 
     @cached_property
     def _solver(self) -> BalanceSolver | PublishedSolver:
         return self._solver_of(self.parameters)
 
     def _solver_of(self, parameters: Parameters) -> BalanceSolver | PublishedSolver:
-        return (BalanceSolver(self.stage, parameters, self.effects)
-                if self.formulation == "power_balance" else PublishedSolver(self.stage, parameters))
+        return (
+            BalanceSolver(self.stage, parameters, self.effects)
+            if self.formulation == "power_balance"
+            else PublishedSolver(self.stage, parameters)
+        )
 
     def balance(self, refusal: str) -> BalanceSolver:
         """What solves the power balance; an `InputError` with this text where `published` does."""
@@ -133,44 +160,77 @@ class EfficiencyModel:
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
-        physical = tuple(effect for effect in self.effects if effect.component != "sensor")
-        return self if len(physical) == len(self.effects) else replace(self, effects=physical)
+        physical = tuple(
+            effect for effect in self.effects if effect.component != "sensor"
+        )
+        return (
+            self
+            if len(physical) == len(self.effects)
+            else replace(self, effects=physical)
+        )
 
     # --- values -------------------------------------------------------------------------------
 
     def efficiency(
-        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
     ) -> Any:
         """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
         return self._answer(
-            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[0]
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage
+        )[0]
 
     def output_speed(
-        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
     ) -> Any:
         """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
         return self._answer(
-            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[1]
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage
+        )[1]
 
     def _answer(
-        self, displacement_ratio: Any, engine_speed: Any, load_torque: Any, oil_temperature: Any,
+        self,
+        displacement_ratio: Any,
+        engine_speed: Any,
+        load_torque: Any,
+        oil_temperature: Any,
         stage: Any,
     ) -> Sequence[Any]:
         # What a control loop asks for at every message, without the cost of arrays.
-        if (oil_temperature is None and stage is None
-                and type(displacement_ratio) is type(engine_speed) is type(load_torque) is float
-                and -1.0 <= displacement_ratio <= 1.0 and _SLOW <= engine_speed <= _FAST
-                and _OVERRUN <= load_torque <= _PULL and (at_point := self._at_point) is not None):
+        if (
+            oil_temperature is None
+            and stage is None
+            and type(displacement_ratio)
+            is type(engine_speed)
+            is type(load_torque)
+            is float
+            and -1.0 <= displacement_ratio <= 1.0
+            and _SLOW <= engine_speed <= _FAST
+            and _OVERRUN <= load_torque <= _PULL
+            and (at_point := self._at_point) is not None
+        ):
             return at_point(displacement_ratio, engine_speed, load_torque)
         points = OperatingPoints.checked(
-            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage)
+            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage
+        )
         return [*map(_plain, self.solution_at(points))]
 
     def predict(
-        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
     ) -> Prediction:
         """Efficiency with its standard error, and whether the point was covered by the data."""
         point = displacement_ratio, engine_speed, load_torque
@@ -178,7 +238,9 @@ class EfficiencyModel:
         correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
-        error = np.where(slopes.any(axis=-1), np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        error = np.where(
+            slopes.any(axis=-1), np.sqrt(np.maximum(variance, 0.0)), np.nan
+        )
         inside = np.zeros(error.shape, dtype=bool)
         if self.domain is not None:
             inside = inside | self.domain.contains(*point)
@@ -204,27 +266,42 @@ class EfficiencyModel:
         errors = np.array(Candidates(**self.standard_errors))
         # A step of a thousandth of the error stays in the linear range, also next to a bound.
         steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
-        steps = np.where(base + steps <= [each.high for each in PARAMETER_RANGES], steps, -steps)
-        return [(count, replace(self, parameters=HydraulicParameters(*values)))
-                for count, values in zip(
-                    (errors / steps).tolist(), (base + np.diag(steps)).tolist(), strict=True)]
+        steps = np.where(
+            base + steps <= [each.high for each in PARAMETER_RANGES], steps, -steps
+        )
+        return [
+            (count, replace(self, parameters=HydraulicParameters(*values)))
+            for count, values in zip(
+                (errors / steps).tolist(), (base + np.diag(steps)).tolist(), strict=True
+            )
+        ]
 
     def power_loss(
-        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None, stage: ArrayLike | None = None,
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
     ) -> Any:
         """Engine power less output power [W], at any load: zero and overrun (negative) included."""
         torque = self.without_meters()._answer(
-            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)[2]
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage
+        )[2]
         return _plain(np.multiply(engine_speed, np.subtract(torque, load_torque)))
 
     def refusal(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float,
-        oil_temperature: float | None = None, stage: str | None = None,
+        self,
+        displacement_ratio: float,
+        engine_speed: float,
+        load_torque: float,
+        oil_temperature: float | None = None,
+        stage: str | None = None,
     ) -> str | None:
         """Say why the model has no answer at a point, or None where it has one."""
         efficiency, _, torque = self._answer(
-            displacement_ratio, engine_speed, load_torque, oil_temperature, stage)
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage
+        )
         if np.isfinite(efficiency).all():
             return None
         if self.formulation == "published":
@@ -232,21 +309,35 @@ class EfficiencyModel:
         return DRAGGED if np.isfinite(torque).all() else STALLED
 
     def breakdown(
-        self, displacement_ratio: ArrayLike, engine_speed: ArrayLike, load_torque: ArrayLike,
-        oil_temperature: ArrayLike | None = None, stage: str | None = None,
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: str | None = None,
     ) -> Breakdown:
         """Watts lost in each part.
 
         Raises:
             InputError: the formulation is not `power_balance`.
         """
-        solver = self.without_meters().in_stage(stage).balance(
-            "a breakdown of watts needs formulation power_balance")
+        solver = (
+            self.without_meters()
+            .in_stage(stage)
+            .balance("a breakdown of watts needs formulation power_balance")
+        )
         points = OperatingPoints.checked(
-            (displacement_ratio, engine_speed, load_torque), oil_temperature)
+            (displacement_ratio, engine_speed, load_torque), oil_temperature
+        )
         found = solver.breakdown(points.map(np.ravel))
-        into, out, *watts = (_plain(values.reshape(points.engine_speed.shape)) for values in (
-            found.input_power, found.output_power, *found.losses.values()))
+        into, out, *watts = (
+            _plain(values.reshape(points.engine_speed.shape))
+            for values in (
+                found.input_power,
+                found.output_power,
+                *found.losses.values(),
+            )
+        )
         return Breakdown(into, out, dict(zip(found.losses, watts, strict=True)))
 
     def optimal_displacement_ratio(
@@ -278,43 +369,79 @@ class EfficiencyModel:
                 formulation is `published`, whose best point is one of its own making.
         """
         model = self.without_meters()
-        return optimum(model.balance(NO_OPTIMUM), engine_speed, load_torque, hold,
-                       displacement_ratio, output_speed, engine_speed_limits)
+        return optimum(
+            model.balance(NO_OPTIMUM),
+            engine_speed,
+            load_torque,
+            hold,
+            displacement_ratio,
+            output_speed,
+            engine_speed_limits,
+        )
 
     def optimal_drive(
-        self, output_speed: float, output_power: float, *, engine: Engine | None = None,
+        self,
+        output_speed: float,
+        output_power: float,
+        *,
+        engine: Engine | None = None,
         engine_speed_limits: tuple[float, float] = ranges.ENGINE_SPEED_LIMITS,
-        torque_reserve: float = 0.0, stage: str | None = None, hysteresis: float = 0.0,
+        torque_reserve: float = 0.0,
+        stage: str | None = None,
+        hysteresis: float = 0.0,
     ) -> DriveOptimum:
         """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`."""
-        stages = {name: each.balance(NO_OPTIMUM)
-                  for name, each in self.without_meters().stages.items()}
-        return drive_optimum(stages, output_speed, output_power, engine, engine_speed_limits,
-                             torque_reserve, stage, hysteresis)
+        stages = {
+            name: each.balance(NO_OPTIMUM)
+            for name, each in self.without_meters().stages.items()
+        }
+        return drive_optimum(
+            stages,
+            output_speed,
+            output_power,
+            engine,
+            engine_speed_limits,
+            torque_reserve,
+            stage,
+            hysteresis,
+        )
 
     def efficiency_map(
-        self, displacement_ratios: ArrayLike, engine_speeds: ArrayLike, load_torques: ArrayLike
+        self,
+        displacement_ratios: ArrayLike,
+        engine_speeds: ArrayLike,
+        load_torques: ArrayLike,
     ) -> EfficiencyMap:
         """Efficiency on a grid.
 
         Raises:
             InputError: an axis is empty, not of shape (n,) or out of range.
         """
-        axes = [np.atleast_1d(np.asarray(axis, dtype=float)) for axis in (
-            displacement_ratios, engine_speeds, load_torques)]
+        axes = [
+            np.atleast_1d(np.asarray(axis, dtype=float))
+            for axis in (displacement_ratios, engine_speeds, load_torques)
+        ]
         for name, axis in zip(AXES, axes, strict=True):
             if axis.ndim != 1 or axis.size == 0:
-                raise InputError(f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0")
+                raise InputError(
+                    f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0"
+                )
         grid = np.meshgrid(*axes, indexing="ij", sparse=True)
         return EfficiencyMap(
-            axes[0], axes[1], axes[2], self.without_meters().efficiency(*grid),
-            None if self.domain is None else self.domain.contains(*grid))
+            axes[0],
+            axes[1],
+            axes[2],
+            self.without_meters().efficiency(*grid),
+            None if self.domain is None else self.domain.contains(*grid),
+        )
 
     # --- the same for points already checked ----------------------------------------------------
 
     def solution_at(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque at checked points of one shape."""
-        return Solution(*points.solved(lambda name, at: self.in_stage(name)._solver.solve(at)))
+        return Solution(
+            *points.solved(lambda name, at: self.in_stage(name)._solver.solve(at))
+        )
 
     def readings_at(self, points: OperatingPoints) -> Array:
         """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
@@ -324,7 +451,8 @@ class EfficiencyModel:
         """
         refusal = "a pressure needs formulation power_balance"
         return points.solved(
-            lambda name, at: self.in_stage(name).balance(refusal).readings(at)[:3])
+            lambda name, at: self.in_stage(name).balance(refusal).readings(at)[:3]
+        )
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with other parameters than the model's own, for many candidates at once [-].
@@ -340,8 +468,12 @@ class EfficiencyModel:
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
             part = max(1, ranges.CHUNK // max(1, at.engine_speed.size))
-            solvers = (self.in_stage(name)._solver_of(Candidates(*rows[i:i + part].T[:, :, None]))
-                       for i in range(0, len(rows), part))
+            solvers = (
+                self.in_stage(name)._solver_of(
+                    Candidates(*rows[i : i + part].T[:, :, None])
+                )
+                for i in range(0, len(rows), part)
+            )
             return [np.concatenate([solver.solve(at).efficiency for solver in solvers])]
 
         return points.solved(solve)[0].reshape(*values.shape[:-1], -1)
@@ -351,8 +483,10 @@ class EfficiencyModel:
     def to_mapping(self) -> dict[str, Any]:
         """Return plain data, as a parameter file holds it: strings, numbers, lists, mappings."""
         data: dict[str, Any] = {
-            "schema": SCHEMA, "formulation": self.formulation,
-            "parameters": self.parameters.to_mapping(self.standard_errors)}
+            "schema": SCHEMA,
+            "formulation": self.formulation,
+            "parameters": self.parameters.to_mapping(self.standard_errors),
+        }
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
         if self.effects:
@@ -366,8 +500,11 @@ class EfficiencyModel:
     @cached_property
     def fingerprint(self) -> str:
         """Twelve hexadecimal digits that change when the physics changes, not the provenance."""
-        physics = {name: value for name, value in self.to_mapping().items()
-                   if name in ("formulation", "transmission", "effects")}
+        physics = {
+            name: value
+            for name, value in self.to_mapping().items()
+            if name in ("formulation", "transmission", "effects")
+        }
         physics["parameters"] = self.parameters.to_array().tolist()
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
@@ -378,8 +515,17 @@ class EfficiencyModel:
 
     def _repr_html_(self) -> str:
         values = self.parameters.to_mapping(self.standard_errors).items()
-        return preformatted("\n".join([self.formulation, *(
-            f"  {name:<14} {entry['value']:.4g} {entry['unit']}" for name, entry in values)]))
+        return preformatted(
+            "\n".join(
+                [
+                    self.formulation,
+                    *(
+                        f"  {name:<14} {entry['value']:.4g} {entry['unit']}"
+                        for name, entry in values
+                    ),
+                ]
+            )
+        )
 
 
 def _plain(values: Any) -> Any:

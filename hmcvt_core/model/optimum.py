@@ -96,19 +96,30 @@ class DriveOptimum:
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def optimum(
-    solver: BalanceSolver, engine_speed: ArrayLike, load_torque: ArrayLike, hold: str,
-    displacement_ratio: ArrayLike | None, output_speed: ArrayLike | None,
+    solver: BalanceSolver,
+    engine_speed: ArrayLike,
+    load_torque: ArrayLike,
+    hold: str,
+    displacement_ratio: ArrayLike | None,
+    output_speed: ArrayLike | None,
     engine_speed_limits: Limits,
 ) -> Optimum:
     """See `EfficiencyModel.optimal_displacement_ratio`."""
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
-    given = [ranges.ENGINE_SPEED.check(engine_speed), ranges.LOAD_TORQUE.check(load_torque)]
+    given = [
+        ranges.ENGINE_SPEED.check(engine_speed),
+        ranges.LOAD_TORQUE.check(load_torque),
+    ]
     best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
-        low, high = ranges.ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+        low, high = ranges.ENGINE_SPEED.check(
+            engine_speed_limits, "engine_speed_limits"
+        ).tolist()
         if not low < high:
-            raise InputError(f"engine_speed_limits = {low:g}, {high:g}: the first must be lower")
+            raise InputError(
+                f"engine_speed_limits = {low:g}, {high:g}: the first must be lower"
+            )
         best = partial(_at_output_speed, solver, (low, high))
         if output_speed is not None:
             ranges.OUTPUT_SPEED.check(np.abs(output_speed))  # backward it is negative
@@ -116,9 +127,13 @@ def optimum(
         elif displacement_ratio is not None:
             stroke = ranges.DISPLACEMENT_RATIO.check(displacement_ratio)
             points = np.broadcast_arrays(stroke, *given)
-            given.append(OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1])
+            given.append(
+                OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1]
+            )
         else:
-            raise InputError('hold="output_speed" needs displacement_ratio (now) or output_speed')
+            raise InputError(
+                'hold="output_speed" needs displacement_ratio (now) or output_speed'
+            )
     *values, limit = np.frompyfunc(best, len(given), 6)(*given)
     if np.ndim(limit):
         values = [column.astype(float) for column in values]
@@ -131,21 +146,39 @@ def _at_output_speed(
 ) -> tuple[Any, ...]:
     """Values of `Optimum`, but for what was held."""
     best = _best({"": Line(solver, held, speed * torque)}, *limits)
-    return (best.displacement_ratio, best.efficiency, best.engine_speed, best.load_torque, held,
-            best.limit)
+    return (
+        best.displacement_ratio,
+        best.efficiency,
+        best.engine_speed,
+        best.load_torque,
+        held,
+        best.limit,
+    )
 
 
-def _at_engine_speed(solver: BalanceSolver, speed: float, torque: float) -> tuple[Any, ...]:
+def _at_engine_speed(
+    solver: BalanceSolver, speed: float, torque: float
+) -> tuple[Any, ...]:
     """As `_at_output_speed`."""
     if solver.at_point is not None:
         stroke = _best_stroke(solver, solver.at_point, speed, torque)
         efficiency, output_speed, _ = solver.at_point(stroke, speed, torque)
     else:
         stroke = _best_on_grid(solver, speed, torque)
-        efficiency, output_speed, _ = (column.item() for column in solver.solve(
-            OperatingPoints(*np.array([[stroke], [speed], [torque]]))))
-    return (stroke, efficiency, speed, torque, output_speed,
-            _limit("displacement_ratio", stroke, -1.0, 1.0))
+        efficiency, output_speed, _ = (
+            column.item()
+            for column in solver.solve(
+                OperatingPoints(*np.array([[stroke], [speed], [torque]]))
+            )
+        )
+    return (
+        stroke,
+        efficiency,
+        speed,
+        torque,
+        output_speed,
+        _limit("displacement_ratio", stroke, -1.0, 1.0),
+    )
 
 
 def _best_on_grid(solver: BalanceSolver, speed: float, torque: float) -> float:
@@ -171,7 +204,9 @@ class Search:
         at, cost: the lowest point of all, and its cost; infinite where nothing is possible.
     """
 
-    def __init__(self, function: Callable[[Array], Array], intervals: Sequence[Limits]) -> None:
+    def __init__(
+        self, function: Callable[[Array], Array], intervals: Sequence[Limits]
+    ) -> None:
         self._function = function
         self._low, self._high = np.array(intervals).T
         self._ends = self._low, self._high
@@ -187,14 +222,21 @@ class Search:
             cost = self._function(grid.ravel()).reshape(grid.shape)
             lowest = np.arange(len(grid)), cost.argmin(axis=1)
             at, least = grid[lowest], cost[lowest]
-            self._ends = np.maximum(at - step, self._low), np.minimum(at + step, self._high)
-            self.cost, self.at = min([(self.cost, self.at),
-                                      *zip(least.tolist(), at.tolist(), strict=True)])
+            self._ends = (
+                np.maximum(at - step, self._low),
+                np.minimum(at + step, self._high),
+            )
+            self.cost, self.at = min(
+                [(self.cost, self.at), *zip(least.tolist(), at.tolist(), strict=True)]
+            )
         return self
 
 
 def _best_stroke(
-    solver: BalanceSolver, lookup: Callable[[float, float, float], Any], speed: float, torque: float
+    solver: BalanceSolver,
+    lookup: Callable[[float, float, float], Any],
+    speed: float,
+    torque: float,
 ) -> float:
     """As `_best_on_grid`, in plain floats."""
 
@@ -204,7 +246,9 @@ def _best_stroke(
 
     tops = []
     usual = solver.quadrant((-1 if solver.stage.reverse else 1, 1))
-    low, high = (min(max(rest, -1.0), 1.0) for rest in usual.resting_ratios(torque / speed))
+    low, high = (
+        min(max(rest, -1.0), 1.0) for rest in usual.resting_ratios(torque / speed)
+    )
     # Between the two the whole flow leaks: the one next to no stroke is best there.
     for corner, reach in ((low, -1.0 - low), (high, 1.0 - high)):
         top, way = max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1))
@@ -245,8 +289,11 @@ class Line:
     def state(self, speed: Array) -> tuple[Array, Array]:
         """Displacement ratio and engine torque; NaN where the stage cannot hold the demand."""
         stroke, torque = self.solver.held(
-            speed, np.full_like(speed, self.output_speed), self.output_power / speed,
-            ways=(1 if self.output_speed > 0.0 else -1, 1))
+            speed,
+            np.full_like(speed, self.output_speed),
+            self.output_power / speed,
+            ways=(1 if self.output_speed > 0.0 else -1, 1),
+        )
         within = np.fmin(np.fmax(stroke, -1.0), 1.0)
         return within, np.where(np.abs(stroke - within) < _EDGE, torque, np.nan)
 
@@ -265,8 +312,12 @@ class Line:
     def reaches(self, low: float, high: float) -> bool:
         """Whether engine speeds between two limits may give the output."""
         ends = math.copysign(1.0, self.output_speed) * speed_ratio(
-            self.solver.stage, np.array([-1.0, 1.0]))
-        slowest, fastest = ends.min() * (1.0 - _SLIP) * low, ends.max() * (1.0 + _SLIP) * high
+            self.solver.stage, np.array([-1.0, 1.0])
+        )
+        slowest, fastest = (
+            ends.min() * (1.0 - _SLIP) * low,
+            ends.max() * (1.0 + _SLIP) * high,
+        )
         return bool(slowest <= abs(self.output_speed) <= fastest)
 
     def search(self, low: float, high: float) -> Search:
@@ -278,29 +329,41 @@ class Line:
         if ratio:
             rest = self.output_speed / ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
             ends = [low, *np.clip(rest, low, high).tolist(), high]
-        return Search(self.cost, [
-            (a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b])
+        return Search(
+            self.cost,
+            [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b],
+        )
 
     def told(self, stage: str, speed: float, low: float, high: float) -> DriveOptimum:
         """Return the working point at an engine speed between two limits."""
         stroke, torque = (column.item() for column in self.state(np.array([speed])))
         load, fuel, per_loss = self.output_power / speed, math.nan, math.nan
-        limit = (_limit("engine_speed", speed, low, high)
-                 or _limit("displacement_ratio", stroke, -1.0, 1.0))
+        limit = _limit("engine_speed", speed, low, high) or _limit(
+            "displacement_ratio", stroke, -1.0, 1.0
+        )
         if self.engine is not None:
-            fuel, full = self.engine.fuel_rate(speed, torque), self.engine.full_load_torque(speed)
+            fuel, full = (
+                self.engine.fuel_rate(speed, torque),
+                self.engine.full_load_torque(speed),
+            )
             below = self.engine.fuel_rate(speed, 0.99 * torque)
             per_loss = (fuel - below) / (0.01 * torque * speed) if torque else math.nan
             if torque > (1.0 - self.reserve - _BINDS) * full:
                 limit = "full_load"
         return DriveOptimum(
-            stage, stroke, speed, load, load / torque, torque, fuel, limit, per_loss)
+            stage, stroke, speed, load, load / torque, torque, fuel, limit, per_loss
+        )
 
 
 def drive_optimum(
-    stages: Mapping[str, BalanceSolver], output_speed: float, output_power: float,
-    engine: Engine | None, engine_speed_limits: Limits, torque_reserve: float,
-    stage: str | None, hysteresis: float,
+    stages: Mapping[str, BalanceSolver],
+    output_speed: float,
+    output_power: float,
+    engine: Engine | None,
+    engine_speed_limits: Limits,
+    torque_reserve: float,
+    stage: str | None,
+    hysteresis: float,
 ) -> DriveOptimum:
     """Find stage, engine speed and displacement ratio of least fuel at a held output.
 
@@ -317,38 +380,63 @@ def drive_optimum(
     Raises:
         InputError: input out of range, or there is no such stage.
     """
-    held = float(ranges.OUTPUT_SPEED.check(abs(output_speed))) * math.copysign(1.0, output_speed)
-    power, reserve = float(OUTPUT_POWER.check(output_power)), float(_PART.check(torque_reserve))
-    low, high = ranges.ENGINE_SPEED.check(engine_speed_limits, "engine_speed_limits").tolist()
+    held = float(ranges.OUTPUT_SPEED.check(abs(output_speed))) * math.copysign(
+        1.0, output_speed
+    )
+    power, reserve = (
+        float(OUTPUT_POWER.check(output_power)),
+        float(_PART.check(torque_reserve)),
+    )
+    low, high = ranges.ENGINE_SPEED.check(
+        engine_speed_limits, "engine_speed_limits"
+    ).tolist()
     if engine is not None:
         low, high = max(low, float(engine.speed[0])), min(high, float(engine.speed[-1]))
     if not low < high:
-        raise InputError(f"engine_speed_limits = {low:g}, {high:g}: nothing lies between them and "
-                         "the speeds of the engine")
+        raise InputError(
+            f"engine_speed_limits = {low:g}, {high:g}: nothing lies between them and "
+            "the speeds of the engine"
+        )
     if stage is not None and stage not in stages:
         raise InputError(f"stage = {stage!r}; there is {', '.join(stages)}")
-    lines = {name: Line(solver, held, power, engine, reserve) for name, solver in stages.items()}
+    lines = {
+        name: Line(solver, held, power, engine, reserve)
+        for name, solver in stages.items()
+    }
     return _best(lines, low, high, stage, hysteresis)
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def _best(
-    lines: Mapping[str, Line], low: float, high: float, engaged: str | None = None,
+    lines: Mapping[str, Line],
+    low: float,
+    high: float,
+    engaged: str | None = None,
     hysteresis: float = 0.0,
 ) -> DriveOptimum:
     """Best working point on the lines of several stages; see `drive_optimum`."""
-    found = {name: line.search(low, high) for name, line in lines.items()
-             if line.reaches(low, high)}
+    found = {
+        name: line.search(low, high)
+        for name, line in lines.items()
+        if line.reaches(low, high)
+    }
     close = _CLOSE
     for _ in range(_ZOOMS):
-        promising = min((each.cost for each in found.values()), default=math.inf) * (1.0 + close)
-        found = {name: each.closer(1) for name, each in found.items()
-                 if math.isfinite(each.cost) and (each.cost <= promising or name == engaged)}
+        promising = min((each.cost for each in found.values()), default=math.inf) * (
+            1.0 + close
+        )
+        found = {
+            name: each.closer(1)
+            for name, each in found.items()
+            if math.isfinite(each.cost) and (each.cost <= promising or name == engaged)
+        }
         close *= 2.0 / (_SCAN - 1)
     if not found:
         return DriveOptimum(None)
     best = min(found, key=lambda name: found[name].cost)
-    if engaged in found and found[engaged].cost <= found[best].cost * (1.0 + hysteresis):
+    if engaged in found and found[engaged].cost <= found[best].cost * (
+        1.0 + hysteresis
+    ):
         best = str(engaged)
     return lines[best].told(best, found[best].at, low, high)
 
@@ -356,5 +444,10 @@ def _best(
 def _limit(name: str, value: float, low: float, high: float) -> str | None:
     """Name the limit that binds, if one does."""
     slack = _LIMIT_SLACK * (high - low)
-    return (f"{name} low" if value <= low + slack
-            else f"{name} high" if value >= high - slack else None)
+    return (
+        f"{name} low"
+        if value <= low + slack
+        else f"{name} high"
+        if value >= high - slack
+        else None
+    )

@@ -15,7 +15,11 @@ from ..files.atomic import free_name, write_atomically
 from ..files.plain_yaml import named, read_tree, require_known
 from ..physics.effects import effect_from_mapping
 from ..transmission.mapping import Section, number, quantity
-from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS, HydraulicParameters
+from ..transmission.parameters import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    HydraulicParameters,
+)
 from ..transmission.stage import Stage, stages_from_mapping
 from .domain import AXES, Domain
 from .model import SCHEMA, EfficiencyModel
@@ -30,17 +34,27 @@ _GEAR_TRAIN = {
     "gear_pairs": None,
     "gear_efficiency": None,
     "planetary_rows": None,
-    "pump_motor": dict.fromkeys((
-        "pump_displacement_cm3_per_rev", "motor_displacement_cm3_per_rev", "pump_friction",
-        "motor_friction")),
-    "stages": {"*": {**dict.fromkeys(("layout", "reverse", "planetary_row",
-                                    "open_clutches")),
-                     **dict.fromkeys(("mechanical", "pump", "motor", "output"), _PATH)}},
+    "pump_motor": dict.fromkeys(
+        (
+            "pump_displacement_cm3_per_rev",
+            "motor_displacement_cm3_per_rev",
+            "pump_friction",
+            "motor_friction",
+        )
+    ),
+    "stages": {
+        "*": {
+            **dict.fromkeys(("layout", "reverse", "planetary_row", "open_clutches")),
+            **dict.fromkeys(("mechanical", "pump", "motor", "output"), _PATH),
+        }
+    },
 }
 _KNOWN: Mapping[str, Mapping[str, Any]] = {
     TRANSMISSION_SCHEMA: {"schema": None, "name": None, **_GEAR_TRAIN},
     SCHEMA: {
-        **dict.fromkeys(("schema", "checksum", "formulation", "correlation", "provenance")),
+        **dict.fromkeys(
+            ("schema", "checksum", "formulation", "correlation", "provenance")
+        ),
         "served": None,  # what a node adds on its topic ~/model
         "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
         "effects": dict.fromkeys(("effect", "form", "part", "parameters")),
@@ -61,8 +75,10 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
         data, tree = read_tree(path, SCHEMA)
         stated = data.pop("checksum", None)
         if stated is not None and stated != (_checksum(data) or None):
-            raise InputError("checksum does not match: the file is damaged or was edited; "
-                             "if edited on purpose, remove the line 'checksum'")
+            raise InputError(
+                "checksum does not match: the file is damaged or was edited; "
+                "if edited on purpose, remove the line 'checksum'"
+            )
         model = _from_mapping(data)
         require_known(tree, _KNOWN[SCHEMA])
         return model
@@ -104,8 +120,10 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
 def _holds(path: Path, model: EfficiencyModel) -> bool:
     """Whether a file holds the same, but for its date."""
     try:
-        there, here = ({**each.to_mapping(), "provenance": {**each.provenance, "date": ""}}
-                       for each in (load_model(path), model))
+        there, here = (
+            {**each.to_mapping(), "provenance": {**each.provenance, "date": ""}}
+            for each in (load_model(path), model)
+        )
     except InputError:
         return False
     return there == here
@@ -117,7 +135,9 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     values, errors = [], {}
     for name in PARAMETER_NAMES:
         entry = parameters.section(name)
-        values.append(quantity(entry.data, PARAMETER_UNITS[name], f"parameters.{name}")[0])
+        values.append(
+            quantity(entry.data, PARAMETER_UNITS[name], f"parameters.{name}")[0]
+        )
         if "standard_error" in entry.data:
             errors[name] = entry.number("standard_error", low=0.0)
     effects = data.get("effects", [])
@@ -129,10 +149,13 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         other_stages=tuple(others),
         parameters=HydraulicParameters(*values),
         formulation=str(file.get("formulation")),
-        effects=tuple(effect_from_mapping(item, f"effects[{i}]")
-                      for i, item in enumerate(effects)),
+        effects=tuple(
+            effect_from_mapping(item, f"effects[{i}]") for i, item in enumerate(effects)
+        ),
         standard_errors=errors if len(errors) == len(PARAMETER_NAMES) else {},
-        correlation=_correlation(data["correlation"]) if "correlation" in data else None,
+        correlation=_correlation(data["correlation"])
+        if "correlation" in data
+        else None,
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=file.section("provenance").data if "provenance" in data else {},
     )
@@ -162,12 +185,17 @@ def _correlation(value: Any) -> Any:
     try:
         matrix = np.asarray(value, dtype=float)
         # With these three no entry is beyond -1 and 1.
-        sound = (matrix.shape == (n, n) and np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED)
-                 and np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED)
-                 and np.linalg.eigvalsh(matrix).min() >= -_ROUNDED)
+        sound = (
+            matrix.shape == (n, n)
+            and np.allclose(matrix, matrix.T, rtol=0.0, atol=_ROUNDED)
+            and np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=_ROUNDED)
+            and np.linalg.eigvalsh(matrix).min() >= -_ROUNDED
+        )
     except (TypeError, ValueError, OverflowError):  # LinAlgError is a ValueError
         sound = False
     if not sound:
-        raise InputError(f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1 that is "
-                         "symmetric, 1 on the diagonal, without a negative eigenvalue")
+        raise InputError(
+            f"correlation = {value!r} is not a {n} x {n} matrix of -1 to 1 that is "
+            "symmetric, 1 on the diagonal, without a negative eigenvalue"
+        )
     return matrix

@@ -62,7 +62,9 @@ class BalanceSolver:
         return Solution(efficiency, speed, torque)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def readings(self, points: OperatingPoints, ways: Ways | None = None) -> tuple[Array, ...]:
+    def readings(
+        self, points: OperatingPoints, ways: Ways | None = None
+    ) -> tuple[Array, ...]:
         """Efficiency [-], output speed [rad/s], pressure [Pa] and engine torque [N m] as read.
 
         The pressure is the difference over the motor, eq. (14).
@@ -70,7 +72,10 @@ class BalanceSolver:
         shafts, flow = self.flow(points, ways)
         state, torque = flow.state, flow.engine_power / points.engine_speed
         efficiency, speed, torque = Solution.of(
-            state.load_power / points.engine_speed, torque, shafts.reflection * flow.output_speed)
+            state.load_power / points.engine_speed,
+            torque,
+            shafts.reflection * flow.output_speed,
+        )
         pressure = shafts.turning * state.pressure
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._effects:
@@ -84,8 +89,13 @@ class BalanceSolver:
         self, points: OperatingPoints, ways: Ways | None = None
     ) -> tuple[Shafts, PowerFlow]:
         """Constants and power flow at points; NaN where there is none."""
-        shafts = Shafts(self.stage, self._parameters, self._effects, points,
-                        ways or self.ways(points))
+        shafts = Shafts(
+            self.stage,
+            self._parameters,
+            self._effects,
+            points,
+            ways or self.ways(points),
+        )
         return shafts, shafts.power_flow()
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
@@ -93,32 +103,46 @@ class BalanceSolver:
         """Share the lost power among the parts that take it."""
         stage, (shafts, flow) = self.stage, self.flow(points)
         state, units, given = flow.state, stage.pump_motor, shafts.given
-        delivered = units.pump_displacement * state.displacement_ratio * state.pump_speed
+        delivered = (
+            units.pump_displacement * state.displacement_ratio * state.pump_speed
+        )
         taken = units.motor_displacement * state.motor_speed
         losses = {
             # What leaks does so at the pressure of the motor, eq. (13), as if behind the lines.
             "leakage": state.pressure * (delivered - taken),
             "pump_damping": given.pump_damping * state.pump_speed**2,
-            "pump_friction": units.pump_friction * np.abs(flow.pump_pressure * delivered),
+            "pump_friction": units.pump_friction
+            * np.abs(flow.pump_pressure * delivered),
             "motor_damping": given.motor_damping * state.motor_speed**2,
             "motor_friction": units.motor_friction * np.abs(state.pressure * taken),
         }
         losses["pressure_drop"] = (flow.pump_pressure - state.pressure) * delivered
         # Torques of output and motor are reflected, speeds are not.
-        speeds = {"output": flow.output_speed, "motor": shafts.sense * state.motor_speed,
-                  "mechanical": state.engine_speed, "pump": state.pump_speed}
+        speeds = {
+            "output": flow.output_speed,
+            "motor": shafts.sense * state.motor_speed,
+            "mechanical": state.engine_speed,
+            "pump": state.pump_speed,
+        }
         for path, speed in speeds.items():
             pairs = reversed(getattr(stage, path).gear_pairs)
-            for pair, (after, before) in zip(pairs, pairwise(flow.torques[path]), strict=True):
+            for pair, (after, before) in zip(
+                pairs, pairwise(flow.torques[path]), strict=True
+            ):
                 name = f"gear_pair_{pair.name}"
                 # A pair that serves two paths loses on both.
                 losses[name] = losses.get(name, 0.0) + (before - after) * speed
         if stage.has_row:
-            hydraulic = (-flow.torques["pump"][-1] * speeds["pump"] if shafts.braced
-                         else flow.torques["motor"][0] * speeds["motor"])
-            losses["planetary_row"] = (hydraulic
-                                       + flow.torques["mechanical"][0] * state.engine_speed
-                                       - flow.torques["output"][-1] * speeds["output"])
+            hydraulic = (
+                -flow.torques["pump"][-1] * speeds["pump"]
+                if shafts.braced
+                else flow.torques["motor"][0] * speeds["motor"]
+            )
+            losses["planetary_row"] = (
+                hydraulic
+                + flow.torques["mechanical"][0] * state.engine_speed
+                - flow.torques["output"][-1] * speeds["output"]
+            )
         for effect in self._effects:
             watts = np.asarray(
                 effect.engine_drag(state) * state.engine_speed
@@ -128,8 +152,15 @@ class BalanceSolver:
             )
             losses[effect.name] = losses.get(effect.name, 0.0) + watts
         optional = {"pressure_drop", *(effect.name for effect in self._effects)}
-        return Breakdown(np.asarray(flow.engine_power), flow.output_power, {
-            name: lost for name, lost in losses.items() if name not in optional or lost.any()})
+        return Breakdown(
+            np.asarray(flow.engine_power),
+            flow.output_power,
+            {
+                name: lost
+                for name, lost in losses.items()
+                if name not in optional or lost.any()
+            },
+        )
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def held(
@@ -146,8 +177,12 @@ class BalanceSolver:
         points = OperatingPoints(stroke, speed, load)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, ways)
         stroke = shafts.stroke_for(output)
-        _, reached, _, torque = self.readings(points._replace(displacement_ratio=stroke), ways)
-        return stroke, np.where(np.abs(reached - output) < _HELD * np.abs(output), torque, np.nan)
+        _, reached, _, torque = self.readings(
+            points._replace(displacement_ratio=stroke), ways
+        )
+        return stroke, np.where(
+            np.abs(reached - output) < _HELD * np.abs(output), torque, np.nan
+        )
 
     def quadrant(self, ways: Ways) -> Quadrant:
         """Constants without effects."""

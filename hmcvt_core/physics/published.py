@@ -57,7 +57,9 @@ def _connection(stage: Stage) -> float:
     With the motor at rest; k / (1 + k) for carrier and ring, the paper's case.
     """
     coefficients = member_speed_coefficients(stage.planetary_constant)
-    return abs(coefficients[stage.output_member] / coefficients[stage.mechanical_member])
+    return abs(
+        coefficients[stage.output_member] / coefficients[stage.mechanical_member]
+    )
 
 
 @np.errstate(divide="ignore", invalid="ignore")
@@ -79,17 +81,23 @@ def hydraulic_efficiency(
     load = output_torque * abs(stage.motor_speed_ratio)
     pressure = (load + parameters.motor_damping * ideal_speed) / v_m  # Eq. (6)
     motor_speed = ideal_speed - parameters.leakage * pressure / v_m  # Eq. (13)
-    motor_torque = (pressure * v_m * (1.0 - units.motor_friction)
-                    - parameters.motor_damping * motor_speed)  # Eq. (14)
-    pump_torque = (pressure * v_p * stroke * (1.0 - units.pump_friction)
-                   + sign * parameters.pump_damping * pump_speed)  # Eq. (15)
+    motor_torque = (
+        pressure * v_m * (1.0 - units.motor_friction)
+        - parameters.motor_damping * motor_speed
+    )  # Eq. (14)
+    pump_torque = (
+        pressure * v_p * stroke * (1.0 - units.pump_friction)
+        + sign * parameters.pump_damping * pump_speed
+    )  # Eq. (15)
     ratio = np.abs(motor_speed * motor_torque / (pump_speed * pump_torque))  # Eq. (16)
     turned = motor_speed * sign < 0.0
     return np.where(sign == 0.0, STANDING_EFFICIENCY, np.where(turned, np.nan, ratio))
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> PublishedEfficiency:
+def efficiencies(
+    stage: Stage, displacement_ratio: Array, hydraulic: Array
+) -> PublishedEfficiency:
     """Eqs (7)-(12), (17), (18) for a given eta_H, unguarded: they pass through the pole of (11).
 
     `hydraulic` broadcasts against `displacement_ratio`; all [-].
@@ -99,27 +107,38 @@ def efficiencies(stage: Stage, displacement_ratio: Array, hydraulic: Array) -> P
     split = hydraulic_split_ratio(stage, displacement_ratio)
     r = _connection(stage) / i_hm
     gears_in = stage.mechanical.efficiency
-    row = np.where(split < 0.0, r / (tandem * r - tandem + 1.0),
-                   tandem * r / (r + tandem - 1.0))  # Eq. (12)
+    row = np.where(
+        split < 0.0, r / (tandem * r - tandem + 1.0), tandem * r / (r + tandem - 1.0)
+    )  # Eq. (12)
     share = split / ((1.0 / row - split) / gears_in * tandem + split)  # Eq. (11)
     into = (1.0 - share) * gears_in + share  # Eq. (7)
     total = into * row * stage.output.efficiency  # Eqs (17), (18)
     return PublishedEfficiency(
-        np.broadcast_to(hydraulic, total.shape), split, share, into, row, total)
+        np.broadcast_to(hydraulic, total.shape), split, share, into, row, total
+    )
 
 
-def is_consistent(values: PublishedEfficiency, displacement_ratio: Array) -> NDArray[np.bool_]:
+def is_consistent(
+    values: PublishedEfficiency, displacement_ratio: Array
+) -> NDArray[np.bool_]:
     """Tell where the formulas agree with themselves.
 
     Power circulates (e_H < 0) exactly where the hydraulic share a_1 of the engine power is
     negative; beyond the pole of (11) the two contradict. At eps = 0 the paper's convention
     (eta_H -> 0) holds instead.
     """
-    sound = ((values.total > 0.0) & (values.total < 1.0)
-             & (values.row > 0.0) & (values.row <= 1.0)
-             & (values.split_ratio <= 1.0)  # eq. (12) ends there: the output would turn back
-             & (values.hydraulic > 0.0) & (values.hydraulic < 1.0))
-    agrees = (values.engine_share * values.split_ratio >= 0.0) & (values.engine_share <= 1.0)
+    sound = (
+        (values.total > 0.0)
+        & (values.total < 1.0)
+        & (values.row > 0.0)
+        & (values.row <= 1.0)
+        & (values.split_ratio <= 1.0)  # eq. (12) ends there: the output would turn back
+        & (values.hydraulic > 0.0)
+        & (values.hydraulic < 1.0)
+    )
+    agrees = (values.engine_share * values.split_ratio >= 0.0) & (
+        values.engine_share <= 1.0
+    )
     return np.asarray(sound & (agrees | (displacement_ratio == 0.0)))
 
 
@@ -136,5 +155,8 @@ class PublishedSolver(NamedTuple):
         hydraulic = hydraulic_efficiency(self.stage, self.parameters, points)
         values = efficiencies(self.stage, stroke, hydraulic)
         total = np.where(is_consistent(values, stroke), values.total, np.nan)
-        return Solution(total, points.engine_speed * speed_ratio(self.stage, stroke),
-                      points.load_torque / total)
+        return Solution(
+            total,
+            points.engine_speed * speed_ratio(self.stage, stroke),
+            points.load_torque / total,
+        )

@@ -50,9 +50,20 @@ Point = tuple[float, float, float]
 Ways = tuple[Any, Any]
 """Sense of the output and of the power: 1, -1, or arrays of these where points differ."""
 _ROUNDED = 1e-14  # x that is none but for rounding
-STANDING = math.ulp(0.0)  # y of an output at rest without load: no torque over no speed is none
-DRIVEN, REVERSED, MOTORED = 1, 2, 3  # regimes after the first, in which the motor drives
-_SIGNS = (1, 1, 1), (-1, 1, 1), (-1, -1, 1), (-1, -1, -1)  # of motor, pressure and pump torque
+STANDING = math.ulp(
+    0.0
+)  # y of an output at rest without load: no torque over no speed is none
+DRIVEN, REVERSED, MOTORED = (
+    1,
+    2,
+    3,
+)  # regimes after the first, in which the motor drives
+_SIGNS = (
+    (1, 1, 1),
+    (-1, 1, 1),
+    (-1, -1, 1),
+    (-1, -1, -1),
+)  # of motor, pressure and pump torque
 
 
 class Regime(NamedTuple):
@@ -105,17 +116,23 @@ class Quadrant:
         self, stage: Stage, parameters: Parameters, turning: Any = 1, power: Any = 1
     ) -> None:
         units, ratio = stage.pump_motor, stage.motor_speed_ratio
-        self.turning, self.power, self.braced = turning, power, stage.layout == "output_coupled"
+        self.turning, self.power, self.braced = (
+            turning,
+            power,
+            stage.layout == "output_coupled",
+        )
         self.sense: Any = 1 if self.braced else power
         self.reflection: Any = turning * self.sense
         self.hydraulic_ratio = h = abs(ratio)
-        self.mechanical_ratio: Any = 0.0 if self.braced else (
-            self.reflection * stage.mechanical_speed_ratio)
+        self.mechanical_ratio: Any = (
+            0.0 if self.braced else (self.reflection * stage.mechanical_speed_ratio)
+        )
         m = self.mechanical_ratio
         a, fed = stage.pump_speed_ratios
         self.pump_ratios = a, c = a, self.reflection * fed
         self.full: Any = self.reflection * math.copysign(
-            units.pump_displacement / units.motor_displacement, ratio)
+            units.pump_displacement / units.motor_displacement, ratio
+        )
         self.stiffness: Any = units.motor_displacement**2 / parameters.leakage
         self.pump_friction = units.pump_friction
         self.pump_damping: Any = parameters.pump_damping
@@ -127,29 +144,49 @@ class Quadrant:
             # The row drives the mechanical path back where the other one gives more than the load.
             given = _passed(output_gears, power)
             self.mechanical_load = m / (
-                given * _passed(stage.mechanical.efficiency, sign(m >= 0.0)))
-        self.pump_gears = 0.5 * a * (1.0 / pump_gears + pump_gears), (
-            0.5 * a * (1.0 / pump_gears - pump_gears))
+                given * _passed(stage.mechanical.efficiency, sign(m >= 0.0))
+            )
+        self.pump_gears = (
+            0.5 * a * (1.0 / pump_gears + pump_gears),
+            (0.5 * a * (1.0 / pump_gears - pump_gears)),
+        )
         self.regimes = []
         for drives, pressure, takes in _SIGNS if self.braced else _SIGNS[:MOTORED]:
             gear, brace, brace_drag = stage.motor.efficiency**drives / h, 0.0, 0.0
             if self.braced:
                 # The row drives the output while the pump brakes it; driven by it, it drives on.
-                brace = -c * stage.pump.efficiency**-takes * _passed(
-                    output_gears, takes * sign(c < 0.0))
+                brace = (
+                    -c
+                    * stage.pump.efficiency**-takes
+                    * _passed(output_gears, takes * sign(c < 0.0))
+                )
                 brace_drag = brace * parameters.pump_damping
                 friction = units.motor_friction * pressure
             else:
                 gear = gear * given
                 friction = units.motor_friction * pressure * drives
-            drag, stiff = gear * parameters.motor_damping, self.stiffness * gear * (1.0 - friction)
+            drag, stiff = (
+                gear * parameters.motor_damping,
+                self.stiffness * gear * (1.0 - friction),
+            )
             level = (stiff + drag) * m / h + brace_drag * a
-            self.regimes.append(Regime(
-                gear * (1.0 - friction), drag, brace, brace_drag,
-                1.0 + units.pump_friction * pressure,
-                (stiff + drag) / h - brace_drag * c, 0.5 * level, 0.5 * stiff * a))
-        self.stall_load = -math.inf if self.braced else np.where(
-            m >= 0.0, m**2 * self.regimes[0].square, -math.inf)
+            self.regimes.append(
+                Regime(
+                    gear * (1.0 - friction),
+                    drag,
+                    brace,
+                    brace_drag,
+                    1.0 + units.pump_friction * pressure,
+                    (stiff + drag) / h - brace_drag * c,
+                    0.5 * level,
+                    0.5 * stiff * a,
+                )
+            )
+        self.stall_load = (
+            -math.inf
+            if self.braced
+            else np.where(m >= 0.0, m**2 * self.regimes[0].square, -math.inf)
+        )
 
     @cached_property
     def standing(self) -> Any:
@@ -180,10 +217,17 @@ class Quadrant:
         square, level = regime.square, regime.level + regime.flow * ratio
         if self.braced:
             a, c = self.pump_ratios
-            brace = self.stiffness * regime.brace * (ratio + (regime.pump - 1.0) * abs(ratio))
+            brace = (
+                self.stiffness
+                * regime.brace
+                * (ratio + (regime.pump - 1.0) * abs(ratio))
+            )
             level = level + 0.5 * brace * a * ratio
-            square = (square + brace / self.hydraulic_ratio
-                      - (self.stiffness * regime.motor + brace) * c * ratio)
+            square = (
+                square
+                + brace / self.hydraulic_ratio
+                - (self.stiffness * regime.motor + brace) * c * ratio
+            )
         return level / square, load / square, square
 
     def pump_speed(self, output: Any) -> Any:
@@ -193,13 +237,19 @@ class Quadrant:
 
     def pressure(self, ratio: Any, output: Any) -> Any:
         """Return pi for e and y, eq. (13); what friction holds too: the whole flow leaks there."""
-        return self.stiffness * (ratio * self.pump_speed(output) - (
-            output - self.mechanical_ratio) / self.hydraulic_ratio)
+        return self.stiffness * (
+            ratio * self.pump_speed(output)
+            - (output - self.mechanical_ratio) / self.hydraulic_ratio
+        )
 
     def pump_torque(self, ratio: Any, output: Any, pressure: Any) -> Any:
         """Return P, eq. (15)."""
         ideal = ratio * pressure
-        return ideal + self.pump_friction * abs(ideal) + self.pump_damping * self.pump_speed(output)
+        return (
+            ideal
+            + self.pump_friction * abs(ideal)
+            + self.pump_damping * self.pump_speed(output)
+        )
 
     def drives(self, pressure: Any, output: Any) -> Any:
         """Whether a motor at the output drives it, M > 0."""
@@ -208,8 +258,10 @@ class Quadrant:
 
     def engine_torque(self, ratio: Any, output: Any, load: Any) -> Any:
         """Torque of the engine per engine speed [N m s/rad]."""
-        pump, (mean, half) = self.pump_torque(ratio, output, self.pressure(ratio, output)), (
-            self.pump_gears)
+        pump, (mean, half) = (
+            self.pump_torque(ratio, output, self.pressure(ratio, output)),
+            (self.pump_gears),
+        )
         return self.mechanical_load * load / output + mean * pump + half * abs(pump)
 
     # --- at many points -----------------------------------------------------------------------
@@ -221,7 +273,10 @@ class Quadrant:
         output = self.output(ratio, load)
         known = output * self.sense > 0.0  # of the sign that the load asks for
         if not load.all():
-            known, output = known | (load == 0.0), np.where(output == 0.0, STANDING, output)
+            known, output = (
+                known | (load == 0.0),
+                np.where(output == 0.0, STANDING, output),
+            )
         output = np.where(known, output, np.nan)
         torque = self.engine_torque(ratio, output, load) * engine_speed
         return Solution.of(load_torque, torque, self.reflection * engine_speed * output)
@@ -241,7 +296,9 @@ class Quadrant:
         if reversed_.any():
             slower = self._root(REVERSED, ratio, load)
             if self.braced:
-                motored = ~(self.pump_torque(ratio, slower, self.pressure(ratio, slower)) >= 0.0)
+                motored = ~(
+                    self.pump_torque(ratio, slower, self.pressure(ratio, slower)) >= 0.0
+                )
                 slower = np.where(motored, self._root(MOTORED, ratio, load), slower)
             driven = np.where(reversed_, slower, driven)
         return driving, driven
@@ -251,16 +308,23 @@ class Quadrant:
         root = middle + self.sense * np.sqrt(middle * middle - product)
         if self.braced:
             root = np.where(square > 0.0, root, np.nan)
-        return np.asarray(root) if load.all() else np.where(load == 0.0, 2.0 * middle, root)
+        return (
+            np.asarray(root)
+            if load.all()
+            else np.where(load == 0.0, 2.0 * middle, root)
+        )
 
-    def selected(self, driving: Array, driven: Array, rest: float, load: Array) -> Array:
+    def selected(
+        self, driving: Array, driven: Array, rest: float, load: Array
+    ) -> Array:
         """Speed that is taken of a motor on the row; that at rest where friction holds it.
 
         Friction asks for more pressure while it drives, so driving < driven: at most one is valid.
         """
         stalls = np.isnan(driving) & (load > self.stall_load)
-        return np.where(driving > rest, driving,
-                        np.where(stalls, np.nan, np.minimum(driven, rest)))
+        return np.where(
+            driving > rest, driving, np.where(stalls, np.nan, np.minimum(driven, rest))
+        )
 
     def held(
         self, engine_speed: Array, output_speed: Array, load_torque: Array
@@ -270,9 +334,14 @@ class Quadrant:
         The torque is NaN where no steady motor keeps the state. With the motor at rest many
         ratios do: the least is given, which leaks least.
         """
-        output, load = self.reflection * output_speed / engine_speed, load_torque / engine_speed
-        motor, pump = (output - self.mechanical_ratio) / self.hydraulic_ratio, self.pump_speed(
-            output)  # (4)
+        output, load = (
+            self.reflection * output_speed / engine_speed,
+            load_torque / engine_speed,
+        )
+        motor, pump = (
+            (output - self.mechanical_ratio) / self.hydraulic_ratio,
+            self.pump_speed(output),
+        )  # (4)
 
         def found_in(regime: Regime) -> tuple[Array, ...]:
             gear, drag, brace, brace_drag, rubbed, square, *_ = regime
@@ -280,21 +349,41 @@ class Quadrant:
             ratio = (motor + pressure / self.stiffness) / pump  # (13)
             if self.braced:
                 brace = brace * rubbed
-                rest, linear = pressure * gear - brace_drag * pump, gear + brace * motor / pump
-                pressure = 2.0 * rest / (linear + np.sqrt(
-                    linear * linear + 4.0 * brace * rest / (self.stiffness * pump)))
+                rest, linear = (
+                    pressure * gear - brace_drag * pump,
+                    gear + brace * motor / pump,
+                )
+                pressure = (
+                    2.0
+                    * rest
+                    / (
+                        linear
+                        + np.sqrt(
+                            linear * linear
+                            + 4.0 * brace * rest / (self.stiffness * pump)
+                        )
+                    )
+                )
                 ratio = (motor + pressure / self.stiffness) / pump
                 square = self.quadratic(regime, ratio, load)[2]
             return pressure, ratio, square
 
         found = found_in(self.regimes[0])
-        past = driven = ~(self.drives(found[0], output) if self.braced else motor > _ROUNDED)
+        past = driven = ~(
+            self.drives(found[0], output) if self.braced else motor > _ROUNDED
+        )
         for number, regime in enumerate(self.regimes[1:], 1):
             if not past.any():
                 break
             found = tuple(map(np.where, (past, past, past), found_in(regime), found))
-            past = past & ~((found[0] if number == DRIVEN else self.pump_torque(
-                found[1], output, found[0])) >= 0.0)
+            past = past & ~(
+                (
+                    found[0]
+                    if number == DRIVEN
+                    else self.pump_torque(found[1], output, found[0])
+                )
+                >= 0.0
+            )
         _, ratio, square = found
         # The larger root, and no motor that stalls.
         keeps = square * output * output >= load
@@ -313,7 +402,11 @@ def sign(holds: Any) -> Any:
 
 def _passed(efficiency: float, way: Any) -> Any:
     """What gears pass on: their efficiency where power flows forward (1), or its reciprocal."""
-    return np.where(way > 0, efficiency, efficiency**-1) if np.ndim(way) else efficiency**way
+    return (
+        np.where(way > 0, efficiency, efficiency**-1)
+        if np.ndim(way)
+        else efficiency**way
+    )
 
 
 def at_point(
@@ -325,26 +418,63 @@ def at_point(
     """
     first = quadrant((1, 1))
     a, h, braced, stiffness = (
-        first.pump_ratios[0], first.hydraulic_ratio, first.braced, first.stiffness)
-    rubbing, damping, (mean, half) = first.pump_friction, first.pump_damping, first.pump_gears
+        first.pump_ratios[0],
+        first.hydraulic_ratio,
+        first.braced,
+        first.stiffness,
+    )
+    rubbing, damping, (mean, half) = (
+        first.pump_friction,
+        first.pump_damping,
+        first.pump_gears,
+    )
     standing, forward, sqrt, nan = first.standing, first.full, math.sqrt, math.nan
 
     def constants(turning: int, power: int) -> tuple[Any, ...]:
         own = quadrant((turning, power))
-        regimes = [(number, each.square, each.level, each.flow, (
-            each.motor, each.motor_drag, stiffness * each.motor, stiffness * each.brace,
-            each.pump - 1.0)) for number, each in enumerate(own.regimes)]
+        regimes = [
+            (
+                number,
+                each.square,
+                each.level,
+                each.flow,
+                (
+                    each.motor,
+                    each.motor_drag,
+                    stiffness * each.motor,
+                    stiffness * each.brace,
+                    each.pump - 1.0,
+                ),
+            )
+            for number, each in enumerate(own.regimes)
+        ]
         # As floats: a product with an integer takes three times as long.
         sense, power_sign, reflection = map(float, (own.sense, power, own.reflection))
-        return (own.full, own.pump_ratios[1], own.mechanical_ratio, sense, power_sign, reflection,
-                own.stall_load, own.mechanical_load, regimes)
+        return (
+            own.full,
+            own.pump_ratios[1],
+            own.mechanical_ratio,
+            sense,
+            power_sign,
+            reflection,
+            own.stall_load,
+            own.mechanical_load,
+            regimes,
+        )
 
-    ahead, back = ((constants(turning, 1), constants(turning, -1)) for turning in (1, -1))
+    ahead, back = (
+        (constants(turning, 1), constants(turning, -1)) for turning in (1, -1)
+    )
 
-    def solve(displacement_ratio: float, engine_speed: float, load_torque: float) -> Point:
-        pull, overrun = ahead if (displacement_ratio - standing) * forward > 0.0 else back
+    def solve(
+        displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> Point:
+        pull, overrun = (
+            ahead if (displacement_ratio - standing) * forward > 0.0 else back
+        )
         full, c, rest, sense, power, reflection, stall, carried, regimes = (
-            pull if load_torque >= 0.0 else overrun)
+            pull if load_torque >= 0.0 else overrun
+        )
         ratio, load = full * displacement_ratio, load_torque / engine_speed
         for number, square, level, flow, row in regimes:
             middle = level + flow * ratio
@@ -385,7 +515,9 @@ def at_point(
         pump = a + c * output if braced else a
         ideal = ratio * (stiffness * (ratio * pump - (output - rest) / h))
         torque = ideal + rubbing * abs(ideal) + damping * pump
-        torque = (carried * load / output + mean * torque + half * abs(torque)) * engine_speed
+        torque = (
+            carried * load / output + mean * torque + half * abs(torque)
+        ) * engine_speed
         efficiency = nan
         if torque * power > 0.0:
             efficiency = load_torque / torque if power > 0.0 else torque / load_torque

@@ -28,7 +28,9 @@ picture.register(Identification, partial(drawn, draw_fit))
 picture.register(Diagnosis, partial(drawn, figures.draw_residuals))
 
 
-def write_html(diagnosis: Diagnosis | UnitDiagnosis, path: str | os.PathLike[str]) -> None:
+def write_html(
+    diagnosis: Diagnosis | UnitDiagnosis, path: str | os.PathLike[str]
+) -> None:
     """Write the page of a diagnosis, whole or not at all.
 
     Raises:
@@ -45,9 +47,20 @@ def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
         InputError: Jinja2 or matplotlib is missing.
     """
     found, rmse, units = (
-        (diagnosis.found, diagnosis.rmse, PARAMETERS) if isinstance(diagnosis, UnitDiagnosis)
-        else (diagnosis, None, PARAMETER_UNITS))
+        (diagnosis.found, diagnosis.rmse, PARAMETERS)
+        if isinstance(diagnosis, UnitDiagnosis)
+        else (diagnosis, None, PARAMETER_UNITS)
+    )
     script = (TEMPLATES / "page.js.j2").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return render("diagnosis.html.j2", script=script, script_hash=digest, found=found, rmse=rmse,
-                  units=units, words=words, figures=figures, limits=result)
+    return render(
+        "diagnosis.html.j2",
+        script=script,
+        script_hash=digest,
+        found=found,
+        rmse=rmse,
+        units=units,
+        words=words,
+        figures=figures,
+        limits=result,
+    )

@@ -55,8 +55,10 @@ def check_drawable() -> None:
     """
     for name in ("jinja2", "matplotlib"):
         if importlib.util.find_spec(name) is None:
-            raise InputError(f"pages and pictures need {name}; in the folder of hmcvt: "
-                             "pip install \".[report]\"")
+            raise InputError(
+                f"pages and pictures need {name}; in the folder of hmcvt: "
+                'pip install ".[report]"'
+            )
 
 
 def picture_format(path: str) -> str:
@@ -83,8 +85,9 @@ def styled(size: tuple[float, float] = PANEL) -> Iterator[Any]:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context({"text.color": INK, "axes.labelcolor": INK},
-                        TEMPLATES / "pictures.mplstyle"):
+    with mpl.rc_context(
+        {"text.color": INK, "axes.labelcolor": INK}, TEMPLATES / "pictures.mplstyle"
+    ):
         yield Figure(figsize=size)
 
 
@@ -107,7 +110,9 @@ def to_png(figure: Any, dpi: int = 130) -> bytes:
 
 
 def to_svg(
-    figure: Any, name: str, title: str = "",
+    figure: Any,
+    name: str,
+    title: str = "",
     tips: Mapping[str, str | Sequence[str]] = MappingProxyType({}),
 ) -> str:
     """Return a figure as an `svg` element for a page, with names that no other figure has.
@@ -119,14 +124,22 @@ def to_svg(
         tips: what shows over an artist with that `gid`: one text, or one for each of its marks.
     """
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format",
-                                                                 "Type")))
+    figure.savefig(
+        buffer,
+        format="svg",
+        metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")),
+    )
     # Verdana has the same widths where DejaVu is not installed.
-    text = buffer.getvalue().replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif")
+    text = buffer.getvalue().replace(
+        "'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif"
+    )
     root = ET.fromstring(re.sub(r' id="|href="#|url\(#', rf"\g<0>{name}-", text))
     for item in root.iter():
         for key in _LENGTHS.intersection(item.keys()):
-            item.set(key, _NUMBER.sub(lambda found: f"{float(found[0]):.2f}", item.attrib[key]))
+            item.set(
+                key,
+                _NUMBER.sub(lambda found: f"{float(found[0]):.2f}", item.attrib[key]),
+            )
     for item in root.iter(f"{{{_SVG}}}g"):
         if texts := tips.get(item.get("id", "").removeprefix(f"{name}-")):
             _tip(item, texts)
@@ -146,8 +159,13 @@ def to_svg(
 
 def _tip(group: ET.Element, texts: str | Sequence[str]) -> None:
     """Let a group show one text, or each of its marks its own."""
-    marks = [mark for part in group if part.tag != f"{{{_SVG}}}defs" for mark in part.iter()
-             if mark.tag in (f"{{{_SVG}}}use", f"{{{_SVG}}}path")]
+    marks = [
+        mark
+        for part in group
+        if part.tag != f"{{{_SVG}}}defs"
+        for mark in part.iter()
+        if mark.tag in (f"{{{_SVG}}}use", f"{{{_SVG}}}path")
+    ]
     if isinstance(texts, str):
         marks, texts = [group], [texts]
     for mark, text in zip(marks, texts, strict=True):
@@ -179,9 +197,15 @@ def render(template: str, folder: Path = TEMPLATES, /, **context: Any) -> str:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader([folder, TEMPLATES]), autoescape=True, undefined=StrictUndefined,
-        finalize=_printable, extensions=["jinja2.ext.do"], trim_blocks=True, lstrip_blocks=True,
-        keep_trailing_newline=True)
+        loader=FileSystemLoader([folder, TEMPLATES]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_printable,
+        extensions=["jinja2.ext.do"],
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
     return environment.get_template(template).render(colours=COLOURS, **context)
 
 
@@ -189,5 +213,7 @@ def _printable(value: Any) -> Any:
     """Replace what no page may hold, such as control characters in the name of a file."""
     if not isinstance(value, str) or hasattr(value, "__html__"):
         return value
-    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
-                   for letter in value)
+    return "".join(
+        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
+        for letter in value
+    )

@@ -20,10 +20,16 @@ def number(value: object, place: str, low: float = -math.inf) -> float:
     if isinstance(value, str):
         with contextlib.suppress(ValueError):
             value = float(value)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) \
-            or not abs(value) < _HUGE or value < low:
-        raise InputError(f"{place} = {value!r} is not a finite number"
-                         + (f" of at least {low:g}" if math.isfinite(low) else ""))
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, (int, float))
+        or not abs(value) < _HUGE
+        or value < low
+    ):
+        raise InputError(
+            f"{place} = {value!r} is not a finite number"
+            + (f" of at least {low:g}" if math.isfinite(low) else "")
+        )
     return float(value)
 
 
@@ -59,8 +65,10 @@ class Section:
         # YAML reads the name 2 of a gear pair as a number; a file may write it either way.
         by_text = {str(existing): value for existing, value in self.data.items()}
         if str(key) not in by_text:
-            raise InputError(f"{self.where}{key} is missing; there is "
-                             f"{', '.join(by_text) or 'nothing'}")
+            raise InputError(
+                f"{self.where}{key} is missing; there is "
+                f"{', '.join(by_text) or 'nothing'}"
+            )
         return by_text[str(key)]
 
     def section(self, key: object) -> Section:

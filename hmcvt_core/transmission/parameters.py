@@ -44,11 +44,22 @@ class HydraulicParameters:
         """Return (leakage, motor_damping, pump_damping), shape (3,)."""
         return np.array(astuple(self))
 
-    def to_mapping(self, standard_errors: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    def to_mapping(
+        self, standard_errors: Mapping[str, float]
+    ) -> dict[str, dict[str, Any]]:
         """Return value, unit and, where it is known, standard error of each by name."""
-        return {name: {"value": getattr(self, name), "unit": PARAMETER_UNITS[name],
-                       **({"standard_error": float(standard_errors[name])}
-                          if name in standard_errors else {})} for name in PARAMETER_NAMES}
+        return {
+            name: {
+                "value": getattr(self, name),
+                "unit": PARAMETER_UNITS[name],
+                **(
+                    {"standard_error": float(standard_errors[name])}
+                    if name in standard_errors
+                    else {}
+                ),
+            }
+            for name in PARAMETER_NAMES
+        }
 
 
 class Candidates(NamedTuple):
@@ -82,8 +93,11 @@ def to_scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def from_scaled(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return parameters (leakage, f_m, f_p) of scaled variables, shape (..., 3)."""
     values = np.array(scaled, dtype=float)
-    values[..., 0] = np.float_power(10.0, values[..., 0])  # not **: NumPy 1.26 rounds 1e-10 down
+    values[..., 0] = np.float_power(
+        10.0, values[..., 0]
+    )  # not **: NumPy 1.26 rounds 1e-10 down
     return values
+
 
 PAPER_PARAMETERS = {
     0.98: HydraulicParameters(4.67e-12, 0.0333, 0.5613),

@@ -62,7 +62,9 @@ class Range:
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            raise InputError(f"{prefix}{self.name} = {value!r} is not a number") from None
+            raise InputError(
+                f"{prefix}{self.name} = {value!r} is not a number"
+            ) from None
         # One pass each and false for NaN; cheaper than a mask when all is well.
         if array.size and not (array.min() >= self.low and array.max() <= self.high):
             first = np.flatnonzero(~self.contains(array).ravel())[0]
@@ -100,7 +102,14 @@ POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 _ANY_POINT = (DISPLACEMENT_RATIO, ENGINE_SPEED, ANY_LOAD)
 
 BENCH_COLUMNS: Sequence[Range] = (
-    *POINT_RANGES, EFFICIENCY, OUTPUT_SPEED, OIL_TEMPERATURE, EFFICIENCY_STD, STAMP, PRESSURE)
+    *POINT_RANGES,
+    EFFICIENCY,
+    OUTPUT_SPEED,
+    OIL_TEMPERATURE,
+    EFFICIENCY_STD,
+    STAMP,
+    PRESSURE,
+)
 """The columns of a bench file; the first four are required."""
 REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])
 
@@ -126,7 +135,9 @@ class OperatingPoints(NamedTuple):
 
     @classmethod
     def checked(
-        cls, point: Sequence[ArrayLike], oil_temperature: ArrayLike | None = None,
+        cls,
+        point: Sequence[ArrayLike],
+        oil_temperature: ArrayLike | None = None,
         stage: ArrayLike | None = None,
     ) -> OperatingPoints:
         """Return points in range; `point` holds the first three, which broadcast with the rest.
@@ -135,20 +146,28 @@ class OperatingPoints(NamedTuple):
             InputError: a value is out of range, or the shapes do not broadcast.
         """
         given: list[Any] = [
-            *(limits.check(value) for limits, value in zip(_ANY_POINT, point, strict=True)),
+            *(
+                limits.check(value)
+                for limits, value in zip(_ANY_POINT, point, strict=True)
+            ),
             None if oil_temperature is None else OIL_TEMPERATURE.check(oil_temperature),
-            None if stage is None else np.asarray(stage, dtype=str)]
+            None if stage is None else np.asarray(stage, dtype=str),
+        ]
         shapes = [column.shape for column in given if column is not None]
         try:
             shape = np.broadcast_shapes(*shapes)
         except ValueError:
-            raise InputError(f"operating points of shapes {', '.join(map(str, shapes[:3]))} do not "
-                             "broadcast") from None
+            raise InputError(
+                f"operating points of shapes {', '.join(map(str, shapes[:3]))} do not "
+                "broadcast"
+            ) from None
         return cls(*given).map(lambda column: np.broadcast_to(column, shape))
 
     def map(self, function: Any) -> OperatingPoints:
         """Return the points with a function applied to each array."""
-        return OperatingPoints._make(None if axis is None else function(axis) for axis in self)
+        return OperatingPoints._make(
+            None if axis is None else function(axis) for axis in self
+        )
 
     def solved(self, solve: Callable[[str | None, OperatingPoints], Any]) -> Array:
         """Rows that a function gives, for each stage and its points; shape (rows, ..., *shape).
@@ -160,13 +179,20 @@ class OperatingPoints(NamedTuple):
         flat = self.map(np.ravel)
         size = flat.engine_speed.size
         parts: list[tuple[str | None, Any]] = [
-            (None, slice(i, i + CHUNK)) for i in range(0, max(size, 1), CHUNK)]
+            (None, slice(i, i + CHUNK)) for i in range(0, max(size, 1), CHUNK)
+        ]
         if staged := flat.stage is not None and size > 0:
-            parts = [(name, at[i:i + CHUNK]) for name in dict.fromkeys(flat.stage.tolist())
-                     for at in np.nonzero(flat.stage == name) for i in range(0, len(at), CHUNK)]
+            parts = [
+                (name, at[i : i + CHUNK])
+                for name in dict.fromkeys(flat.stage.tolist())
+                for at in np.nonzero(flat.stage == name)
+                for i in range(0, len(at), CHUNK)
+            ]
         plain = flat._replace(stage=None)
-        rows = np.concatenate([np.stack(solve(name, plain.map(itemgetter(at))))
-                               for name, at in parts], axis=-1)
+        rows = np.concatenate(
+            [np.stack(solve(name, plain.map(itemgetter(at)))) for name, at in parts],
+            axis=-1,
+        )
         if staged:
             rows[..., np.concatenate([at for _, at in parts])] = rows.copy()
         return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
@@ -187,7 +213,9 @@ class Solution(NamedTuple):
     engine_torque: Array
 
     @classmethod
-    def of(cls, load_torque: Array, engine_torque: Array, output_speed: Array) -> Solution:
+    def of(
+        cls, load_torque: Array, engine_torque: Array, output_speed: Array
+    ) -> Solution:
         """Solution with the efficiency that the torques tell."""
         efficiency = np.where(engine_torque > 0.0, load_torque / engine_torque, np.nan)
         if (overrun := load_torque < 0.0).any():

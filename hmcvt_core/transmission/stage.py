@@ -94,8 +94,10 @@ class PumpMotor:
 
     def __post_init__(self) -> None:
         for unit in ("pump", "motor"):
-            for limits in (Range(f"{unit}_displacement", 1e-7, 1e-3, "m3/rad"),
-                           Range(f"{unit}_friction", 0.0, 0.5, "-")):
+            for limits in (
+                Range(f"{unit}_displacement", 1e-7, 1e-3, "m3/rad"),
+                Range(f"{unit}_friction", 0.0, 0.5, "-"),
+            ):
                 limits.check(getattr(self, limits.name), "pump_motor")
 
 
@@ -141,23 +143,46 @@ class Stage:
 
     def __post_init__(self) -> None:
         where = f"stage {self.name}: "
-        _require(self.layout in LAYOUTS, f"{where}layout", self.layout, ", ".join(LAYOUTS))
-        _require(self.pump.direction == 1, f"{where}pump.direction", self.pump.direction,
-                 "1: give the motor path the sense that a positive displacement ratio has")
+        _require(
+            self.layout in LAYOUTS, f"{where}layout", self.layout, ", ".join(LAYOUTS)
+        )
+        _require(
+            self.pump.direction == 1,
+            f"{where}pump.direction",
+            self.pump.direction,
+            "1: give the motor path the sense that a positive displacement ratio has",
+        )
         if not self.has_row:
-            _require(not self.reverse, f"{where}reverse", self.reverse,
-                     "false: a hydrostatic stage turns either way")
+            _require(
+                not self.reverse,
+                f"{where}reverse",
+                self.reverse,
+                "false: a hydrostatic stage turns either way",
+            )
             return
-        _require(math.isfinite(self.planetary_constant) and 1.0 < self.planetary_constant <= 20.0,
-                 f"{where}planetary constant", self.planetary_constant, "more than 1, up to 20")
+        _require(
+            math.isfinite(self.planetary_constant)
+            and 1.0 < self.planetary_constant <= 20.0,
+            f"{where}planetary constant",
+            self.planetary_constant,
+            "more than 1, up to 20",
+        )
         members = (self.mechanical_member, self.motor_member, self.output_member)
-        _require(sorted(members) == sorted(MEMBERS), f"{where}members", members,
-                 "sun, ring and carrier, each once")
-        _require((self.mechanical_speed_ratio < 0.0) == self.reverse,
-                 f"{where}output speed per engine speed at standing "
-                 + ("pump" if self.layout == "output_coupled" else "motor"),
-                 self.mechanical_speed_ratio, "less than 0 in a reverse stage" if self.reverse
-                 else "more than 0; check the directions, or say reverse: true")
+        _require(
+            sorted(members) == sorted(MEMBERS),
+            f"{where}members",
+            members,
+            "sun, ring and carrier, each once",
+        )
+        _require(
+            (self.mechanical_speed_ratio < 0.0) == self.reverse,
+            f"{where}output speed per engine speed at standing "
+            + ("pump" if self.layout == "output_coupled" else "motor"),
+            self.mechanical_speed_ratio,
+            "less than 0 in a reverse stage"
+            if self.reverse
+            else "more than 0; check the directions, or say reverse: true",
+        )
 
     @property
     def has_row(self) -> bool:
@@ -170,8 +195,11 @@ class Stage:
 
         That is the motor, output-coupled the pump; 0 without a row.
         """
-        return (self._output_share(self.mechanical, self.mechanical_member) if self.has_row
-                else 0.0)
+        return (
+            self._output_share(self.mechanical, self.mechanical_member)
+            if self.has_row
+            else 0.0
+        )
 
     @cached_property
     def motor_speed_ratio(self) -> float:
@@ -194,19 +222,32 @@ class Stage:
         """Sun speed against the carrier per engine and per output speed [-]; 0 without a row."""
         if not self.has_row:
             return 0.0, 0.0
-        return (self._rolling(self.mechanical_member,
-                              self.mechanical.direction / self.mechanical.ratio),
-                self._rolling(self.output_member, self.output.direction * self.output.ratio))
+        return (
+            self._rolling(
+                self.mechanical_member,
+                self.mechanical.direction / self.mechanical.ratio,
+            ),
+            self._rolling(
+                self.output_member, self.output.direction * self.output.ratio
+            ),
+        )
 
     def _rolling(self, member: str, speed: float) -> float:
         """Sun speed against the carrier, from one member that drives that of the motor alone."""
-        speeds = {member: speed,
-                  self.motor_member: speed * self._member_ratio(member, self.motor_member)}
+        speeds = {
+            member: speed,
+            self.motor_member: speed * self._member_ratio(member, self.motor_member),
+        }
         return speeds.get("sun", 0.0) - speeds.get("carrier", 0.0)
 
     def _output_share(self, path: Path, member: str) -> float:
         row = self._member_ratio(member, self.output_member) if self.has_row else 1.0
-        return path.direction * self.output.direction * row / (path.ratio * self.output.ratio)
+        return (
+            path.direction
+            * self.output.direction
+            * row
+            / (path.ratio * self.output.ratio)
+        )
 
     def _member_ratio(self, driving: str, driven: str) -> float:
         """Speed of one member per speed of another while the third stands, eq. (4)."""
@@ -229,13 +270,21 @@ class Stage:
 
     def with_gear_loss(self, loss: float) -> Stage:
         """Return the stage with a further part of the power lost in every gear pair."""
-        return self._with_gear_efficiencies(lambda pair: min(pair.efficiency * (1.0 - loss), 1.0))
+        return self._with_gear_efficiencies(
+            lambda pair: min(pair.efficiency * (1.0 - loss), 1.0)
+        )
 
     def _with_gear_efficiencies(self, efficiency: Callable[[GearPair], float]) -> Stage:
         renewed: dict[str, Any] = {
-            name: replace(path, gear_pairs=tuple(
-                replace(pair, efficiency=efficiency(pair)) for pair in path.gear_pairs))
-            for name, path in self.paths.items()}
+            name: replace(
+                path,
+                gear_pairs=tuple(
+                    replace(pair, efficiency=efficiency(pair))
+                    for pair in path.gear_pairs
+                ),
+            )
+            for name, path in self.paths.items()
+        }
         return replace(self, **renewed)
 
     @classmethod
@@ -252,19 +301,32 @@ class Stage:
         file, stages = Section(data), Section(data).section("stages")
         if name is None:
             if len(stages.data) != 1:
-                raise InputError(f"stages holds {', '.join(map(str, stages.data))}: say which one")
+                raise InputError(
+                    f"stages holds {', '.join(map(str, stages.data))}: say which one"
+                )
             name = str(next(iter(stages.data)))
         entry = stages.section(name)
         said, where = entry.data, entry.where
-        layout, reverse = str(said.get("layout", LAYOUTS[0])), said.get("reverse", False)
+        layout, reverse = (
+            str(said.get("layout", LAYOUTS[0])),
+            said.get("reverse", False),
+        )
         _require(layout in LAYOUTS, f"{where}layout", layout, ", ".join(LAYOUTS))
         _require(isinstance(reverse, bool), f"{where}reverse", reverse, "true or false")
         on_row = _members_of(layout)
-        _require(bool(on_row) or "mechanical" not in said, f"{where}mechanical", "given",
-                 "nothing: a hydrostatic stage has no mechanical path")
+        _require(
+            bool(on_row) or "mechanical" not in said,
+            f"{where}mechanical",
+            "given",
+            "nothing: a hydrostatic stage has no mechanical path",
+        )
         made: dict[str, Any] = {
-            "planetary_constant": 0.0, "mechanical": Path(()),
-            "mechanical_member": "", "motor_member": "", "output_member": ""}
+            "planetary_constant": 0.0,
+            "mechanical": Path(()),
+            "mechanical_member": "",
+            "motor_member": "",
+            "output_member": "",
+        }
         if on_row:
             row = entry.get("planetary_row")
             made["planetary_constant"] = file.section("planetary_rows").number(row)
@@ -274,31 +336,54 @@ class Stage:
             if key in on_row:
                 made[on_row[key]] = str(path.get("member"))
             else:
-                _require("member" not in path.data, f"{path.where}member", "given",
-                         f"nothing: {layout} this path does not end at the row")
+                _require(
+                    "member" not in path.data,
+                    f"{path.where}member",
+                    "given",
+                    f"nothing: {layout} this path does not end at the row",
+                )
         slips, place = said.get("open_clutches", {}), f"{where}open_clutches"
-        _require(isinstance(slips, Mapping) and all(
-            isinstance(slip, list) and len(slip) == 2 for slip in slips.values()), place, slips,
-            "name: [slip per engine speed, per output speed]")
+        _require(
+            isinstance(slips, Mapping)
+            and all(
+                isinstance(slip, list) and len(slip) == 2 for slip in slips.values()
+            ),
+            place,
+            slips,
+            "name: [slip per engine speed, per output speed]",
+        )
         made["open_clutches"] = tuple(
-            (str(key), *(number(value, place) for value in slip)) for key, slip in slips.items())
-        return cls(name=name, pump_motor=_pump_motor(file.section("pump_motor")), layout=layout,
-                   reverse=reverse, **made)
+            (str(key), *(number(value, place) for value in slip))
+            for key, slip in slips.items()
+        )
+        return cls(
+            name=name,
+            pump_motor=_pump_motor(file.section("pump_motor")),
+            layout=layout,
+            reverse=reverse,
+            **made,
+        )
 
     def _entry(self, rows: Mapping[float, str]) -> dict[str, Any]:
         """What a file says of this stage, with names of the planetary constants."""
-        said: dict[str, Any] = {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
+        said: dict[str, Any] = (
+            {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
+        )
         on_row = _members_of(self.layout)
         if self.reverse:
             said["reverse"] = True
         if self.open_clutches:
-            said["open_clutches"] = {name: list(slip) for name, *slip in self.open_clutches}
+            said["open_clutches"] = {
+                name: list(slip) for name, *slip in self.open_clutches
+            }
         if self.has_row:
             said["planetary_row"] = rows[self.planetary_constant]
         for key, path in self.paths.items():
             if self.has_row or key != "mechanical":
-                said[key] = {"gear_pairs": [pair.name for pair in path.gear_pairs],
-                             "direction": path.direction}
+                said[key] = {
+                    "gear_pairs": [pair.name for pair in path.gear_pairs],
+                    "direction": path.direction,
+                }
             if key in on_row:
                 said[key]["member"] = getattr(self, on_row[key])
         return said
@@ -319,33 +404,55 @@ def stages_to_mapping(stages: Sequence[Stage]) -> dict[str, Any]:
     """
     units = stages[0].pump_motor
     constants = sorted({stage.planetary_constant for stage in stages if stage.has_row})
-    rows = {value: f"k{i}" if len(constants) > 1 else "k" for i, value in enumerate(constants, 1)}
+    rows = {
+        value: f"k{i}" if len(constants) > 1 else "k"
+        for i, value in enumerate(constants, 1)
+    }
     pairs: dict[str, GearPair] = {}
     for stage in stages:
-        _require(stage.pump_motor == units, f"stages.{stage.name}: pump_motor", stage.pump_motor,
-                 "that of the other stages")
+        _require(
+            stage.pump_motor == units,
+            f"stages.{stage.name}: pump_motor",
+            stage.pump_motor,
+            "that of the other stages",
+        )
         for pair in stage.gear_pairs:
-            _require(pairs.setdefault(pair.name, pair) == pair, f"stages.{stage.name}: gear pair",
-                     pair, f"{pairs[pair.name]}, as in another stage")
-    pump, motor = (float(f"{volume / CM3_PER_REV:.12g}") for volume in (
-        units.pump_displacement, units.motor_displacement))
+            _require(
+                pairs.setdefault(pair.name, pair) == pair,
+                f"stages.{stage.name}: gear pair",
+                pair,
+                f"{pairs[pair.name]}, as in another stage",
+            )
+    pump, motor = (
+        float(f"{volume / CM3_PER_REV:.12g}")
+        for volume in (units.pump_displacement, units.motor_displacement)
+    )
     return {
         "gear_pairs": {name: pair.ratio for name, pair in pairs.items()},
         "gear_efficiency": {name: pair.efficiency for name, pair in pairs.items()},
         "planetary_rows": {name: value for value, name in rows.items()},
         "pump_motor": {
-            "pump_displacement_cm3_per_rev": pump, "motor_displacement_cm3_per_rev": motor,
-            "pump_friction": units.pump_friction, "motor_friction": units.motor_friction},
+            "pump_displacement_cm3_per_rev": pump,
+            "motor_displacement_cm3_per_rev": motor,
+            "pump_friction": units.pump_friction,
+            "motor_friction": units.motor_friction,
+        },
         "stages": {stage.name: stage._entry(rows) for stage in stages},
     }
 
 
-def speed_ratio(stage: Stage, displacement_ratio: NDArray[np.float64]) -> NDArray[np.float64]:
+def speed_ratio(
+    stage: Stage, displacement_ratio: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Output speed / engine speed without slip, eq. (5) [-]."""
     units, (engine, output) = stage.pump_motor, stage.pump_speed_ratios
     # What the motor adds to the output speed per pump speed.
-    share = (displacement_ratio * stage.motor_speed_ratio
-             * units.pump_displacement / units.motor_displacement)
+    share = (
+        displacement_ratio
+        * stage.motor_speed_ratio
+        * units.pump_displacement
+        / units.motor_displacement
+    )
     fixed = 0.0 if stage.layout == "output_coupled" else stage.mechanical_speed_ratio
     return (fixed + share * engine) / (1.0 - share * output)
 
@@ -355,12 +462,20 @@ def _members_of(layout: str) -> dict[str, str]:
     if layout == "hydrostatic":
         return {}
     hydraulic = "pump" if layout == "output_coupled" else "motor"
-    return {"mechanical": "mechanical_member", hydraulic: "motor_member", "output": "output_member"}
+    return {
+        "mechanical": "mechanical_member",
+        hydraulic: "motor_member",
+        "output": "output_member",
+    }
 
 
 def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:
     """Coefficients of eq. (4) written as: sum of coefficient x speed = 0."""
-    return {"sun": 1.0, "ring": planetary_constant, "carrier": -(1.0 + planetary_constant)}
+    return {
+        "sun": 1.0,
+        "ring": planetary_constant,
+        "carrier": -(1.0 + planetary_constant),
+    }
 
 
 def _path(file: Section, entry: Section) -> Path:
@@ -368,22 +483,36 @@ def _path(file: Section, entry: Section) -> Path:
     if not isinstance(names, list):
         raise InputError(f"{entry.where}gear_pairs = {names!r} is not a list")
     _require(direction in (1, -1), f"{entry.where}direction", direction, "1 or -1")
-    ratios, efficiency = file.section("gear_pairs"), file.data.get("gear_efficiency", 0.98)
+    ratios, efficiency = (
+        file.section("gear_pairs"),
+        file.data.get("gear_efficiency", 0.98),
+    )
     pairs = []
     for name in names:
         ratio = ratios.number(name)
-        passes = (file.section("gear_efficiency").number(name) if isinstance(efficiency, Mapping)
-                  else number(efficiency, "gear_efficiency"))
+        passes = (
+            file.section("gear_efficiency").number(name)
+            if isinstance(efficiency, Mapping)
+            else number(efficiency, "gear_efficiency")
+        )
         pairs.append(GearPair(str(name), ratio, passes))
     return Path(tuple(pairs), int(direction))
 
 
 def _pump_motor(units: Section) -> PumpMotor:
-    pump, motor = (units.number(f"{unit}_displacement_cm3_per_rev") * CM3_PER_REV
-                   for unit in ("pump", "motor"))
-    return PumpMotor(pump, motor, **{
-        name: units.number(name)
-        for name in ("pump_friction", "motor_friction") if name in units.data})
+    pump, motor = (
+        units.number(f"{unit}_displacement_cm3_per_rev") * CM3_PER_REV
+        for unit in ("pump", "motor")
+    )
+    return PumpMotor(
+        pump,
+        motor,
+        **{
+            name: units.number(name)
+            for name in ("pump_friction", "motor_friction")
+            if name in units.data
+        },
+    )
 
 
 def _require(holds: bool, field: str, value: object, allowed: str) -> None:

@@ -6,5 +6,12 @@ from hmcvt_core.files.steady import Steadiness
 from .importing import Imported, ImportReport, import_bag, read_bag
 from .reader import BAG_FILES, ImportSettings
 
-__all__ = ["BAG_FILES", "ImportReport", "ImportSettings", "Imported", "Steadiness", "import_bag",
-           "read_bag"]
+__all__ = [
+    "BAG_FILES",
+    "ImportReport",
+    "ImportSettings",
+    "Imported",
+    "Steadiness",
+    "import_bag",
+    "read_bag",
+]

@@ -49,7 +49,8 @@ class ImportSettings:
     namespace: str | None = None
     steadiness: Steadiness = field(default_factory=Steadiness)
     age_limit: float = limit(
-        5.0, "How far in s a reading of a slow topic may lie from a message.")
+        5.0, "How far in s a reading of a slow topic may lie from a message."
+    )
     gap: float = limit(1.0, "A longer pause between messages in s ends a window.")
     averaged: bool = False
     use_oil_temperature: bool = True
@@ -61,8 +62,10 @@ class ImportSettings:
         if self.signals and missing:
             raise InputError(f"no topic is named for {', '.join(missing)}")
         if self.signals and self.topic != ImportSettings.topic:
-            raise InputError(f"topic = {self.topic!r} holds all signals, or each has one of its "
-                             "own: name one or the other")
+            raise InputError(
+                f"topic = {self.topic!r} holds all signals, or each has one of its "
+                "own: name one or the other"
+            )
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,10 @@ class Bag(ExitStack):
             from rosbags.rosbag2 import Reader
             from rosbags.typesys import Stores, get_typestore
         except ImportError as error:
-            raise InputError("reading bags needs the library rosbags; in the folder of hmcvt: "
-                             "pip install \".[bag]\"") from error
+            raise InputError(
+                "reading bags needs the library rosbags; in the folder of hmcvt: "
+                'pip install ".[bag]"'
+            ) from error
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._readers: list[Any] = []
         self.topics: dict[str, str] = {}
@@ -130,7 +135,9 @@ class Bag(ExitStack):
         except BaseException:
             self.close()
             raise
-        for entry in itertools.chain.from_iterable(item.connections for item in self._readers):
+        for entry in itertools.chain.from_iterable(
+            item.connections for item in self._readers
+        ):
             self.topics[entry.topic] = entry.msgtype
             self.counts[entry.topic] = self.counts.get(entry.topic, 0) + entry.msgcount
 
@@ -149,9 +156,13 @@ class Bag(ExitStack):
             for entry in chosen:
                 known = entry.msgtype in self._types.fielddefs
                 if not known or (
-                        entry.digest and entry.digest != self._types.hash_rihs01(entry.msgtype)):
-                    raise InputError(f"{self.path}: {entry.topic} has type {entry.msgtype} with a "
-                                     "layout that ROS 2 Jazzy does not know")
+                    entry.digest
+                    and entry.digest != self._types.hash_rihs01(entry.msgtype)
+                ):
+                    raise InputError(
+                        f"{self.path}: {entry.topic} has type {entry.msgtype} with a "
+                        "layout that ROS 2 Jazzy does not know"
+                    )
             if chosen:
                 with self._in_words():
                     for entry, receipt, data in reader.messages(connections=chosen):
@@ -163,7 +174,9 @@ class Bag(ExitStack):
         if name.startswith("/"):
             return [name] if name in self.topics else []
         if namespace is None:
-            return sorted(topic for topic in self.topics if f"/{topic}".endswith(f"/{name}"))
+            return sorted(
+                topic for topic in self.topics if f"/{topic}".endswith(f"/{name}")
+            )
         full = "/".join(part for part in ("", namespace.strip("/"), name) if part)
         return [topic for topic in self.topics if topic.lstrip("/") == full]
 
@@ -175,13 +188,16 @@ class Bag(ExitStack):
             raise
         except Exception as error:
             # Each storage has errors of its own, decoders of compressed parts too.
-            raise InputError(f"{self.path}: the bag cannot be read: "
-                             f"{error or type(error).__name__}") from error
+            raise InputError(
+                f"{self.path}: the bag cannot be read: {error or type(error).__name__}"
+            ) from error
 
     def _decode(self, data: bytes, kind: str) -> Any:
         try:
             return self._types.deserialize_cdr(data, kind)
-        except Exception:  # whatever the decoder stumbles on: the bytes are no such message
+        except (
+            Exception
+        ):  # whatever the decoder stumbles on: the bytes are no such message
             return None
 
 
@@ -192,12 +208,19 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
         InputError: the topic of the shafts is missing, there are several, or its type is another;
             the topics in the bag are named.
     """
-    signals = {name: (_topic(bag, topic, settings.namespace, _NUMERIC, "a number"), size)
-               for name, (topic, size) in settings.signals.items()}
+    signals = {
+        name: (_topic(bag, topic, settings.namespace, _NUMERIC, "a number"), size)
+        for name, (topic, size) in settings.signals.items()
+    }
     if len({topic for topic, _ in signals.values()}) < len(signals):
         raise InputError(f"{bag.path}: two signals name the same topic")
-    bench = signals["engine_speed"][0] if signals else _topic(
-        bag, settings.topic, settings.namespace, ".*/JointState", "JointState")
+    bench = (
+        signals["engine_speed"][0]
+        if signals
+        else _topic(
+            bag, settings.topic, settings.namespace, ".*/JointState", "JointState"
+        )
+    )
     notes: list[str] = []
 
     def beside(name: str, kind: str) -> str | None:
@@ -215,7 +238,11 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
 
     if not signals and (stroke := beside(DISPLACEMENT_TOPIC, "Float64")):
         signals = {DISPLACEMENT_TOPIC: (stroke, 1.0)}
-    warmth = beside("oil_temperature", "Temperature") if settings.use_oil_temperature else None
+    warmth = (
+        beside("oil_temperature", "Temperature")
+        if settings.use_oil_temperature
+        else None
+    )
     return Topics(bench, signals, warmth, tuple(notes))
 
 
@@ -223,13 +250,25 @@ def _topic(bag: Bag, name: str, namespace: str | None, kind: str, told: str) -> 
     """The one topic that a name means, with messages of a kind, a regular expression."""
     found = bag.matching(name, namespace)
     if len(found) > 1:
-        raise InputError(f"{bag.path}: holds {' and '.join(found)}; choose one by --namespace "
-                         "or its full name")
+        raise InputError(
+            f"{bag.path}: holds {' and '.join(found)}; choose one by --namespace "
+            "or its full name"
+        )
     if not found:
-        where = "" if namespace is None or name.startswith("/") else f" in namespace {namespace}"
+        where = (
+            ""
+            if namespace is None or name.startswith("/")
+            else f" in namespace {namespace}"
+        )
         held = ", ".join(each for each in _INPUT_TOPICS if bag.matching(each))
-        hint = (f" ({held} alone cannot give a measured efficiency: that takes speed and torque of "
-                "both shafts)") if held else ""
+        hint = (
+            (
+                f" ({held} alone cannot give a measured efficiency: that takes speed and torque of "
+                "both shafts)"
+            )
+            if held
+            else ""
+        )
         problem = f"holds no topic {name}{where}{hint}"
     elif not re.fullmatch(kind, bag.topics[found[0]]):
         problem = f"{found[0]} is {bag.topics[found[0]]}, not {told}"
@@ -248,13 +287,17 @@ def _parts(path: Path) -> list[Path]:
         raise InputError(f"{path}: there is no such bag")
     if not path.is_dir():
         if path.suffix not in BAG_FILES:
-            raise InputError(f"{path}: a bag is a folder, or a file that ends in "
-                             f"{' or '.join(BAG_FILES)}")
+            raise InputError(
+                f"{path}: a bag is a folder, or a file that ends in "
+                f"{' or '.join(BAG_FILES)}"
+            )
         return [path]
     if (path / "metadata.yaml").is_file():
         return [path]
     files = sorted(file for file in path.iterdir() if file.suffix in BAG_FILES)
     if not files:
-        raise InputError(f"{path}: is no bag: it holds neither metadata.yaml nor a file that "
-                         f"ends in {' or '.join(BAG_FILES)}")
+        raise InputError(
+            f"{path}: is no bag: it holds neither metadata.yaml nor a file that "
+            f"ends in {' or '.join(BAG_FILES)}"
+        )
     return files

@@ -28,21 +28,36 @@ Array = NDArray[np.float64]
 
 _OVERSHOOT = 0.05
 """A stroke reading at full stroke, with its noise, may exceed 1 by this much."""
-_STROKE = Range("displacement_ratio", DISPLACEMENT_RATIO.low - _OVERSHOOT,
-                DISPLACEMENT_RATIO.high + _OVERSHOOT, "-")
+_STROKE = Range(
+    "displacement_ratio",
+    DISPLACEMENT_RATIO.low - _OVERSHOOT,
+    DISPLACEMENT_RATIO.high + _OVERSHOOT,
+    "-",
+)
 # What no sensor can rightly show; either sign, for in a transient the output may drive, and noise
 # straddles zero.
-_SIGNALS = {"engine_speed": ENGINE_SPEED, DISPLACEMENT_TOPIC: _STROKE, **{
-    name: Range(name, -most, most, unit) for name, most, unit in (
-        ("engine_torque", LOAD_TORQUE.high, "N m"), ("output_torque", 20_000.0, "N m"),
-        ("output_speed", OUTPUT_SPEED.high, "rad/s"))}}
+_SIGNALS = {
+    "engine_speed": ENGINE_SPEED,
+    DISPLACEMENT_TOPIC: _STROKE,
+    **{
+        name: Range(name, -most, most, unit)
+        for name, most, unit in (
+            ("engine_torque", LOAD_TORQUE.high, "N m"),
+            ("output_torque", 20_000.0, "N m"),
+            ("output_speed", OUTPUT_SPEED.high, "rad/s"),
+        )
+    },
+}
 _NANOSECONDS = 1e-9
 CLOCKS = ("header stamp", "time of receipt")
 _EVERY = 2000  # messages between two reports of progress
 
 
 def record(
-    bag: Bag, topics: Topics, age_limit: float, gap: float,
+    bag: Bag,
+    topics: Topics,
+    age_limit: float,
+    gap: float,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Readings, str, Counter[str], dict[str, Counter[str]]]:
     """Read a bag.
@@ -65,7 +80,9 @@ def record(
     refused: dict[str, Counter[str]] = {name: Counter() for name in topics.names}
     numbers = {name: array("d") for name in topics.names}
     total = sum(bag.counts[name] for name in topics.names)
-    for number, (topic, receipt, message) in enumerate(bag.records(topics.names), start=1):
+    for number, (topic, receipt, message) in enumerate(
+        bag.records(topics.names), start=1
+    ):
         read[topic] += 1
         try:
             values = _values(message, topic, topics)
@@ -76,12 +93,19 @@ def record(
         if progress is not None and number % _EVERY == 0:
             progress(f"{number} of {total} messages")
     # Of each message its stamp [s], 0 where there is none, its time of receipt [s], its values.
-    tables = {name: np.array(found, dtype=float).reshape(
-        -1, 2 + (len(Shafts._fields) if name == topics.bench and not topics.apart else 1))
-        for name, found in numbers.items()}
+    tables = {
+        name: np.array(found, dtype=float).reshape(
+            -1,
+            2
+            + (len(Shafts._fields) if name == topics.bench and not topics.apart else 1),
+        )
+        for name, found in numbers.items()
+    }
     bench = tables[topics.bench]
     if topics.apart:  # at the times of the engine speed
-        bench = np.column_stack([bench[:, :2], np.full((len(bench), len(Shafts._fields)), np.nan)])
+        bench = np.column_stack(
+            [bench[:, :2], np.full((len(bench), len(Shafts._fields)), np.nan)]
+        )
     for name, (topic, _) in topics.signals.items():
         # Where the shafts' message has none; messages without one in time are left out.
         column = bench[:, 2 + Shafts._fields.index(name)]
@@ -95,11 +119,19 @@ def record(
         reasons = listed(dict(refused[topics.bench].most_common()))
         raise InputError(
             f"{bag.path}: none of the {read[topics.bench]} messages on {topics.bench} can be used: "
-            f"{reasons} (needs " + ("all signals in time)" if topics.apart else
-                                    "velocity and effort of joints engine and output, and position "
-                                    f"of joint displacement or a topic {DISPLACEMENT_TOPIC})"))
-    temperature = None if topics.oil_temperature is None else align(
-        tables[topics.oil_temperature], bench, age_limit)
+            f"{reasons} (needs "
+            + (
+                "all signals in time)"
+                if topics.apart
+                else "velocity and effort of joints engine and output, and position "
+                f"of joint displacement or a topic {DISPLACEMENT_TOPIC})"
+            )
+        )
+    temperature = (
+        None
+        if topics.oil_temperature is None
+        else align(tables[topics.oil_temperature], bench, age_limit)
+    )
     clock = _clock(bench)
     readings = Readings(bench[:, clock], Shafts(*bench[:, 2:].T), temperature)
     return readings, CLOCKS[clock], read, refused
@@ -112,7 +144,11 @@ def listed(reasons: Mapping[str, int]) -> str:
 
 def _stamp(message: Any) -> float:
     header = getattr(message, "header", None)
-    return 0.0 if header is None else header.stamp.sec + header.stamp.nanosec * _NANOSECONDS
+    return (
+        0.0
+        if header is None
+        else header.stamp.sec + header.stamp.nanosec * _NANOSECONDS
+    )
 
 
 def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
@@ -132,13 +168,17 @@ def _values(message: Any, topic: str, topics: Topics) -> tuple[float, ...]:
     if topic == topics.oil_temperature:
         return (_checked(message.temperature, OIL_TEMPERATURE),)
     found = read_shafts(message, stroke_elsewhere=bool(topics.signals))
-    if not all(map(math.isfinite, found if "displacement" in message.name else found[:4])):
+    if not all(
+        map(math.isfinite, found if "displacement" in message.name else found[:4])
+    ):
         raise UnreadableError("not finite")
-    if (not ENGINE_SPEED.low <= found.engine_speed <= ENGINE_SPEED.high
-            or abs(found.load_torque) > LOAD_TORQUE.high
-            or abs(found.engine_torque) > LOAD_TORQUE.high
-            or abs(found.output_speed) > OUTPUT_SPEED.high
-            or abs(found.displacement_ratio) > _STROKE.high):
+    if (
+        not ENGINE_SPEED.low <= found.engine_speed <= ENGINE_SPEED.high
+        or abs(found.load_torque) > LOAD_TORQUE.high
+        or abs(found.engine_torque) > LOAD_TORQUE.high
+        or abs(found.output_speed) > OUTPUT_SPEED.high
+        or abs(found.displacement_ratio) > _STROKE.high
+    ):
         raise UnreadableError("out of range")
     return found
 

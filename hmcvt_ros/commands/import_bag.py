@@ -15,14 +15,20 @@ from hmcvt_core.files.steady import Shafts
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 
-LIMITS = [item for item in (*fields(Steadiness), *fields(ImportSettings)) if item.metadata]
+LIMITS = [
+    item for item in (*fields(Steadiness), *fields(ImportSettings)) if item.metadata
+]
 
 
 def _limits(function: Callable[..., Any]) -> Callable[..., Any]:
     for item in reversed(LIMITS):
         function = click.option(
-            f"--{item.name.replace('_', '-')}", type=float, show_default=True,
-            default=item.default, help=item.metadata["text"])(function)
+            f"--{item.name.replace('_', '-')}",
+            type=float,
+            show_default=True,
+            default=item.default,
+            help=item.metadata["text"],
+        )(function)
     return function
 
 
@@ -30,39 +36,77 @@ def _signal(text: str) -> tuple[str, tuple[str, float]]:
     name, _, place = text.partition("=")
     topic, _, unit = place.partition(":")
     if name not in Shafts._fields or not topic:
-        raise click.BadParameter(f"{text!r}: write NAME=TOPIC[:UNIT], the name one of "
-                                 f"{', '.join(Shafts._fields)}")
+        raise click.BadParameter(
+            f"{text!r}: write NAME=TOPIC[:UNIT], the name one of "
+            f"{', '.join(Shafts._fields)}"
+        )
     sizes = UNITS[name]
     if unit and unit not in sizes:
-        raise click.BadParameter(f"{text!r}: {unit!r} is no unit of {name}; there is "
-                                 f"{', '.join(sizes)}")
+        raise click.BadParameter(
+            f"{text!r}: {unit!r} is no unit of {name}; there is {', '.join(sizes)}"
+        )
     return name, (topic, sizes.get(unit, 1.0))
 
 
-@click.command("import-bag", epilog="""\b
+@click.command(
+    "import-bag",
+    epilog="""\b
 Examples:
   hmcvt import-bag run1 --out samples.csv
   hmcvt import-bag run1.mcap --out samples.csv --topic shafts --namespace tractor1
   hmcvt import-bag run1 --out samples.csv --min-duration 8 --torque-scatter 0.03 --json""",
-               short_help="turn a recorded bag (rosbag2) into bench samples")
+    short_help="turn a recorded bag (rosbag2) into bench samples",
+)
 @click.argument("bag", metavar="BAG")
-@click.option("--out", type=OutputFile(), required=True, metavar="S.csv",
-              help="Write the bench samples.")
-@click.option("--topic", default=ImportSettings.topic, show_default=True, metavar="NAME",
-              help="JointState with speed and torque of joints engine and output.")
-@click.option("--signal", "signals", type=_signal, multiple=True, metavar="NAME=TOPIC[:UNIT]",
-              help="Where each signal has a topic of numbers (Float64, Int32): once for each of "
-                   f"{', '.join(Shafts._fields)}; in SI, or engine_speed=/engine/speed:rpm.")
-@click.option("--namespace", default=None, metavar="NS",
-              help="Of all topics, when the bag holds several.")
+@click.option(
+    "--out",
+    type=OutputFile(),
+    required=True,
+    metavar="S.csv",
+    help="Write the bench samples.",
+)
+@click.option(
+    "--topic",
+    default=ImportSettings.topic,
+    show_default=True,
+    metavar="NAME",
+    help="JointState with speed and torque of joints engine and output.",
+)
+@click.option(
+    "--signal",
+    "signals",
+    type=_signal,
+    multiple=True,
+    metavar="NAME=TOPIC[:UNIT]",
+    help="Where each signal has a topic of numbers (Float64, Int32): once for each of "
+    f"{', '.join(Shafts._fields)}; in SI, or engine_speed=/engine/speed:rpm.",
+)
+@click.option(
+    "--namespace",
+    default=None,
+    metavar="NS",
+    help="Of all topics, when the bag holds several.",
+)
 @_limits
-@click.option("--averaged", is_flag=True,
-              help="Each message is a steady average already: one sample each.")
-@click.option("--no-oil-temperature", is_flag=True, help="Leave topic oil_temperature alone.")
+@click.option(
+    "--averaged",
+    is_flag=True,
+    help="Each message is a steady average already: one sample each.",
+)
+@click.option(
+    "--no-oil-temperature", is_flag=True, help="Leave topic oil_temperature alone."
+)
 @answers
 def command(
-    bag: str, out: str, topic: str, signals: Sequence[tuple[str, tuple[str, float]]],
-    namespace: str | None, age_limit: float, gap: float, averaged: bool, no_oil_temperature: bool,
+    bag: str,
+    out: str,
+    topic: str,
+    signals: Sequence[tuple[str, tuple[str, float]]],
+    namespace: str | None,
+    age_limit: float,
+    gap: float,
+    averaged: bool,
+    no_oil_temperature: bool,
     **steady: float,
 ) -> Answer:
     """Turn a recorded bag (rosbag2: sqlite3, mcap) into bench samples.
@@ -72,12 +116,22 @@ def command(
     """
     if len(dict(signals)) < len(signals):
         raise click.BadParameter("each signal has one topic", param_hint="--signal")
-    settings = ImportSettings(topic, namespace, Steadiness(**steady), age_limit, gap, averaged,
-                              not no_oil_temperature, dict(signals))
+    settings = ImportSettings(
+        topic,
+        namespace,
+        Steadiness(**steady),
+        age_limit,
+        gap,
+        averaged,
+        not no_oil_temperature,
+        dict(signals),
+    )
     if Path(out).exists() and Path(out).suffix in BAG_FILES:
         raise InputError(f"{out}: a file of a bag is not written over")
     with Progress("reading") as progress:
         samples, report = import_bag(bag, settings, progress)
     write_bench(out, samples)
-    return Answer({**asdict(report), "samples": len(samples), "out": out},
-                  [report.text(), f"{len(samples)} bench samples written to {out}"])
+    return Answer(
+        {**asdict(report), "samples": len(samples), "out": out},
+        [report.text(), f"{len(samples)} bench samples written to {out}"],
+    )

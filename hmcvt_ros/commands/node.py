@@ -16,12 +16,18 @@ class _Verbatim(click.Command):
         return []
 
 
-@click.command("node", cls=_Verbatim, options_metavar="", epilog="""\b
+@click.command(
+    "node",
+    cls=_Verbatim,
+    options_metavar="",
+    epilog="""\b
 Examples:
   hmcvt node
   hmcvt node --ros-args -p input_timeout:=1.0 -r __ns:=/tractor1
   hmcvt node --ros-args --params-file my.yaml
-  hmcvt node -- --help""", short_help="start the ROS 2 node")
+  hmcvt node -- --help""",
+    short_help="start the ROS 2 node",
+)
 @click.argument("arguments", nargs=-1, metavar="[ROS ARGUMENTS...]")
 @click.pass_context
 def command(ctx: click.Context, arguments: tuple[str, ...]) -> None:

@@ -25,8 +25,10 @@ ARGUMENTS = {
 
 def generate_launch_description() -> LaunchDescription:
     """Return the launch description."""
-    declarations = [DeclareLaunchArgument(name, default_value=default, description=text)
-                    for name, (default, text) in ARGUMENTS.items()]
+    declarations = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
+    ]
     node = Node(
         package="hmcvt_ros",
         executable="efficiency_node",
@@ -34,11 +36,19 @@ def generate_launch_description() -> LaunchDescription:
         namespace=LaunchConfiguration("namespace"),
         parameters=[
             LaunchConfiguration("params_file"),
-            {"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"),
-                                            value_type=bool)},
+            {
+                "use_sim_time": ParameterValue(
+                    LaunchConfiguration("use_sim_time"), value_type=bool
+                )
+            },
         ],
-        arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level"),
-                   "--enclave", LaunchConfiguration("enclave")],
+        arguments=[
+            "--ros-args",
+            "--log-level",
+            LaunchConfiguration("log_level"),
+            "--enclave",
+            LaunchConfiguration("enclave"),
+        ],
         output="screen",
         # launch does so after any end but its own, wrong parameters too; hence not at once.
         respawn=LaunchConfiguration("respawn"),

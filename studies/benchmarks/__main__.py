@@ -19,23 +19,45 @@ from . import drive_line, fitting, point
 
 def main() -> int:
     """Run them; 0 when they all ran, whether or not a goal is met."""
-    parser = argparse.ArgumentParser(prog="python -m studies.benchmarks", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.benchmarks", description=__doc__
+    )
     parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.md"))
-    parser.add_argument("--quick", action="store_true",
-                        help="few turns of everything, to try the benchmarks themselves")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="few turns of everything, to try the benchmarks themselves",
+    )
     given = parser.parse_args()
     others, start = busy_cores(), time.monotonic()
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    sections = [point.section(model, given.quick), drive_line.section(*[8] if given.quick else []),
-                fitting.section(given.quick)]
+    sections = [
+        point.section(model, given.quick),
+        drive_line.section(*[8] if given.quick else []),
+        fitting.section(given.quick),
+    ]
     goals = [goal for section in sections for goal in section.goals]
-    run = Run(" ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
-              time.monotonic() - start, others)
+    run = Run(
+        " ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
+        time.monotonic() - start,
+        others,
+    )
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
-    values = {name: value for section in sections for name, value in section.values.items()}
-    given.out.write_text(render(
-        "report.md.j2", Path(__file__).parent, run=run, machine=machine(), libraries=libraries,
-        goals=goal_table(goals), **values), encoding="utf-8")
+    values = {
+        name: value for section in sections for name, value in section.values.items()
+    }
+    given.out.write_text(
+        render(
+            "report.md.j2",
+            Path(__file__).parent,
+            run=run,
+            machine=machine(),
+            libraries=libraries,
+            goals=goal_table(goals),
+            **values,
+        ),
+        encoding="utf-8",
+    )
     for goal in goals:
         if not goal.met:
             print(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")

@@ -13,8 +13,10 @@ from .timing import Section, at_most, in_turns
 
 FIT = np.array([1, 2, 4, 5, 6]) - 1  # section 4.2 of the paper
 CASES: dict[str, tuple[str, Any]] = {
-    "5 samples of Table 2": ("table2", FIT), "all 8 samples of Table 2": ("table2", slice(None)),
-    "96 simulated samples": ("simulated", slice(None))}
+    "5 samples of Table 2": ("table2", FIT),
+    "all 8 samples of Table 2": ("table2", slice(None)),
+    "96 simulated samples": ("simulated", slice(None)),
+}
 SEEDS, NEAR = 100, 1.01
 LIMIT = 0.25  # s, for 96 samples
 
@@ -29,20 +31,47 @@ def samples_of(case: str) -> hmcvt.BenchSamples:
 def section(quick: bool) -> Section:
     """Time and check all of it."""
     largest = samples_of("96 simulated samples")
-    times = in_turns(2 if quick else 11, {"ours": partial(hmcvt.identify, largest)})["ours"]
+    times = in_turns(2 if quick else 11, {"ours": partial(hmcvt.identify, largest)})[
+        "ours"
+    ]
     goals = [at_most("identification of 96 samples", spread(times), LIMIT, " s")]
     rows = []
     for case in CASES:
-        found = [hmcvt.identify(samples_of(case), seed=seed)
-                 for seed in range(4 if quick else SEEDS)]
+        found = [
+            hmcvt.identify(samples_of(case), seed=seed)
+            for seed in range(4 if quick else SEEDS)
+        ]
         lowest = min(each.objective for each in found)
         off = [each.annealing_objective / lowest for each in found]
         near = sum(value <= NEAR for value in off)
-        goals.append(Goal(
-            f"{case}: the annealing alone ends within {100 * (NEAR - 1):.0f} % of the lowest "
-            "objective", "every seed", f"{near} of {len(off)} seeds", near == len(off)))
-        rows.append((case, *(f"{100 * (value - 1):.2g} %" for value in (
-            np.median(off), max(off), max(each.objective for each in found) / lowest)),
-            found[0].evaluations))
-    head = ("samples", "annealing alone, median", "at most", "finished, at most", "candidates")
+        goals.append(
+            Goal(
+                f"{case}: the annealing alone ends within {100 * (NEAR - 1):.0f} % of the lowest "
+                "objective",
+                "every seed",
+                f"{near} of {len(off)} seeds",
+                near == len(off),
+            )
+        )
+        rows.append(
+            (
+                case,
+                *(
+                    f"{100 * (value - 1):.2g} %"
+                    for value in (
+                        np.median(off),
+                        max(off),
+                        max(each.objective for each in found) / lowest,
+                    )
+                ),
+                found[0].evaluations,
+            )
+        )
+    head = (
+        "samples",
+        "annealing alone, median",
+        "at most",
+        "finished, at most",
+        "candidates",
+    )
     return Section(goals, {"searches": table(head, rows)})

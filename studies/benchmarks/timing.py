@@ -40,13 +40,19 @@ def in_turns(turns: int, calls: Mapping[str, Callable[[], Any]], of: int = 1) ->
 
 def ratio(times: Times, over: str, under: str) -> Spread:
     """How many times the time of another a call takes, turn by turn."""
-    return spread([one / other for one, other in zip(times[over], times[under], strict=True)])
+    return spread(
+        [one / other for one, other in zip(times[over], times[under], strict=True)]
+    )
 
 
 def at_most(what: str, found: Spread, limit: float, unit: str = "") -> Goal:
     """Judge a median that should be small."""
-    return Goal(what, f"at most {limit:g}{unit}", f"{found.text('.3g')}{unit}",
-                found.median <= limit)
+    return Goal(
+        what,
+        f"at most {limit:g}{unit}",
+        f"{found.text('.3g')}{unit}",
+        found.median <= limit,
+    )
 
 
 def at_least(what: str, found: Spread, limit: float) -> Goal:

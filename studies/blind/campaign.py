@@ -18,11 +18,16 @@ from studies.blind.twin import BaseTruth, OperatingPoints, Plant, Readings
 #: Ranges from which base parameters are drawn, log-uniformly: m3/(s Pa), N m s/rad twice. A fit
 #: of the base plant to Table 2 lies inside (1.8e-11, 0.185, 0.101).
 BASE_RANGES = {
-    "leakage": (1e-11, 4e-11), "motor_damping": (0.06, 0.25), "pump_damping": (0.05, 0.25)}
+    "leakage": (1e-11, 4e-11),
+    "motor_damping": (0.06, 0.25),
+    "pump_damping": (0.05, 0.25),
+}
 #: Independent random streams of one seed.
 _BASE, _EFFECTS, _PLAN, _NOISE = 1, 2, 3, 4
 _MISFIT = 9  # place of the misfit behind the effects
-_MEAN_OF_NORMAL = 1.25  # of a normal variable: its mean square over its mean absolute value and rms
+_MEAN_OF_NORMAL = (
+    1.25  # of a normal variable: its mean square over its mean absolute value and rms
+)
 #: A stalled point is measured again at this share of its load, as an operator would.
 _LOAD_RELIEF = 0.85
 
@@ -80,9 +85,12 @@ class Bench:
             wanted = random_points(options.samples, rng, swing)
         points, read, plain = _carry(self.plant(*self.effects), self.plant(), wanted)
         truth = {
-            "efficiency": read.efficiency, "efficiency_plain": plain.efficiency,
-            "output_speed": read.output_speed, "load_torque": points.load_torque,
-            "oil_temperature": points.oil_temperature}
+            "efficiency": read.efficiency,
+            "efficiency_plain": plain.efficiency,
+            "output_speed": read.output_speed,
+            "load_torque": points.load_torque,
+            "oil_temperature": points.oil_temperature,
+        }
         noise = np.random.default_rng([seed, _NOISE])
         return Campaign(_samples(points, read, options, noise), truth, self)
 
@@ -119,8 +127,14 @@ def make_campaign(
         return size_effect(base, effect, target, chosen.temperature_swing or 0.0)
 
     sized = tuple(hidden(*each, place) for place, each in enumerate(effects))
-    off = [("base_misfit", _MEAN_OF_NORMAL * chosen.misfit, _MISFIT)] if chosen.misfit else []
-    return Bench(base, sized, chosen, tuple(hidden(*each) for each in off)).measure(seed)
+    off = (
+        [("base_misfit", _MEAN_OF_NORMAL * chosen.misfit, _MISFIT)]
+        if chosen.misfit
+        else []
+    )
+    return Bench(base, sized, chosen, tuple(hidden(*each) for each in off)).measure(
+        seed
+    )
 
 
 def fresh(campaign: Campaign, seed: int, **options: Any) -> Campaign:
@@ -140,8 +154,12 @@ def pressure_noise(pressure: FloatArray) -> FloatArray:
 def draw_base(rng: np.random.Generator) -> BaseTruth:
     """Draw base parameters within BASE_RANGES."""
     # One draw of three, lest old seeds give other plants.
-    return BaseTruth(**{name: float(low * (high / low) ** rng.uniform(size=3)[0])
-                        for name, (low, high) in BASE_RANGES.items()})
+    return BaseTruth(
+        **{
+            name: float(low * (high / low) ** rng.uniform(size=3)[0])
+            for name, (low, high) in BASE_RANGES.items()
+        }
+    )
 
 
 def _carry(
@@ -155,20 +173,30 @@ def _carry(
         if not np.any(stalled):
             return points, read, plain
         eased = np.maximum(points.load_torque * _LOAD_RELIEF, LOAD_TORQUE[0])
-        points = replace(points, load_torque=np.where(stalled, eased, points.load_torque))
-    raise InputError(f"the plant stalls at {int(np.sum(stalled))} operating point(s) at any load")
+        points = replace(
+            points, load_torque=np.where(stalled, eased, points.load_torque)
+        )
+    raise InputError(
+        f"the plant stalls at {int(np.sum(stalled))} operating point(s) at any load"
+    )
 
 
 def _samples(
-    points: OperatingPoints, read: Readings, options: CampaignOptions, rng: np.random.Generator
+    points: OperatingPoints,
+    read: Readings,
+    options: CampaignOptions,
+    rng: np.random.Generator,
 ) -> dict[str, FloatArray]:
     """Contract columns with noise."""
     count, sigma = len(points), options.efficiency_noise
     efficiency = read.efficiency + sigma * rng.standard_normal(count)
     speed_scatter = rng.standard_normal(count)
     samples = {
-        "displacement_ratio": points.displacement_ratio, "engine_speed": points.engine_speed,
-        "load_torque": read.load_torque, "efficiency": np.clip(efficiency, 0.011, 0.999)}
+        "displacement_ratio": points.displacement_ratio,
+        "engine_speed": points.engine_speed,
+        "load_torque": read.load_torque,
+        "efficiency": np.clip(efficiency, 0.011, 0.999),
+    }
     if options.output_speed_noise is not None:
         factor = 1.0 + options.output_speed_noise * speed_scatter
         samples["output_speed"] = read.output_speed * factor
@@ -179,5 +207,7 @@ def _samples(
     if options.temperature_swing is not None:
         samples["oil_temperature"] = points.oil_temperature
     if options.stated_noise_factor is not None:
-        samples["efficiency_std"] = np.full(count, max(sigma * options.stated_noise_factor, 1e-6))
+        samples["efficiency_std"] = np.full(
+            count, max(sigma * options.stated_noise_factor, 1e-6)
+        )
     return samples

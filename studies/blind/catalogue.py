@@ -14,12 +14,19 @@ from studies.blind.twin import BaseTruth, Plant
 
 _BY_NAME = {kind.name: kind for kind in Effect.__subclasses__()}
 #: Effects that the diagnosis lists, and those in nobody's library.
-KNOWN_EFFECTS = tuple(name for name, kind in _BY_NAME.items()
-                      if kind.__module__ != unknown.__name__)
-UNKNOWN_EFFECTS = tuple(sorted(_BY_NAME.keys() - {*KNOWN_EFFECTS, unknown.BaseMisfit.name}))
+KNOWN_EFFECTS = tuple(
+    name for name, kind in _BY_NAME.items() if kind.__module__ != unknown.__name__
+)
+UNKNOWN_EFFECTS = tuple(
+    sorted(_BY_NAME.keys() - {*KNOWN_EFFECTS, unknown.BaseMisfit.name})
+)
 #: Losses that the base may overstate, and the largest size that leaves a loss: named with a minus.
-TURNED_EFFECTS = {"-pressure_leakage": 0.45, "-stroke_leakage": 0.7, "-churning": 2.5,
-                  "-output_churning": 2.5}
+TURNED_EFFECTS = {
+    "-pressure_leakage": 0.45,
+    "-stroke_leakage": 0.7,
+    "-churning": 2.5,
+    "-output_churning": 2.5,
+}
 _MOST_STALLED = 0.1  # share of the reference plan
 
 
@@ -32,9 +39,13 @@ def draw_effect(name: str, rng: np.random.Generator) -> Effect:
     kind_name, _, variant = name.removeprefix("-").partition(":")
     kind = _BY_NAME.get(kind_name)
     if kind is None:
-        raise InputError(f"effect {kind_name!r} does not exist, expected one of {sorted(_BY_NAME)}")
+        raise InputError(
+            f"effect {kind_name!r} does not exist, expected one of {sorted(_BY_NAME)}"
+        )
     if variant and variant not in kind.variants:
-        raise InputError(f"effect {kind_name!r} has no variant {variant!r}, only {kind.variants}")
+        raise InputError(
+            f"effect {kind_name!r} has no variant {variant!r}, only {kind.variants}"
+        )
     return kind(-1.0 if name.startswith("-") else 1.0, variant).drawn(rng)
 
 
@@ -55,7 +66,9 @@ def size_effect(
     than a tenth of the plan. Raises InputError for a target not above 0.
     """
     if not target > 0.0:
-        raise InputError(f"effect {effect.name!r}: target shift is {target}, must be above 0")
+        raise InputError(
+            f"effect {effect.name!r}: target shift is {target}, must be above 0"
+        )
     points = reference_points(temperature_swing)
     points = points.select(Plant(base).read(points).settled)
     plain = Plant(base).read(points)

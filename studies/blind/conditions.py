@@ -27,13 +27,32 @@ STRESS: dict[str, dict[str, Any]] = {
 PARTS = (*NOISES, "stress", LOOP)
 
 _SETS = {"pair": 2, "triple": 3}
-_KINDS = (*KNOWN_EFFECTS, *UNKNOWN_EFFECTS, *TURNED_EFFECTS, *_SETS, "none", "base off", "faint")
-_COUNTS = {"pair": 5, "triple": 3, "none": 8, "base off": 8, "faint": 2}  # to each single effect
+_KINDS = (
+    *KNOWN_EFFECTS,
+    *UNKNOWN_EFFECTS,
+    *TURNED_EFFECTS,
+    *_SETS,
+    "none",
+    "base off",
+    "faint",
+)
+_COUNTS = {
+    "pair": 5,
+    "triple": 3,
+    "none": 8,
+    "base off": 8,
+    "faint": 2,
+}  # to each single effect
 
-_LEFT_OUT = {LOOP: ("base off", "faint"),
-             **dict.fromkeys(STRESS, (*TURNED_EFFECTS, "triple", "base off", "faint"))}
-_GROUPS = {**dict.fromkeys(KNOWN_EFFECTS, "single"), **dict.fromkeys(UNKNOWN_EFFECTS, "unlisted"),
-           **dict.fromkeys(TURNED_EFFECTS, "wrong sign")}
+_LEFT_OUT = {
+    LOOP: ("base off", "faint"),
+    **dict.fromkeys(STRESS, (*TURNED_EFFECTS, "triple", "base off", "faint")),
+}
+_GROUPS = {
+    **dict.fromkeys(KNOWN_EFFECTS, "single"),
+    **dict.fromkeys(UNKNOWN_EFFECTS, "unlisted"),
+    **dict.fromkeys(TURNED_EFFECTS, "wrong sign"),
+}
 LISTED = ("single", *_SETS)  # listed effects, and nothing else, are to be found
 STRANGE = ("unlisted", "wrong sign")
 
@@ -41,7 +60,10 @@ _SHIFTS = (0.007, 0.03)  # of the efficiency, drawn evenly in its logarithm
 _FAINT = 0.3  # times that
 _MISFITS = (0.001, 0.002)
 _MISFIT_SHARE, _TEMPERATURE_SHARE, _SPEED_SHARE, _PRESSURE_SHARE = 1 / 3, 0.5, 0.9, 0.5
-_SWINGS, _SWEPT = (3.0, 25.0), 10.0  # deg C; at least so much where viscosity is the effect
+_SWINGS, _SWEPT = (
+    (3.0, 25.0),
+    10.0,
+)  # deg C; at least so much where viscosity is the effect
 _GAUGE = (0.005, 5e4)  # standard deviations of gain and zero of a gauge of pressure
 _ATTEMPTS, _GROWTH = 100, 1.03
 
@@ -80,13 +102,24 @@ def cases(first: int, seeds: int, parts: Sequence[str] = PARTS) -> list[Case]:
             in each stress, at least one.
         parts: which of `PARTS` to make.
     """
-    sizes = {**dict.fromkeys(NOISES, seeds), LOOP: max(1, seeds // 6),
-             **dict.fromkeys(STRESS, max(1, seeds // 12))}
-    chosen = [name for name in sizes if name in parts or (name in STRESS and "stress" in parts)]
-    return [Case(condition, kind, first + 1000 * (len(_KINDS) * place + number) + i)
-            for place, condition in enumerate(sizes) if condition in chosen
-            for number, kind in enumerate(_KINDS) if kind not in _LEFT_OUT.get(condition, ())
-            for i in range(sizes[condition] * _COUNTS.get(kind, 1))]
+    sizes = {
+        **dict.fromkeys(NOISES, seeds),
+        LOOP: max(1, seeds // 6),
+        **dict.fromkeys(STRESS, max(1, seeds // 12)),
+    }
+    chosen = [
+        name
+        for name in sizes
+        if name in parts or (name in STRESS and "stress" in parts)
+    ]
+    return [
+        Case(condition, kind, first + 1000 * (len(_KINDS) * place + number) + i)
+        for place, condition in enumerate(sizes)
+        if condition in chosen
+        for number, kind in enumerate(_KINDS)
+        if kind not in _LEFT_OUT.get(condition, ())
+        for i in range(sizes[condition] * _COUNTS.get(kind, 1))
+    ]
 
 
 def draw(case: Case) -> Campaign:
@@ -99,9 +132,13 @@ def draw(case: Case) -> Campaign:
         rng = np.random.default_rng([case.seed, attempt, 17])
         effects, options = _effects(case, attempt, rng), _options(case, rng)
         if any(name == "oil_temperature" for name, _ in effects):
-            options["temperature_swing"] = max(options["temperature_swing"] or 0.0, _SWEPT)
+            options["temperature_swing"] = max(
+                options["temperature_swing"] or 0.0, _SWEPT
+            )
         try:
-            campaign = make_campaign(_ATTEMPTS * case.seed + attempt, effects, **options)
+            campaign = make_campaign(
+                _ATTEMPTS * case.seed + attempt, effects, **options
+            )
         except InputError:  # it stalls
             continue
         seen = visible(campaign)
@@ -111,7 +148,9 @@ def draw(case: Case) -> Campaign:
     raise InputError(f"{case.key}: no campaign of {_ATTEMPTS} is as it has to be")
 
 
-def _effects(case: Case, attempt: int, rng: np.random.Generator) -> list[tuple[str, float]]:
+def _effects(
+    case: Case, attempt: int, rng: np.random.Generator
+) -> list[tuple[str, float]]:
     names = [case.kind]
     if case.kind in _COUNTS:
         count = {"none": 0, "base off": 0, "faint": 1, **_SETS}[case.kind]

@@ -28,7 +28,9 @@ class ChargePump(Effect):
         # Never less than a trickle through the relief valve.
         spare = 0.5 * (spare + np.sqrt(spare * spare + (0.05 * flow) ** 2))
         full = displacement * 250.0 + 1e-12
-        pressure = self.cracking_pressure * (1.0 + self.override * (spare / full) ** 0.8)
+        pressure = self.cracking_pressure * (
+            1.0 + self.override * (spare / full) ** 0.8
+        )
         return np.asarray(displacement * pressure / 0.88)
 
 
@@ -45,7 +47,9 @@ class Churning(Effect):
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:
         dip = 1.0 / np.sqrt(1.0 + (at.engine_speed / 400.0) ** 2)
-        power = 900.0 * (at.engine_speed / 180.0) ** self.exponent * at.film_viscosity**0.2
+        power = (
+            900.0 * (at.engine_speed / 180.0) ** self.exponent * at.film_viscosity**0.2
+        )
         return np.asarray(self.size * power * dip)
 
 
@@ -57,7 +61,9 @@ class OutputChurning(Effect):
 
     def output_drag_power(self, at: Conditions) -> FloatArray:
         dip = 1.0 / (1.0 + (at.output_speed / 900.0) ** 2)
-        power = 400.0 * (at.output_speed / 190.0) ** self.exponent * at.film_viscosity**0.2
+        power = (
+            400.0 * (at.output_speed / 190.0) ** self.exponent * at.film_viscosity**0.2
+        )
         return np.asarray(self.size * power * dip)
 
 
@@ -95,7 +101,9 @@ class ClutchDrag(Effect):
     decay: float = between(1.2, 2.4)
 
     def output_drag_power(self, at: Conditions) -> FloatArray:
-        slip = np.abs(self.slip_ratio * at.output_speed - self.engine_share * at.engine_speed)
+        slip = np.abs(
+            self.slip_ratio * at.output_speed - self.engine_share * at.engine_speed
+        )
         peak = self.peak_slip * (at.engine_speed / 150.0) ** self.feed
         relative = slip / peak * at.film_viscosity**0.3
         wetted = 1.0 / (1.0 + relative**4) ** (self.decay / 4.0)
@@ -144,7 +152,8 @@ class GearMesh(Effect):
     roughness: float = between(0.6, 1.6)
     load_exponent: float = between(0.0, 0.6)
     uneven: tuple[float, ...] = drawn(
-        (1.0,) * 6, lambda rng: tuple(rng.uniform(0.4, 1.6, 6).tolist()))
+        (1.0,) * 6, lambda rng: tuple(rng.uniform(0.4, 1.6, 6).tolist())
+    )
 
     def mesh_loss(self, pair: int, torque: FloatArray, speed: FloatArray) -> FloatArray:
         if self.variant == "efficiency":
@@ -155,7 +164,9 @@ class GearMesh(Effect):
         if self.variant == "film":
             film = pace**0.7 * load**-0.13 / self.roughness
             boundary = 1.0 / (1.0 + film**4)
-            share = load**self.load_exponent * (boundary + (1.0 - boundary) * pace**-0.2)
+            share = load**self.load_exponent * (
+                boundary + (1.0 - boundary) * pace**-0.2
+            )
             return np.asarray(np.minimum(0.004 * self.size * share, 0.2))
         # 1.4 decades above the full film at 300 N m and 150 rad/s; smooth floor at zero.
         decades = 1.4 + np.log10(load) - 3.0 * np.log10(pace)

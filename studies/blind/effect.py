@@ -72,7 +72,11 @@ class Effect:
 
     def drawn(self, rng: np.random.Generator) -> Effect:
         """Return one of random shape, and of a random variant where none is chosen yet."""
-        shape = {item.name: item.metadata["draw"](rng) for item in fields(self) if item.metadata}
+        shape = {
+            item.name: item.metadata["draw"](rng)
+            for item in fields(self)
+            if item.metadata
+        }
         if self.variants and not self.variant:
             shape["variant"] = str(rng.choice(self.variants))
         return replace(self, **shape)

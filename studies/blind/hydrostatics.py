@@ -45,7 +45,9 @@ class PressureLeakage(Effect):
         if self.variant == "eccentric":
             eccentricity = np.tanh(at.pressure / self.tilting_pressure)
             return np.asarray(laminar * self.size * 1.5 * eccentricity**2)
-        return np.asarray(laminar * 2.0 * self.size * np.abs(pressure) ** (self.exponent - 1.0))
+        return np.asarray(
+            laminar * 2.0 * self.size * np.abs(pressure) ** (self.exponent - 1.0)
+        )
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,9 @@ class OrificeLeakage(Effect):
         velocity = np.sqrt(2.0 * (np.abs(at.pressure) + 1.0) / DENSITY)
         number = self.diameter * velocity / (NOMINAL_VISCOSITY * at.gap_viscosity)
         discharge = 0.65 * np.tanh(2.0 * number / 800.0)
-        return np.asarray(self.size * 1.0e-6 * discharge * velocity * np.sign(at.pressure))
+        return np.asarray(
+            self.size * 1.0e-6 * discharge * velocity * np.sign(at.pressure)
+        )
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,9 @@ class StrokeLeakage(Effect):
 
     def lost_flow(self, at: Conditions) -> FloatArray:
         tilt = np.abs(at.stroke) ** self.exponent * (1.0 + 0.2 * at.pump_speed / 200.0)
-        return np.asarray(self.size * at.leakage * at.pressure / at.gap_viscosity * tilt)
+        return np.asarray(
+            self.size * at.leakage * at.pressure / at.gap_viscosity * tilt
+        )
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,9 @@ class Compressibility(Effect):
         high = _CHARGE + np.maximum(at.pressure, -0.9 * _CHARGE)
         modulus, rise = 1.3e9, 10.0
         liquid = np.log((modulus + rise * high) / (modulus + rise * _CHARGE)) / rise
-        gas = (_ATMOSPHERE / _CHARGE) ** (1 / 1.3) * (1.0 - (_CHARGE / high) ** (1 / 1.3))
+        gas = (_ATMOSPHERE / _CHARGE) ** (1 / 1.3) * (
+            1.0 - (_CHARGE / high) ** (1 / 1.3)
+        )
         shrinkage = liquid + self.air * gas
         pump = self.dead_volume + 0.5 * (1.0 + at.stroke)
         pump_flow = at.pump_displacement * at.pump_speed * pump
@@ -115,8 +123,13 @@ class PortPressureDrop(Effect):
     def pressure_drop(self, at: Conditions) -> FloatArray:
         flow = at.pump_displacement * at.pump_speed * at.stroke / 2e-3
         smooth = np.sqrt(flow * flow + 1e-4)
-        return np.asarray(self.size * 3e5 * flow * smooth ** (self.exponent - 1.0)
-                          * at.film_viscosity ** (2.0 - self.exponent))
+        return np.asarray(
+            self.size
+            * 3e5
+            * flow
+            * smooth ** (self.exponent - 1.0)
+            * at.film_viscosity ** (2.0 - self.exponent)
+        )
 
 
 @dataclass(frozen=True)
@@ -158,7 +171,7 @@ def relative_viscosity(temperature: FloatArray, slope: float = 1.0) -> FloatArra
     nominal = NOMINAL_TEMPERATURE + 273.15
     level = _COOL - _STEEPNESS * np.log10(nominal / 313.15)
     drop = slope * _STEEPNESS * np.log10((temperature + 273.15) / nominal)
-    return np.asarray((10.0 ** 10.0 ** (level - drop) - 0.7) / (10.0 ** 10.0**level - 0.7))
+    return np.asarray((10.0**10.0 ** (level - drop) - 0.7) / (10.0**10.0**level - 0.7))
 
 
 @dataclass(frozen=True)
@@ -173,5 +186,9 @@ class OilTemperature(Effect):
     film_share: float = between(0.75, 0.95)
 
     def viscosity(self, oil_temperature: FloatArray) -> tuple[FloatArray, FloatArray]:
-        film = NOMINAL_TEMPERATURE + self.film_share * (oil_temperature - NOMINAL_TEMPERATURE)
-        return relative_viscosity(oil_temperature, self.size), relative_viscosity(film, self.size)
+        film = NOMINAL_TEMPERATURE + self.film_share * (
+            oil_temperature - NOMINAL_TEMPERATURE
+        )
+        return relative_viscosity(oil_temperature, self.size), relative_viscosity(
+            film, self.size
+        )

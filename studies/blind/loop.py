@@ -32,16 +32,29 @@ def play(case: Case) -> dict[str, Any]:
     """Make tests as they are asked for, and in another run at random, until they are enough."""
     campaign, seconds = draw(case), list[float]()
     few = fresh(campaign, case.seed + _START, samples=FEW)
-    return {**hidden(case, campaign), "asked": _end(_asked(few, case.seed, seconds), case, few),
-            "random": _end(_at_random(few, case.seed), case, few), "seconds": max(seconds)}
+    return {
+        **hidden(case, campaign),
+        "asked": _end(_asked(few, case.seed, seconds), case, few),
+        "random": _end(_at_random(few, case.seed), case, few),
+        "seconds": max(seconds),
+    }
 
 
-def _end(run: Iterator[tuple[float, Any]], case: Case, campaign: Campaign) -> dict[str, Any]:
+def _end(
+    run: Iterator[tuple[float, Any]], case: Case, campaign: Campaign
+) -> dict[str, Any]:
     *_, (tests, advice) = run
-    alive = [(sorted(each["effects"]), each["probability"]) for each in advice["alive"][:3]]
+    alive = [
+        (sorted(each["effects"]), each["probability"]) for each in advice["alive"][:3]
+    ]
     settled, truth = advice["reason"] == "settled", sorted(campaign.bench.names)
-    return {"tests": tests, "reason": advice["reason"], "alive": alive, "settled": settled,
-            "right": settled and case.group in LISTED and alive[0][0] == truth}
+    return {
+        "tests": tests,
+        "reason": advice["reason"],
+        "alive": alive,
+        "settled": settled,
+        "right": settled and case.group in LISTED and alive[0][0] == truth,
+    }
 
 
 def _advice(campaign: Campaign) -> Any:
@@ -81,5 +94,10 @@ def _at_random(campaign: Campaign, seed: int) -> Iterator[tuple[float, Any]]:
 
 
 def _joined(campaign: Campaign, more: dict[str, FloatArray]) -> Campaign:
-    return replace(campaign, samples={
-        name: np.concatenate([values, more[name]]) for name, values in campaign.samples.items()})
+    return replace(
+        campaign,
+        samples={
+            name: np.concatenate([values, more[name]])
+            for name, values in campaign.samples.items()
+        },
+    )

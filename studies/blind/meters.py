@@ -18,7 +18,11 @@ class TorqueSensor(Effect):
     """
 
     variants: ClassVar[tuple[str, ...]] = (
-        "engine_zero", "engine_gain", "output_zero", "output_gain")
+        "engine_zero",
+        "engine_gain",
+        "output_zero",
+        "output_gain",
+    )
     limit: ClassVar[float] = 12.0
     sense: float = either_sign()
 

@@ -33,7 +33,10 @@ def _load(speed: FloatArray, share: FloatArray) -> FloatArray:
 def reference_points(temperature_swing: float = 0.0) -> OperatingPoints:
     """96 evenly spread operating points; temperature within 60 deg C +- swing."""
     share = qmc.Halton(d=4, scramble=False).random(_REFERENCE_POINTS + 1)[1:]
-    stroke, speed = _between((-1.0, 1.0), share[:, 0]), _between(ENGINE_SPEED, share[:, 1])
+    stroke, speed = (
+        _between((-1.0, 1.0), share[:, 0]),
+        _between(ENGINE_SPEED, share[:, 1]),
+    )
     warm = NOMINAL_TEMPERATURE + temperature_swing * (2.0 * share[:, 3] - 1.0)
     return OperatingPoints(stroke, speed, _load(speed, share[:, 2]), warm)
 

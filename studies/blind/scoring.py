@@ -54,13 +54,17 @@ def _first(record: Record) -> bool:
 
 def _short(record: Record) -> bool:
     """The first cause and what it cannot be told from are at most three, the true one in it."""
-    return _named(record) and any(len(each) <= 3 and set(record["truth"]) <= set(each)
-                                  for each in record["alternatives"])
+    return _named(record) and any(
+        len(each) <= 3 and set(record["truth"]) <= set(each)
+        for each in record["alternatives"]
+    )
 
 
 def _twinned(record: Record) -> bool:
-    return any(name in _TWINS or f"{name}/{variant}" in _TWINS
-               for name, variant in zip(record["truth"], record["variants"], strict=True))
+    return any(
+        name in _TWINS or f"{name}/{variant}" in _TWINS
+        for name, variant in zip(record["truth"], record["variants"], strict=True)
+    )
 
 
 def _untwinned(record: Record) -> bool | None:
@@ -74,12 +78,18 @@ def _gone(record: Record) -> bool | None:
 def _room(record: Record) -> bool:
     """Whether what no fit can remove leaves room: the misfit, and what noise makes of it."""
     noise = _FITTED * NOISES[record["condition"]] ** 2 / CampaignOptions.samples
-    return bool(noise + record["misfit"] ** 2 <= (1.0 - _GONE) * record["true_gap"] ** 2)
+    return bool(
+        noise + record["misfit"] ** 2 <= (1.0 - _GONE) * record["true_gap"] ** 2
+    )
 
 
 def _miss(record: Record) -> float | None:
     promised = record["promised"]
-    return abs(promised - record["met"]) if _named(record) and promised is not None else None
+    return (
+        abs(promised - record["met"])
+        if _named(record) and promised is not None
+        else None
+    )
 
 
 # --- questions ----------------------------------------------------------------------------------
@@ -102,31 +112,44 @@ class _Question(NamedTuple):
     beside: bool = False
 
     def answer(self, records: Sequence[Record]) -> tuple[float | None, str]:
-        answers = [each for r in records if r["group"] in self.groups
-                   if (each := self.ask(r)) is not None]
+        answers = [
+            each
+            for r in records
+            if r["group"] in self.groups
+            if (each := self.ask(r)) is not None
+        ]
         if not answers:
             return None, ""
         if self.sum_up is None:
-            return float(np.mean(answers)), _share(sum(map(bool, answers)), len(answers))
+            return float(np.mean(answers)), _share(
+                sum(map(bool, answers)), len(answers)
+            )
         figure = self.sum_up(answers)
         return figure, f"{figure:.2f}"
 
     def cell(self, records: Sequence[Record]) -> str:
         figure, text = self.answer(records)
         missed = figure is not None and (
-            figure > self.goal if self.at_most else figure < self.goal)
+            figure > self.goal if self.at_most else figure < self.goal
+        )
         return text + (" **missed**" if missed else "")
 
     @property
     def aim(self) -> str:
         goal = f"{100 * self.goal:.0f} %" if self.sum_up is None else f"{self.goal:g}"
-        return f"{'at most' if self.at_most else 'at least'} {goal}" if self.goal else ""
+        return (
+            f"{'at most' if self.at_most else 'at least'} {goal}" if self.goal else ""
+        )
 
 
 def _alone(group: str, what: str, ask: Callable[[Record], Any]) -> _Question:
     """The same question where it can be answered."""
-    return _Question(f"{group}: {what}, where nothing else listed imitates it", 0.0, [group],
-                     lambda r: ask(r) if r["beyond"] >= DETECTABLE else None)
+    return _Question(
+        f"{group}: {what}, where nothing else listed imitates it",
+        0.0,
+        [group],
+        lambda r: ask(r) if r["beyond"] >= DETECTABLE else None,
+    )
 
 
 def _ninetieth(answers: list[float]) -> float:
@@ -134,31 +157,58 @@ def _ninetieth(answers: list[float]) -> float:
 
 
 def _worst_band(answers: list[tuple[float, bool]]) -> float:
-    return max((float(abs(np.mean(said) - np.mean(right))) for said, right in _bands(answers)
-                if len(said) >= _FEWEST), default=0.0)
+    return max(
+        (
+            float(abs(np.mean(said) - np.mean(right)))
+            for said, right in _bands(answers)
+            if len(said) >= _FEWEST
+        ),
+        default=0.0,
+    )
 
 
-def _bands(answers: Sequence[tuple[float, bool]]) -> list[tuple[list[float], list[bool]]]:
+def _bands(
+    answers: Sequence[tuple[float, bool]],
+) -> list[tuple[list[float], list[bool]]]:
     """Sort probabilities, each with whether it was right, into bands."""
-    return [([said for said, _ in answers if low <= said < high],
-             [right for said, right in answers if low <= said < high])
-            for low, high in pairwise(_BANDS)]
+    return [
+        (
+            [said for said, _ in answers if low <= said < high],
+            [right for said, right in answers if low <= said < high],
+        )
+        for low, high in pairwise(_BANDS)
+    ]
 
 
 def _said(record: Record) -> tuple[float, bool] | None:
     """Probability of the first set, and whether it is right."""
     if not _alarmed(record) or not record["sets"]:
         return None
-    return record["sets"][0][1], _among(record, 1) and record["group"] in (*LISTED, "faint")
+    return record["sets"][0][1], _among(record, 1) and record["group"] in (
+        *LISTED,
+        "faint",
+    )
 
 
 _EVERY = (*LISTED, *STRANGE, "none", "base off", "faint")
 _QUESTIONS = (
-    _Question("single without a twin: first", 0.95, ["single"], _untwinned, then="93 %",
-             beside=True),
+    _Question(
+        "single without a twin: first",
+        0.95,
+        ["single"],
+        _untwinned,
+        then="93 %",
+        beside=True,
+    ),
     _alone("single", "first", _first),
-    _Question("single: in a set of at most three", 0.95, ["single"], _short, then="97 %",
-             beside=True),
+    _Question(
+        "single: in a set of at most three",
+        0.95,
+        ["single"],
+        _short,
+        then="97 %",
+        beside=True,
+    ),
     _alone("single", "in a set of at most three", _short),
     _Question("pair: exact set first", 0.70, ["pair"], _first, beside=True),
     _alone("pair", "first", _first),
@@ -166,38 +216,113 @@ _QUESTIONS = (
     _Question("triple: exact set first", 0.50, ["triple"], _first),
     _alone("triple", "first", _first),
     _Question("triple: among the best three sets", 0.80, ["triple"], _among),
-    _Question("false alarms, exact base", 0.05, ["none"], _alarmed, at_most=True, then="2 %",
-             beside=True),
-    _Question("cause named, base off by 0.1 to 0.2 points", 0.05, ["base off"], _named,
-             at_most=True),
-    _Question("unlisted refused", 0.85, ["unlisted"], _refused, then="96 %", beside=True),
+    _Question(
+        "false alarms, exact base",
+        0.05,
+        ["none"],
+        _alarmed,
+        at_most=True,
+        then="2 %",
+        beside=True,
+    ),
+    _Question(
+        "cause named, base off by 0.1 to 0.2 points",
+        0.05,
+        ["base off"],
+        _named,
+        at_most=True,
+    ),
+    _Question(
+        "unlisted refused", 0.85, ["unlisted"], _refused, then="96 %", beside=True
+    ),
     _alone("unlisted", "refused", _refused),
     _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
     _alone("wrong sign", "refused", _refused),
-    _Question("place of unlisted and wrong signs found", 0.80, STRANGE,
-             lambda r: r["place_found"], then="86 %"),
+    _Question(
+        "place of unlisted and wrong signs found",
+        0.80,
+        STRANGE,
+        lambda r: r["place_found"],
+        then="86 %",
+    ),
     _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),
-    _Question("named rightly: 85 % of the squared gap gone", 0.85, LISTED, _gone, then="85 %"),
-    _Question("gone, where noise and misfit leave room", 0.0, LISTED,
-             lambda r: _gone(r) if _room(r) else None),
-    _Question("gap told at least half of the true one", 0.95, LISTED,
-             lambda r: r["told_gap"] >= 0.5 * r["true_gap"]),
-    _Question("where: F1 of the regions told, listed", 0.65, LISTED, lambda r: r["f1"],
-             sum_up=np.mean),
-    _Question("where: F1 of naming everything", 0.0, LISTED, lambda r: r["f1_everything"],
-             sum_up=np.mean),
-    _Question("`gap_at`: median correlation with the true field", 0.95, LISTED,
-             lambda r: r["correlation"], sum_up=np.median),
-    _Question("promised - met: median", 0.05, LISTED, _miss, at_most=True, sum_up=np.median,
-             then="0.035", beside=True),
-    _Question("promised - met: 90th percentile", 0.15, LISTED, _miss, at_most=True,
-             sum_up=_ninetieth),
-    _Question("promised - met: 90th percentile, where they leave room", 0.0, LISTED,
-             lambda r: _miss(r) if _room(r) else None, sum_up=_ninetieth),
-    _Question("probability of the first set: worst band off by", 0.10, _EVERY, _said, at_most=True,
-             sum_up=_worst_band),
-    _Question("slowest diagnosis [s of processor time]", 5.0, _EVERY, lambda r: r["seconds"],
-             at_most=True, sum_up=max),
+    _Question(
+        "named rightly: 85 % of the squared gap gone", 0.85, LISTED, _gone, then="85 %"
+    ),
+    _Question(
+        "gone, where noise and misfit leave room",
+        0.0,
+        LISTED,
+        lambda r: _gone(r) if _room(r) else None,
+    ),
+    _Question(
+        "gap told at least half of the true one",
+        0.95,
+        LISTED,
+        lambda r: r["told_gap"] >= 0.5 * r["true_gap"],
+    ),
+    _Question(
+        "where: F1 of the regions told, listed",
+        0.65,
+        LISTED,
+        lambda r: r["f1"],
+        sum_up=np.mean,
+    ),
+    _Question(
+        "where: F1 of naming everything",
+        0.0,
+        LISTED,
+        lambda r: r["f1_everything"],
+        sum_up=np.mean,
+    ),
+    _Question(
+        "`gap_at`: median correlation with the true field",
+        0.95,
+        LISTED,
+        lambda r: r["correlation"],
+        sum_up=np.median,
+    ),
+    _Question(
+        "promised - met: median",
+        0.05,
+        LISTED,
+        _miss,
+        at_most=True,
+        sum_up=np.median,
+        then="0.035",
+        beside=True,
+    ),
+    _Question(
+        "promised - met: 90th percentile",
+        0.15,
+        LISTED,
+        _miss,
+        at_most=True,
+        sum_up=_ninetieth,
+    ),
+    _Question(
+        "promised - met: 90th percentile, where they leave room",
+        0.0,
+        LISTED,
+        lambda r: _miss(r) if _room(r) else None,
+        sum_up=_ninetieth,
+    ),
+    _Question(
+        "probability of the first set: worst band off by",
+        0.10,
+        _EVERY,
+        _said,
+        at_most=True,
+        sum_up=_worst_band,
+    ),
+    _Question(
+        "slowest diagnosis [s of processor time]",
+        5.0,
+        _EVERY,
+        lambda r: r["seconds"],
+        at_most=True,
+        sum_up=max,
+    ),
 )
 _BESIDE = [each for each in _QUESTIONS if each.beside]
 
@@ -208,40 +333,71 @@ _BESIDE = [each for each in _QUESTIONS if each.beside]
 def report(records: Sequence[Record], command: str, seeds: str) -> str:
     """Return the whole score as Markdown, with the command that wrote it and what its seeds are."""
     reference = [r for r in records if r["condition"] in NOISES]
-    parts = [(f"{word} {name}", [r for r in reference if (name in r["columns"]) is there])
-             for name in ("output_speed", "oil_temperature", "pressure")
-             for word, there in (("with", True), ("without", False))]
-    parts += [("base exact", [r for r in reference if not r["misfit"]]),
-              ("base off", [r for r in reference if r["misfit"]])]
+    parts = [
+        (f"{word} {name}", [r for r in reference if (name in r["columns"]) is there])
+        for name in ("output_speed", "oil_temperature", "pressure")
+        for word, there in (("with", True), ("without", False))
+    ]
+    parts += [
+        ("base exact", [r for r in reference if not r["misfit"]]),
+        ("base off", [r for r in reference if r["misfit"]]),
+    ]
     parts += [(name, [r for r in records if r["condition"] == name]) for name in STRESS]
     return render(
-        "report.md.j2", Path(__file__).parent, command=command, seeds=seeds,
-        detectable=DETECTABLE, goals=goals(records) if reference else "",
+        "report.md.j2",
+        Path(__file__).parent,
+        command=command,
+        seeds=seeds,
+        detectable=DETECTABLE,
+        goals=goals(records) if reference else "",
         loop=_loop([r for r in records if r["condition"] == LOOP]),
-        by_effect=_by_effect(reference), calibration=_calibration(reference),
-        parts=table(("", *(each.what for each in _BESIDE)), [
-            (name, *(each.answer(own)[1] for each in _BESIDE)) for name, own in parts if own]))
+        by_effect=_by_effect(reference),
+        calibration=_calibration(reference),
+        parts=table(
+            ("", *(each.what for each in _BESIDE)),
+            [
+                (name, *(each.answer(own)[1] for each in _BESIDE))
+                for name, own in parts
+                if own
+            ],
+        ),
+    )
 
 
 def goals(records: Sequence[Record]) -> str:
     """Return what is to be reached beside what was, at either noise."""
     own = {name: [r for r in records if r["condition"] == name] for name in NOISES}
     own = {name: some for name, some in own.items() if some}
-    return table(("", "goal", "d36027d", *(f"noise {name}" for name in own)), [
-        (each.what, each.aim, each.then, *map(each.cell, own.values())) for each in _QUESTIONS])
+    return table(
+        ("", "goal", "d36027d", *(f"noise {name}" for name in own)),
+        [
+            (each.what, each.aim, each.then, *map(each.cell, own.values()))
+            for each in _QUESTIONS
+        ],
+    )
 
 
 def misses(records: Sequence[Record]) -> str:
     """Return a line for each campaign whose answer is not the one wanted."""
-    wanted = {"none": "no_gap", "base off": "no_gap", **dict.fromkeys(STRANGE, "unexplained")}
+    wanted = {
+        "none": "no_gap",
+        "base off": "no_gap",
+        **dict.fromkeys(STRANGE, "unexplained"),
+    }
     lines = []
     for r in records:
-        right = r["verdict"] == wanted[r["group"]] if r["group"] in wanted else _first(r)
+        right = (
+            r["verdict"] == wanted[r["group"]] if r["group"] in wanted else _first(r)
+        )
         if not right and r["group"] != "faint":
-            sets = "; ".join(f"{'+'.join(effects)} {100 * p:.0f} %" for effects, p in r["sets"][:3])
-            lines.append(f"{r['condition']}/{r['kind']}/{r['seed']} {'+'.join(r['truth'])} "
-                         f"{[round(each) for each in r['left']]} {' '.join(r['columns'])}: "
-                         f"{r['verdict']}: {sets}; unlisted {100 * r['unlisted']:.0f} %")
+            sets = "; ".join(
+                f"{'+'.join(effects)} {100 * p:.0f} %" for effects, p in r["sets"][:3]
+            )
+            lines.append(
+                f"{r['condition']}/{r['kind']}/{r['seed']} {'+'.join(r['truth'])} "
+                f"{[round(each) for each in r['left']]} {' '.join(r['columns'])}: "
+                f"{r['verdict']}: {sets}; unlisted {100 * r['unlisted']:.0f} %"
+            )
     return "\n".join(lines)
 
 
@@ -256,24 +412,60 @@ def _by_effect(records: Sequence[Record]) -> str:
     rows = []
     for kind in dict.fromkeys(r["kind"] for r in records):
         own = [r for r in records if r["kind"] == kind]
-        wrong = Counter("+".join(r["sets"][0][0]) for r in own
-                        if _named(r) and r["sets"] and not _among(r, 1))
-        rows.append((
-            kind, len(own), *(sum(map(hit, own)) or "" for hit in (
-                _first, _among, _short, _refused, lambda r: not _alarmed(r))),
-            f"{np.mean([r['f1'] for r in own]):.2f}",
-            ", ".join(f"{name} ({count})" for name, count in wrong.most_common(3))))
-    return table(("hidden", "campaigns", "exact set first", "among three sets",
-                  "in a set of three", "refused", "no gap called", "F1 of where",
-                  "named instead"), rows)
+        wrong = Counter(
+            "+".join(r["sets"][0][0])
+            for r in own
+            if _named(r) and r["sets"] and not _among(r, 1)
+        )
+        rows.append(
+            (
+                kind,
+                len(own),
+                *(
+                    sum(map(hit, own)) or ""
+                    for hit in (
+                        _first,
+                        _among,
+                        _short,
+                        _refused,
+                        lambda r: not _alarmed(r),
+                    )
+                ),
+                f"{np.mean([r['f1'] for r in own]):.2f}",
+                ", ".join(f"{name} ({count})" for name, count in wrong.most_common(3)),
+            )
+        )
+    return table(
+        (
+            "hidden",
+            "campaigns",
+            "exact set first",
+            "among three sets",
+            "in a set of three",
+            "refused",
+            "no gap called",
+            "F1 of where",
+            "named instead",
+        ),
+        rows,
+    )
 
 
 def _calibration(records: Sequence[Record]) -> str:
     answers = [said for said in map(_said, records) if said is not None]
-    return table(("probability of the first set", "mean said", "right"), [
-        (f"{low:.2f} to {min(high, 1.0):.2f}", f"{np.mean(said):.2f}" if said else "",
-         _share(sum(right), len(right)))
-        for (low, high), (said, right) in zip(pairwise(_BANDS), _bands(answers), strict=True)])
+    return table(
+        ("probability of the first set", "mean said", "right"),
+        [
+            (
+                f"{low:.2f} to {min(high, 1.0):.2f}",
+                f"{np.mean(said):.2f}" if said else "",
+                _share(sum(right), len(right)),
+            )
+            for (low, high), (said, right) in zip(
+                pairwise(_BANDS), _bands(answers), strict=True
+            )
+        ],
+    )
 
 
 def _loop(records: Sequence[Record]) -> str:
@@ -282,27 +474,65 @@ def _loop(records: Sequence[Record]) -> str:
         return ""
     # A set that neither run settles tells nothing of how fast they are.
     settling = [r for r in records if r["asked"]["right"] or r["random"]["right"]]
-    tests = [sum(r[arm]["tests"] if r[arm]["right"] else MOST for r in settling) for arm in _ARMS]
+    tests = [
+        sum(r[arm]["tests"] if r[arm]["right"] else MOST for r in settling)
+        for arm in _ARMS
+    ]
     right = [sum(r[arm]["right"] for r in settling) for arm in _ARMS]
     rows: list[tuple[str, ...]] = [
-        (f"tests until the right set is settled, {MOST} where it is not", "",
-         *(f"{n / len(settling):.1f}" if settling else "" for n in tests)),
-        ("the same, at the rate at which they settle", "at most a third",
-         *(f"{n / count:.1f}" if count else "" for n, count in zip(tests, right, strict=True))),
-        ("slowest advice [s of processor time]", "at most 5",
-         f"{max(r['seconds'] for r in records):.1f}", "")]
+        (
+            f"tests until the right set is settled, {MOST} where it is not",
+            "",
+            *(f"{n / len(settling):.1f}" if settling else "" for n in tests),
+        ),
+        (
+            "the same, at the rate at which they settle",
+            "at most a third",
+            *(
+                f"{n / count:.1f}" if count else ""
+                for n, count in zip(tests, right, strict=True)
+            ),
+        ),
+        (
+            "slowest advice [s of processor time]",
+            "at most 5",
+            f"{max(r['seconds'] for r in records):.1f}",
+            "",
+        ),
+    ]
     for what, goal, groups, hit in (
-            ("right set settled", "", LISTED, lambda end: end["right"]),
-            ("wrong set settled", "at most 5 %", (*LISTED, "none"), _wrong),
-            ("unlisted or wrong sign: a listed one settled", "at most 10 %", STRANGE, _wrong),
-            ("nothing hidden: told to stop", "", ("none",),
-             lambda end: end["reason"] and not end["settled"])):
+        ("right set settled", "", LISTED, lambda end: end["right"]),
+        ("wrong set settled", "at most 5 %", (*LISTED, "none"), _wrong),
+        (
+            "unlisted or wrong sign: a listed one settled",
+            "at most 10 %",
+            STRANGE,
+            _wrong,
+        ),
+        (
+            "nothing hidden: told to stop",
+            "",
+            ("none",),
+            lambda end: end["reason"] and not end["settled"],
+        ),
+    ):
         own = [r for r in records if r["group"] in groups]
-        rows.append((what, goal, *(
-            _share(sum(bool(hit(r[arm])) for r in own), len(own)) for arm in _ARMS)))
+        rows.append(
+            (
+                what,
+                goal,
+                *(
+                    _share(sum(bool(hit(r[arm])) for r in own), len(own))
+                    for arm in _ARMS
+                ),
+            )
+        )
     return table(("", "goal", "as asked", "at random"), rows)
 
 
 def _wrong(end: dict[str, Any]) -> bool:
-    return bool(end["settled"] and not end["right"]
-                and set(end["alive"][0][0]) & set(KNOWN_EFFECTS))
+    return bool(
+        end["settled"]
+        and not end["right"]
+        and set(end["alive"][0][0]) & set(KNOWN_EFFECTS)
+    )

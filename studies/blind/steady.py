@@ -23,7 +23,9 @@ _MOST_STEPS = 40
 _RUN_AWAY = 60.0
 
 
-def _jacobian(rates: Rates, state: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _jacobian(
+    rates: Rates, state: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Rates (m, n) and their derivatives (n, m, m) by forward differences, in scaled units."""
     size = state.shape[0]
     step = 1e-6 * scale

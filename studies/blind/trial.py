@@ -39,15 +39,23 @@ def score(case: Case) -> dict[str, Any]:
     return {
         **hidden(case, campaign),
         "left": visible(campaign).left,
-        "beyond": beyond_others(campaign) if case.group in (*LISTED, *STRANGE) else None,
+        "beyond": beyond_others(campaign)
+        if case.group in (*LISTED, *STRANGE)
+        else None,
         "seconds": seconds,
         "verdict": answer["verdict"],
         "unlisted": answer["unlisted_probability"],
-        "sets": [(sorted(each["effects"]), each["probability"]) for each in answer["sets"][:5]],
-        "alternatives": [[cause["effect"], *cause["indistinguishable_from"]]
-                         for cause in answer["causes"][:1]],
+        "sets": [
+            (sorted(each["effects"]), each["probability"])
+            for each in answer["sets"][:5]
+        ],
+        "alternatives": [
+            [cause["effect"], *cause["indistinguishable_from"]]
+            for cause in answer["causes"][:1]
+        ],
         "promised": answer["shrinkage"]["fraction"],
-        "told_gap": max(0.0, told**2 - campaign.bench.options.efficiency_noise**2) ** 0.5,
+        "told_gap": max(0.0, told**2 - campaign.bench.options.efficiency_noise**2)
+        ** 0.5,
         **_place(campaign, found, answer["where"]),
         **_elsewhere(campaign, found, case.seed),
     }
@@ -57,11 +65,17 @@ def hidden(case: Case, campaign: Campaign) -> dict[str, Any]:
     """Return what a record says of the truth."""
     options = campaign.bench.options
     return {
-        "condition": case.condition, "kind": case.kind, "group": case.group, "seed": case.seed,
+        "condition": case.condition,
+        "kind": case.kind,
+        "group": case.group,
+        "seed": case.seed,
         "truth": sorted(campaign.bench.names),
         "variants": [effect.variant for effect in campaign.bench.effects],
-        "columns": [name for name in ("output_speed", "oil_temperature", "pressure")
-                    if name in campaign.samples],
+        "columns": [
+            name
+            for name in ("output_speed", "oil_temperature", "pressure")
+            if name in campaign.samples
+        ],
         "misfit": options.misfit,
     }
 
@@ -69,23 +83,32 @@ def hidden(case: Case, campaign: Campaign) -> dict[str, Any]:
 def _left_over(campaign: Campaign, model: hmcvt.EfficiencyModel) -> FloatArray:
     """What the meters would show without noise, less what a model says; shape (n,)."""
     stroke, speed, torque = (campaign.samples[axis] for axis in AXES)
-    said = model.efficiency(stroke, speed, torque, campaign.samples.get("oil_temperature"))
+    said = model.efficiency(
+        stroke, speed, torque, campaign.samples.get("oil_temperature")
+    )
     return np.asarray(campaign.truth["efficiency"] - said)
 
 
-def _place(campaign: Campaign, found: hmcvt.Diagnosis, where: list[Any]) -> dict[str, Any]:
+def _place(
+    campaign: Campaign, found: hmcvt.Diagnosis, where: list[Any]
+) -> dict[str, Any]:
     """Hold the samples in the regions told against those where much is left over."""
     left = np.nan_to_num(np.abs(_left_over(campaign, found.base)))
     much = left > np.sqrt(np.mean(left**2))
     told = np.zeros(len(much), dtype=bool)
     for region in where:
-        inside = [(campaign.samples[axis] >= region[axis][0])
-                  & (campaign.samples[axis] <= region[axis][1]) for axis in AXES]
+        inside = [
+            (campaign.samples[axis] >= region[axis][0])
+            & (campaign.samples[axis] <= region[axis][1])
+            for axis in AXES
+        ]
         told |= np.all(inside, axis=0)
     both, larger = int(np.sum(told & much)), max(int(np.sum(told)), int(np.sum(much)))
     return {
-        "f1": _f1(told, much), "f1_everything": _f1(np.ones_like(much), much),
-        "place_found": 2 * both >= larger > 0}
+        "f1": _f1(told, much),
+        "f1_everything": _f1(np.ones_like(much), much),
+        "place_found": 2 * both >= larger > 0,
+    }
 
 
 def _f1(told: npt.NDArray[np.bool_], much: npt.NDArray[np.bool_]) -> float:
@@ -96,7 +119,11 @@ def _elsewhere(campaign: Campaign, found: hmcvt.Diagnosis, seed: int) -> dict[st
     """Ask on a fresh campaign of the same plant, against its readings without noise."""
     there = fresh(campaign, _FRESH_SEED + seed, samples=_FRESH_SAMPLES)
     before, after = _left_over(there, found.base), _left_over(there, found.model)
-    recorded = {name: there.samples[name] for name in ("oil_temperature",) if name in there.samples}
+    recorded = {
+        name: there.samples[name]
+        for name in ("oil_temperature",)
+        if name in there.samples
+    }
     told, _ = found.gap_at(*(there.samples[axis] for axis in AXES), **recorded)
     usable = np.isfinite(before) & np.isfinite(after) & np.isfinite(told)
     before, after, told = before[usable], after[usable], told[usable]

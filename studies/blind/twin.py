@@ -60,7 +60,9 @@ class GearTrain:
         """Speed of the planet carrier, rad/s."""
         return engine_speed / (self.ratios[2] * self.ratios[3])
 
-    def ring_speed(self, carrier_speed: FloatArray, motor_speed: FloatArray) -> FloatArray:
+    def ring_speed(
+        self, carrier_speed: FloatArray, motor_speed: FloatArray
+    ) -> FloatArray:
         """Eq. (4); the motor turns the sun against the carrier, so it adds, as in eq. (5)."""
         sun = motor_speed / self.ratios[5]
         return ((1.0 + self.k1) * carrier_speed + sun) / self.k1
@@ -95,8 +97,12 @@ class OperatingPoints:
 
     def select(self, index: npt.NDArray[np.generic]) -> OperatingPoints:
         """Pick the points at `index` (integers or booleans)."""
-        return OperatingPoints(self.displacement_ratio[index], self.engine_speed[index],
-                               self.load_torque[index], self.oil_temperature[index])
+        return OperatingPoints(
+            self.displacement_ratio[index],
+            self.engine_speed[index],
+            self.load_torque[index],
+            self.oil_temperature[index],
+        )
 
 
 @dataclass(frozen=True)
@@ -138,7 +144,9 @@ class Plant:
     effects: tuple[Effect, ...] = ()
     train: GearTrain = field(default_factory=GearTrain)
 
-    def read(self, points: OperatingPoints, start: FloatArray | None = None) -> Readings:
+    def read(
+        self, points: OperatingPoints, start: FloatArray | None = None
+    ) -> Readings:
         """Run every operating point to rest and read it.
 
         `start` (4, n) may be the `state` of an earlier reading at the same points. Where the
@@ -152,19 +160,31 @@ class Plant:
             # On its relief valves or at a stand it has stalled.
             settled &= (state[0] < _RELIEF) & (balance.output_speed > _STALL)
             power = points.load_torque * points.engine_speed
-            engine, output = balance.input_power / points.engine_speed, power / balance.output_speed
+            engine, output = (
+                balance.input_power / points.engine_speed,
+                power / balance.output_speed,
+            )
             for effect in self.effects:
                 engine, output = effect.read(engine, output)
             load = output * balance.output_speed / points.engine_speed
             return Readings(
-                settled, np.where(settled, load / engine, np.nan), load, balance.output_speed,
-                balance.input_power, power, balance.losses, state)
+                settled,
+                np.where(settled, load / engine, np.nan),
+                load,
+                balance.output_speed,
+                balance.input_power,
+                power,
+                balance.losses,
+                state,
+            )
 
     def guess(self, points: OperatingPoints) -> FloatArray:
         """State without leakage, (4, n): pressure, motor and pump speed, torque of the governor."""
         pump = points.engine_speed / self.train.ratios[4]
         motor = pump * points.displacement_ratio
-        ring = self.train.ring_speed(self.train.carrier_speed(points.engine_speed), motor)
+        ring = self.train.ring_speed(
+            self.train.carrier_speed(points.engine_speed), motor
+        )
         sun_torque = points.load_torque * points.engine_speed / ring / self.train.k1
         torque = sun_torque / self.train.ratios[5] + self.base.motor_damping * motor
         pressure = torque / self.train.motor_displacement
@@ -179,10 +199,14 @@ class Plant:
         motor_inertia = self.train.motor_inertia + self.train.load_inertia
         pump_inertia = self.train.pump_inertia + self.train.engine_inertia
         drive = state[3] + _GOVERNOR[0] * short
-        return np.stack([
-            balance.flow_excess * stiffness, balance.motor_surplus / motor_inertia,
-            (drive - balance.pump_torque) / pump_inertia,
-            np.broadcast_to(_GOVERNOR[1] * short, state[3].shape)])
+        return np.stack(
+            [
+                balance.flow_excess * stiffness,
+                balance.motor_surplus / motor_inertia,
+                (drive - balance.pump_torque) / pump_inertia,
+                np.broadcast_to(_GOVERNOR[1] * short, state[3].shape),
+            ]
+        )
 
     def _conditions(self, state: FloatArray, points: OperatingPoints) -> Conditions:
         pressure, motor, pump = state[0], state[1], state[2]
@@ -200,16 +224,33 @@ class Plant:
         carrier = self.train.carrier_speed(engine) * (1.0 - slip)
         ring = np.maximum(self.train.ring_speed(carrier, motor), 1.0)
         return Conditions(
-            command, stroke, engine, pump, motor, carrier, self.train.output_speed(ring), pressure,
-            load, gap, film, self.train.pump_displacement, self.train.motor_displacement,
-            self.base.leakage)
+            command,
+            stroke,
+            engine,
+            pump,
+            motor,
+            carrier,
+            self.train.output_speed(ring),
+            pressure,
+            load,
+            gap,
+            film,
+            self.train.pump_displacement,
+            self.train.motor_displacement,
+            self.base.leakage,
+        )
 
     def _mesh(self, pair: int, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Efficiency of a gear pair under `torque` at `speed` of its faster side."""
-        loss = sum((e.mesh_loss(pair, torque, speed) for e in self.effects), np.zeros_like(torque))
+        loss = sum(
+            (e.mesh_loss(pair, torque, speed) for e in self.effects),
+            np.zeros_like(torque),
+        )
         return self.train.gear_efficiency - loss
 
-    def _output_side(self, at: Conditions, points: OperatingPoints) -> tuple[FloatArray, ...]:
+    def _output_side(
+        self, at: Conditions, points: OperatingPoints
+    ) -> tuple[FloatArray, ...]:
         """Ring torque, and the losses of pairs 11 and 6 and of drag on the output shaft."""
         power = points.load_torque * points.engine_speed
         drag = _total(self.effects, "output_drag_power", at)
@@ -223,7 +264,9 @@ class Plant:
     def _balance(self, state: FloatArray, points: OperatingPoints) -> _Balance:
         at = self._conditions(state, points)
         train, losses = self.train, dict[str, FloatArray]()
-        ring, losses["output gears"], losses["output drag"] = self._output_side(at, points)
+        ring, losses["output gears"], losses["output drag"] = self._output_side(
+            at, points
+        )
         rolling = at.carrier_speed + at.motor_speed / train.ratios[5]
         share = np.zeros_like(ring)
         for effect in self.effects:
@@ -242,13 +285,17 @@ class Plant:
         losses["gear 4"] = pump_input - pump_power
         # A slipping clutch passes its torque on and loses speed.
         whole_speed = train.carrier_speed(at.engine_speed)
-        eta_23 = self._mesh(2, carrier, whole_speed) * self._mesh(3, carrier, whole_speed)
+        eta_23 = self._mesh(2, carrier, whole_speed) * self._mesh(
+            3, carrier, whole_speed
+        )
         carrier_input = carrier * whole_speed / eta_23
         losses["gears 2, 3"] = carrier_input * (1.0 - eta_23)
         losses["clutch slip"] = carrier * (whole_speed - at.carrier_speed)
         losses["engine drag"] = _total(self.effects, "engine_drag_power", at)
         total = carrier_input + pump_input + losses["engine drag"]
-        return _Balance(flow_excess, motor_surplus, pump_torque, total, at.output_speed, losses)
+        return _Balance(
+            flow_excess, motor_surplus, pump_torque, total, at.output_speed, losses
+        )
 
     def _motor_side(
         self, at: Conditions, sun: FloatArray, losses: dict[str, FloatArray]
@@ -259,7 +306,9 @@ class Plant:
         demanded = reached * self._mesh(5, reached, at.motor_speed) ** (-sense)
         dry = self.base.motor_friction * np.abs(at.pressure) * at.motor_displacement
         dry = dry + _total(self.effects, "motor_drag", at)
-        drag = self.base.motor_damping * at.film_viscosity * at.motor_speed + dry * sense
+        drag = (
+            self.base.motor_damping * at.film_viscosity * at.motor_speed + dry * sense
+        )
         losses["gear 5"] = (demanded - reached) * at.motor_speed
         losses["motor friction"] = drag * at.motor_speed
         return at.pressure * at.motor_displacement - drag - demanded

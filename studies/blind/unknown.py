@@ -7,7 +7,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from studies.blind.effect import Conditions, Effect, FloatArray, between, drawn, either_sign
+from studies.blind.effect import (
+    Conditions,
+    Effect,
+    FloatArray,
+    between,
+    drawn,
+    either_sign,
+)
 
 _DEGREE = np.sum(np.indices((3, 3, 3)), axis=0)
 _SPREAD = np.where(_DEGREE <= 3, 1.0 / np.maximum(_DEGREE, 1), 0.0)
@@ -49,7 +56,9 @@ class CasingDeflection(Effect):
     def engine_drag_power(self, at: Conditions) -> FloatArray:
         large = _rise(self.sense * at.command, self.stroke_edge, 0.05)
         heavy = _rise(at.load_torque, self.load_edge, 20.0)
-        return np.asarray(self.size * 0.02 * at.load_torque * at.engine_speed * large * heavy)
+        return np.asarray(
+            self.size * 0.02 * at.load_torque * at.engine_speed * large * heavy
+        )
 
 
 @dataclass(frozen=True)
@@ -78,7 +87,9 @@ class SwashChatter(Effect):
         if self.variant != "flow":
             return np.zeros_like(at.pressure)
         flow = 0.02 * at.pump_displacement * at.pump_speed
-        return np.asarray(self.size * flow * self._band(at.command) * np.tanh(at.pressure / 5e5))
+        return np.asarray(
+            self.size * flow * self._band(at.command) * np.tanh(at.pressure / 5e5)
+        )
 
 
 @dataclass(frozen=True)
@@ -95,7 +106,9 @@ class ClutchMicroslip(Effect):
 
 def draw_field(rng: np.random.Generator) -> tuple[float, ...]:
     """Draw the coefficients of a smooth field whose mean square over a cube is one on average."""
-    coefficients = _SPREAD * rng.standard_normal(_SPREAD.shape) / np.sqrt(np.sum(_SPREAD**2))
+    coefficients = (
+        _SPREAD * rng.standard_normal(_SPREAD.shape) / np.sqrt(np.sum(_SPREAD**2))
+    )
     return tuple(coefficients.ravel().tolist())
 
 
@@ -112,10 +125,18 @@ class BaseMisfit(Effect):
     flow_share: float = between(0.0, 1.0)
 
     def _value(self, field: tuple[float, ...], at: Conditions) -> FloatArray:
-        places = (at.command, (at.engine_speed - 154.0) / 76.0, (at.load_torque - 320.0) / 280.0)
-        terms = [legvander(np.clip(place, -1.1, 1.1), 2) * np.sqrt([1.0, 3.0, 5.0])
-                 for place in places]
-        value = np.einsum("...i,...j,...k,ijk", *terms, np.reshape(field, _SPREAD.shape))
+        places = (
+            at.command,
+            (at.engine_speed - 154.0) / 76.0,
+            (at.load_torque - 320.0) / 280.0,
+        )
+        terms = [
+            legvander(np.clip(place, -1.1, 1.1), 2) * np.sqrt([1.0, 3.0, 5.0])
+            for place in places
+        ]
+        value = np.einsum(
+            "...i,...j,...k,ijk", *terms, np.reshape(field, _SPREAD.shape)
+        )
         return np.asarray(0.01 * self.size * value)
 
     def engine_drag_power(self, at: Conditions) -> FloatArray:

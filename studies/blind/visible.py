@@ -40,12 +40,19 @@ class _Look:
     def __init__(self, campaign: Campaign) -> None:
         self.options, self.samples = campaign.bench.options, campaign.samples
         samples, truth, plain = campaign.samples, campaign.truth, campaign.bench.plant()
-        self.shown = OperatingPoints(samples["displacement_ratio"], samples["engine_speed"],
-                                     samples["load_torque"], truth["oil_temperature"])
+        self.shown = OperatingPoints(
+            samples["displacement_ratio"],
+            samples["engine_speed"],
+            samples["load_torque"],
+            truth["oil_temperature"],
+        )
         self.true = replace(self.shown, load_torque=truth["load_torque"])
         bare = self.bare = self.rows(plain, self.shown)
-        others = [replace(plain, base=replace(plain.base, **{name: (1.0 + _STEP) * value}))
-                  for name, value in vars(plain.base).items() if not name.endswith("friction")]
+        others = [
+            replace(plain, base=replace(plain.base, **{name: (1.0 + _STEP) * value}))
+            for name, value in vars(plain.base).items()
+            if not name.endswith("friction")
+        ]
         gear = plain.train.gear_efficiency - _GEAR_LOSS
         others.append(replace(plain, train=replace(plain.train, gear_efficiency=gear)))
         columns = [self.rows(other, self.shown) - bare for other in others]
@@ -56,7 +63,9 @@ class _Look:
             columns[-2][-count:] = _GAUGE[0] * bare[-count:]
             columns[-1][-count:] = _GAUGE[1] / pressure_noise(samples["pressure"])
         prior = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-        self.absorbed, _ = np.linalg.qr(np.vstack([np.nan_to_num(np.transpose(columns)), prior]))
+        self.absorbed, _ = np.linalg.qr(
+            np.vstack([np.nan_to_num(np.transpose(columns)), prior])
+        )
 
     def rows(self, plant: Plant, points: OperatingPoints) -> FloatArray:
         """Every reading without noise, in its deviations, one channel after another."""
@@ -71,21 +80,30 @@ class _Look:
     def alone(self, plant: Plant) -> FloatArray:
         """What a plant changes at the load that its meter shows."""
         off = plant.read(self.shown).load_torque - self.shown.load_torque
-        return self.rows(plant, replace(
-            self.shown, load_torque=self.shown.load_torque - off)) - self.bare
+        return (
+            self.rows(
+                plant, replace(self.shown, load_torque=self.shown.load_torque - off)
+            )
+            - self.bare
+        )
 
     def members(self, bench: Bench) -> list[FloatArray]:
         """What each effect of a bench changes beside the others."""
         whole = self.rows(bench.plant(*bench.effects), self.true)
         # An error of the output's meter moves the load at which everything else is read.
-        return [whole - self.rows(
-            bench.plant(*(other for other in bench.effects if other is not each)),
-            self.shown if isinstance(each, TorqueSensor) else self.true) for each in bench.effects]
+        return [
+            whole
+            - self.rows(
+                bench.plant(*(other for other in bench.effects if other is not each)),
+                self.shown if isinstance(each, TorqueSensor) else self.true,
+            )
+            for each in bench.effects
+        ]
 
     def left(self, signs: Sequence[FloatArray]) -> FloatArray:
         """What a refit leaves of changes of the rows, one in each column."""
         padded = np.zeros((len(self.absorbed), len(signs)))
-        padded[:len(signs[0])] = np.nan_to_num(np.transpose(signs))
+        padded[: len(signs[0])] = np.nan_to_num(np.transpose(signs))
         return np.asarray(padded - self.absorbed @ (self.absorbed.T @ padded))
 
 
@@ -98,7 +116,9 @@ def visible(campaign: Campaign) -> Visible:
     gram = left.T @ left
     cosines = gram**2 / np.outer(np.diag(gram), np.diag(gram)) - np.eye(len(gram))
     # Of each, what the others do not give as well: the Schur complement.
-    return Visible(tuple((1.0 / np.diag(np.linalg.inv(gram))).tolist()), float(np.max(cosines)))
+    return Visible(
+        tuple((1.0 / np.diag(np.linalg.inv(gram))).tolist()), float(np.max(cosines))
+    )
 
 
 def beyond_others(campaign: Campaign) -> float:
@@ -108,16 +128,26 @@ def beyond_others(campaign: Campaign) -> float:
     has, while the base, the errors of the bench and the sizes of the rest adapt.
     """
     bench, look, least = campaign.bench, _Look(campaign), np.inf
-    others = [replace(draw_effect(name, np.random.default_rng(shape)), size=_SMALL)
-              for name in KNOWN_EFFECTS if name not in bench.names for shape in range(_SHAPES)]
-    changes = look.left([look.rows(bench.plant(*bench.effects), look.true) - look.bare,
-                         *map(look.alone, map(bench.plant, others))])
+    others = [
+        replace(draw_effect(name, np.random.default_rng(shape)), size=_SMALL)
+        for name in KNOWN_EFFECTS
+        if name not in bench.names
+        for shape in range(_SHAPES)
+    ]
+    changes = look.left(
+        [
+            look.rows(bench.plant(*bench.effects), look.true) - look.bare,
+            *map(look.alone, map(bench.plant, others)),
+        ]
+    )
     members = look.left(look.members(bench))
     for i in range(len(bench.effects)):
         rest, _ = np.linalg.qr(np.delete(members, i, axis=1))
         target, *ways = (changes - rest @ (rest.T @ changes)).T
         for other, way in zip(others, ways, strict=True):
-            size = way @ target / max(way @ way, 1e-300)  # oil that stays as warm does nothing
+            size = (
+                way @ target / max(way @ way, 1e-300)
+            )  # oil that stays as warm does nothing
             if size > 0.0 or (hasattr(other, "sense") and other.variant != "dead_band"):
                 least = min(least, float(np.sum((target - size * way) ** 2)))
     return least

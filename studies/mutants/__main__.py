@@ -26,16 +26,29 @@ _ROOMS = ("physics", "model", "identification", "diagnosis", "benches", "transmi
 
 def main() -> int:
     """Run it; 0 when the goal is met."""
-    parser = argparse.ArgumentParser(prog="python -m studies.mutants", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.mutants", description=__doc__
+    )
     parser.add_argument("--count", type=int, default=200, help="mutants (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="that draws them (%(default)s)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="side by side")
-    parser.add_argument("--rooms", nargs="+", default=_ROOMS, help="folders of hmcvt_core")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="that draws them (%(default)s)"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="side by side"
+    )
+    parser.add_argument(
+        "--rooms", nargs="+", default=_ROOMS, help="folders of hmcvt_core"
+    )
     parser.add_argument("--tests", nargs="+", default=_TESTS)
-    parser.add_argument("--folder", type=Path, default=Path("build/mutants"),
-                        help="copies and results; an interrupted run goes on from here")
-    parser.add_argument("--out", type=Path, default=Path(os.devnull),
-                        help="write the report there, too")
+    parser.add_argument(
+        "--folder",
+        type=Path,
+        default=Path("build/mutants"),
+        help="copies and results; an interrupted run goes on from here",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path(os.devnull), help="write the report there, too"
+    )
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     folder = given.folder.resolve()
@@ -48,7 +61,10 @@ def main() -> int:
     if answers.returncode != 0:
         raise RuntimeError(f"the probe fails without any mutant:\n{answers.stderr}")
     reference.write_text(answers.stdout, encoding="utf-8")
-    drawn = {mutation.key: mutation for mutation in draw(given.rooms, given.count, given.seed)}
+    drawn = {
+        mutation.key: mutation
+        for mutation in draw(given.rooms, given.count, given.seed)
+    }
 
     def work(mutation: Mutation) -> Record:
         with copies.one() as copy:
@@ -56,9 +72,13 @@ def main() -> int:
 
     records: list[Record] = []
     with ThreadPoolExecutor(given.jobs) as pool:
-        for record in recorded(pool, work, drawn, folder / f"results-{copies.state}.jsonl"):
+        for record in recorded(
+            pool, work, drawn, folder / f"results-{copies.state}.jsonl"
+        ):
             records.append(record)
-            _say(f"{len(records)} of {len(drawn)}: {record['outcome']}: {record['key']}")
+            _say(
+                f"{len(records)} of {len(drawn)}: {record['outcome']}: {record['key']}"
+            )
     text = report(records, f"{given.count} drawn with seed {given.seed}")
     print(text)
     given.out.write_text(text, encoding="utf-8")
@@ -67,9 +87,12 @@ def main() -> int:
 
 def draw(rooms: Sequence[str], count: int, seed: int) -> list[Mutation]:
     """Draw mutants, every one as likely as the other."""
-    every = [mutation for room in rooms
-             for path in sorted((ROOT / "hmcvt_core" / room).rglob("*.py"))
-             for mutation in mutations(str(path.relative_to(ROOT)), path.read_bytes())]
+    every = [
+        mutation
+        for room in rooms
+        for path in sorted((ROOT / "hmcvt_core" / room).rglob("*.py"))
+        for mutation in mutations(str(path.relative_to(ROOT)), path.read_bytes())
+    ]
     return random.Random(seed).sample(every, min(count, len(every)))
 
 
@@ -81,11 +104,21 @@ def share(records: Sequence[Record]) -> float:
 
 def report(records: Sequence[Record], what: str) -> str:
     """Tell how many were noticed, and show those that were not."""
-    kinds = {outcome: sorted((record for record in records if record["outcome"] == outcome),
-                             key=lambda record: str(record["key"]))
-             for outcome in (KILLED, SURVIVED, NO_EFFECT)}
-    return render("report.md.j2", Path(__file__).parent, what=what, share=share(records),
-                  goal=GOAL, kinds=kinds)
+    kinds = {
+        outcome: sorted(
+            (record for record in records if record["outcome"] == outcome),
+            key=lambda record: str(record["key"]),
+        )
+        for outcome in (KILLED, SURVIVED, NO_EFFECT)
+    }
+    return render(
+        "report.md.j2",
+        Path(__file__).parent,
+        what=what,
+        share=share(records),
+        goal=GOAL,
+        kinds=kinds,
+    )
 
 
 if __name__ == "__main__":

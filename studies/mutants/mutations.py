@@ -11,16 +11,41 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 _SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,
-    ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
-    ast.And: ast.Or, ast.Or: ast.And,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
 }
 _TURNED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
-_PAIRS = (("min", "max"), ("minimum", "maximum"), ("any", "all"), ("argmin", "argmax"),
-          ("nanmin", "nanmax"), ("nanargmin", "nanargmax"), ("mean", "median"), ("sin", "cos"),
-          ("floor", "ceil"), ("zeros", "ones"))
+_PAIRS = (
+    ("min", "max"),
+    ("minimum", "maximum"),
+    ("any", "all"),
+    ("argmin", "argmax"),
+    ("nanmin", "nanmax"),
+    ("nanargmin", "nanargmax"),
+    ("mean", "median"),
+    ("sin", "cos"),
+    ("floor", "ceil"),
+    ("zeros", "ones"),
+)
 _NAMES = {old: new for pair in _PAIRS for old, new in (pair, pair[::-1])}
 _LEFT_ALONE = {"annotation", "returns", "decorator_list"}
 
@@ -43,7 +68,7 @@ class Mutation:
         return f"{self.path}:{self.lines[0]}:{self.start}-{self.end}:{self.text}"
 
     def apply(self, source: bytes) -> bytes:
-        return source[:self.start] + self.text.encode() + source[self.end:]
+        return source[: self.start] + self.text.encode() + source[self.end :]
 
 
 def mutations(path: str, source: bytes) -> Iterator[Mutation]:
@@ -58,10 +83,13 @@ def mutations(path: str, source: bytes) -> Iterator[Mutation]:
             yield Mutation(path, start, end, text, lines)
 
 
-def _nodes(node: ast.AST, lines: tuple[int, int]) -> Iterator[tuple[ast.AST, tuple[int, int]]]:
+def _nodes(
+    node: ast.AST, lines: tuple[int, int]
+) -> Iterator[tuple[ast.AST, tuple[int, int]]]:
     """Nodes that may be changed, each with the lines of its statement (heads of blocks only)."""
     if isinstance(node, (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom)) or (
-            isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"):
+        isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+    ):
         return
     if isinstance(node, ast.stmt):
         body = getattr(node, "body", None)

@@ -54,20 +54,31 @@ OF_A_TRACTOR = (
     "predict --json --stage HM1 --engine-speed 150 --displacement-ratio 0.4 --output-torque -400",
 )
 OF_A_UNIT = (
-    "unit --json {0} --kind {1} --above pressure=0.7 --into tractor.yaml", "unit {0} --kind {1}")
+    "unit --json {0} --kind {1} --above pressure=0.7 --into tractor.yaml",
+    "unit {0} --kind {1}",
+)
 TWINS = ("charge_pump", "stroke_leakage", "oil_temperature", "torque_sensor")
 
 
 def commands() -> Iterator[str]:
     """What is asked, of files written into the folder where one stands."""
-    for name in ("data/table2.csv", "data/simulated.csv", "params/tractor.yaml",
-                 "params/engine.yaml", "params/engine.csv"):
+    for name in (
+        "data/table2.csv",
+        "data/simulated.csv",
+        "params/tractor.yaml",
+        "params/engine.yaml",
+        "params/engine.csv",
+    ):
         Path(Path(name).name).write_bytes(hmcvt.data_path(name).read_bytes())
     yield from OF_A_BENCH
-    models = {name: hmcvt.load_model(hmcvt.data_path(f"params/{name}.yaml"))
-              for name in ("hm4", "paper", "hydrostatic", "output_coupled")}
+    models = {
+        name: hmcvt.load_model(hmcvt.data_path(f"params/{name}.yaml"))
+        for name in ("hm4", "paper", "hydrostatic", "output_coupled")
+    }
     for kind in library():
-        effect = kind(**{parameter.name: parameter.typical for parameter in kind.parameters()})
+        effect = kind(
+            **{parameter.name: parameter.typical for parameter in kind.parameters()}
+        )
         models[kind.__name__] = replace(models["hm4"], effects=(effect,))
     for name, model in models.items():
         hmcvt.save_model(model, f"{name}.yaml")
@@ -75,16 +86,34 @@ def commands() -> Iterator[str]:
     yield from (f"{each} --params tractor.yaml" for each in OF_A_TRACTOR)
     for names in ((), ("orifice_leakage",), ("barrel_churning", "compressibility")):
         unit = vars(simulated(names, 1))
-        table = {each: unit[each] + 0.0 * unit["speed"] for each in (
-            "displacement", "displacement_ratio", "speed", "pressure", "flow_loss", "torque_loss")}
+        table = {
+            each: unit[each] + 0.0 * unit["speed"]
+            for each in (
+                "displacement",
+                "displacement_ratio",
+                "speed",
+                "pressure",
+                "flow_loss",
+                "torque_loss",
+            )
+        }
         name = f"unit{len(names)}.csv"
-        np.savetxt(name, np.stack([*table.values()], 1), delimiter=",", header=",".join(table),
-                   comments="")
+        np.savetxt(
+            name,
+            np.stack([*table.values()], 1),
+            delimiter=",",
+            header=",".join(table),
+            comments="",
+        )
         yield from (each.format(name, unit["kind"]) for each in OF_A_UNIT)
     for seed, name in enumerate(TWINS):
-        found = make_campaign(seed, ((name, 0.015),), samples=32,
-                              pressure_gauge=(0.0, 0.0) if seed % 2 else None,
-                              temperature_swing=25.0 if name == "oil_temperature" else None)
+        found = make_campaign(
+            seed,
+            ((name, 0.015),),
+            samples=32,
+            pressure_gauge=(0.0, 0.0) if seed % 2 else None,
+            temperature_swing=25.0 if name == "oil_temperature" else None,
+        )
         write_bench(f"{name}.csv", hmcvt.BenchSamples(**found.samples))
         yield f"diagnose --json {name}.csv"
 
@@ -98,15 +127,22 @@ def document() -> Iterator[tuple[str, Any]]:
             for line in commands():
                 done = CliRunner().invoke(cli, line.split())
                 told = done.output or repr(done.exception)
-                yield line, json.loads(told, object_hook=_undated) if told[0] in "[{" else told
-            yield from ((path.name, path.read_text()) for path in sorted(Path().glob("*.yaml")))
+                yield (
+                    line,
+                    json.loads(told, object_hook=_undated) if told[0] in "[{" else told,
+                )
+            yield from (
+                (path.name, path.read_text()) for path in sorted(Path().glob("*.yaml"))
+            )
         finally:
             os.chdir(before)
 
 
 def changed(reference: dict[str, Any]) -> str | None:
     """The first answer that is another than the one known; None when all agree."""
-    return next((name for name, found in document() if not same(found, reference[name])), None)
+    return next(
+        (name for name, found in document() if not same(found, reference[name])), None
+    )
 
 
 def _undated(entries: dict[str, Any]) -> dict[str, Any]:
@@ -117,7 +153,9 @@ def _undated(entries: dict[str, Any]) -> dict[str, Any]:
 def same(one: Any, other: Any) -> bool:
     """Tell whether two documents agree, numbers within a millionth."""
     if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+        return one.keys() == other.keys() and all(
+            same(one[key], other[key]) for key in one
+        )
     if isinstance(one, list) and isinstance(other, list):
         return len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, float) and isinstance(other, float):

@@ -23,7 +23,9 @@ CASES = (
 
 
 @click.command("poisoning")
-@click.option("--campaigns", type=click.IntRange(1, 100_000), default=200, show_default=True)
+@click.option(
+    "--campaigns", type=click.IntRange(1, 100_000), default=200, show_default=True
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True)
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=None)
@@ -32,20 +34,51 @@ def command(campaigns: int, seed: int, jobs: int, out: Path | None) -> None:
     rows = []
     with Processes(jobs) as pool:
         for case in CASES:
-            found = list(pool.map(campaign, [(case, seed + i) for i in range(campaigns)]))
+            found = list(
+                pool.map(campaign, [(case, seed + i) for i in range(campaigns)])
+            )
             served, clean, spoiled, adopted, also, seen, blamed = (
-                np.array([record[key] for record in found], dtype=float) for key in found[0])
+                np.array([record[key] for record in found], dtype=float)
+                for key in found[0]
+            )
             worse = spoiled - np.maximum(clean, served)
-            rows.append((case.what, f"{100 * worse.max():.2f}", int((worse > 0.01).sum()),
-                         *(f"{100 * np.median(each):.1f}" for each in (served, clean, spoiled)),
-                         *(f"{100 * each.mean():.1f} %" for each in (adopted, also, seen)),
-                         int(blamed.sum())))
+            rows.append(
+                (
+                    case.what,
+                    f"{100 * worse.max():.2f}",
+                    int((worse > 0.01).sum()),
+                    *(
+                        f"{100 * np.median(each):.1f}"
+                        for each in (served, clean, spoiled)
+                    ),
+                    *(f"{100 * each.mean():.1f} %" for each in (adopted, also, seen)),
+                    int(blamed.sum()),
+                )
+            )
             click.echo(rows[-1])
-    head = ("", "worst excess", "above 1", "median error in service", "clean", "spoiled",
-            "clean adopted", "spoiled adopted", "bad samples set aside", "good ones set aside")
+    head = (
+        "",
+        "worst excess",
+        "above 1",
+        "median error in service",
+        "clean",
+        "spoiled",
+        "clean adopted",
+        "spoiled adopted",
+        "bad samples set aside",
+        "good ones set aside",
+    )
     if out is not None:
-        write_atomically(out, render("page.md.j2", Path(__file__).parent, campaigns=campaigns,
-                                     seed=seed, table=table(head, rows)))
+        write_atomically(
+            out,
+            render(
+                "page.md.j2",
+                Path(__file__).parent,
+                campaigns=campaigns,
+                seed=seed,
+                table=table(head, rows),
+            ),
+        )
 
 
 if __name__ == "__main__":

@@ -16,18 +16,36 @@ _SEEDS = 30
 _JOBS = 2
 
 
-@click.command("reproduce", epilog="""\b
+@click.command(
+    "reproduce",
+    epilog="""\b
 Examples:
   python -m studies.reproduce
   python -m studies.reproduce --out reproduction --seeds 100
-  python -m studies.reproduce --json""")
-@click.option("--out", default="reproduction", show_default=True, metavar="DIR",
-              type=click.Path(file_okay=False, writable=True, path_type=Path),
-              help="Folder for report.html, report.md and the figures.")
-@click.option("--seeds", type=click.IntRange(1, 1000), default=_SEEDS, show_default=True,
-              help="Runs of each algorithm of figure 6.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=min(_JOBS, os.cpu_count() or 1),
-              show_default=f"cores, at most {_JOBS}", help="Processes side by side.")
+  python -m studies.reproduce --json""",
+)
+@click.option(
+    "--out",
+    default="reproduction",
+    show_default=True,
+    metavar="DIR",
+    type=click.Path(file_okay=False, writable=True, path_type=Path),
+    help="Folder for report.html, report.md and the figures.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, 1000),
+    default=_SEEDS,
+    show_default=True,
+    help="Runs of each algorithm of figure 6.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    default=min(_JOBS, os.cpu_count() or 1),
+    show_default=f"cores, at most {_JOBS}",
+    help="Processes side by side.",
+)
 @json_option
 def command(out: Path, seeds: int, jobs: int, as_json: bool) -> None:
     """Put every number and figure of the paper beside ours, with a verdict on each."""

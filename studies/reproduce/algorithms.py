@@ -33,10 +33,18 @@ from .bench import FITTED, problem, stage, table2
 Array = NDArray[np.float64]
 
 IMPROVED_SA, STANDARD_SA, COOLER, SERVED = (
-    "improved SA", "standard SA", "improved SA, cooler", "hmcvt identify")
+    "improved SA",
+    "standard SA",
+    "improved SA, cooler",
+    "hmcvt identify",
+)
 GA, PSO = "GA", "PSO"
-WITHOUT = {1: "without (1) threshold", 2: "without (2) shrinking disturbance",
-           3: "without (3) adaptive cooling", 4: "without (4) two-part start"}
+WITHOUT = {
+    1: "without (1) threshold",
+    2: "without (2) shrinking disturbance",
+    3: "without (3) adaptive cooling",
+    4: "without (4) two-part start",
+}
 ANNEALING = (IMPROVED_SA, *WITHOUT.values(), STANDARD_SA, COOLER)
 
 NEAR = 1.05
@@ -68,7 +76,9 @@ class Run:
 
     def evaluations_to(self, target: float) -> int:
         """Evaluations until the value was at most a target; all of them where it never was."""
-        return next((count for count, value in self.curve if value <= target), self.evaluations)
+        return next(
+            (count for count, value in self.curve if value <= target), self.evaluations
+        )
 
 
 def never(steps: int, slow_steps: Array) -> Array:
@@ -123,8 +133,14 @@ def run(task: Task) -> Run:
     spent += time.process_time() - begun
     # A start that has no answer may never find one.
     value = recorder.curve[-1][1] if recorder.curve else math.inf
-    return Run(task.algorithm, task.seed, value, recorder.evaluations, spent,
-               tuple(recorder.curve))
+    return Run(
+        task.algorithm,
+        task.seed,
+        value,
+        recorder.evaluations,
+        spent,
+        tuple(recorder.curve),
+    )
 
 
 def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
@@ -137,8 +153,12 @@ def _settings(algorithm: str, threshold: float) -> tuple[Schedule, bool]:
         WITHOUT[3]: (replace(improved, cooling=STANDARD.cooling), True),
         WITHOUT[4]: (improved, False),
         STANDARD_SA: (STANDARD, False),
-        COOLER: (replace(improved, initial_temperature=_COOLER[0], final_temperature=_COOLER[1]),
-                 True),
+        COOLER: (
+            replace(
+                improved, initial_temperature=_COOLER[0], final_temperature=_COOLER[1]
+            ),
+            True,
+        ),
     }[algorithm]
 
 
@@ -153,7 +173,9 @@ def _part_one() -> tuple[Array, float]:
     times = []
     for _ in range(2):
         begun = time.process_time()
-        starts = starting_points(_problem(), hydraulic_roots(stage(), _problem().samples))
+        starts = starting_points(
+            _problem(), hydraulic_roots(stage(), _problem().samples)
+        )
         times.append(time.process_time() - begun)
     values = _problem().objective(starts)
     return starts[int(np.nanargmin(values))], min(times)
@@ -161,10 +183,18 @@ def _part_one() -> tuple[Array, float]:
 
 def _served(task: Task) -> Run:
     begun = time.process_time()
-    found = identify(_problem().samples, stage=stage(), formulation="published", seed=task.seed)
+    found = identify(
+        _problem().samples, stage=stage(), formulation="published", seed=task.seed
+    )
     spent = time.process_time() - begun
-    return Run(SERVED, task.seed, found.objective, found.evaluations, spent,
-               ((found.evaluations, found.objective),))
+    return Run(
+        SERVED,
+        task.seed,
+        found.objective,
+        found.evaluations,
+        spent,
+        ((found.evaluations, found.objective),),
+    )
 
 
 def _population(name: str) -> Callable[[_Recorder, int], None]:
@@ -174,15 +204,31 @@ def _population(name: str) -> Callable[[_Recorder, int], None]:
         """The recorder as pymoo wants it."""
 
         def __init__(self, recorder: _Recorder) -> None:
-            super().__init__(n_var=len(BOUNDS), n_obj=1, xl=BOUNDS[:, 0], xu=BOUNDS[:, 1])
+            super().__init__(
+                n_var=len(BOUNDS), n_obj=1, xl=BOUNDS[:, 0], xu=BOUNDS[:, 1]
+            )
             self.recorder = recorder
 
-        def _evaluate(self, x: Array, out: dict[str, Array], *_: object, **__: object) -> None:
-            out["F"] = np.nan_to_num(self.recorder(x), nan=_PENALTY, posinf=_PENALTY)[:, None]
+        def _evaluate(
+            self, x: Array, out: dict[str, Array], *_: object, **__: object
+        ) -> None:
+            out["F"] = np.nan_to_num(self.recorder(x), nan=_PENALTY, posinf=_PENALTY)[
+                :, None
+            ]
 
     def search(recorder: _Recorder, seed: int) -> None:
-        algorithm = ga.GA(pop_size=paper.PARTICLES) if name == GA else pso.PSO(
-            pop_size=paper.PARTICLES, adaptive=False, pertube_best=False, **_CONSTRICTION)
-        minimize(Identification(recorder), algorithm, ("n_gen", paper.ITERATIONS), seed=seed)
+        algorithm = (
+            ga.GA(pop_size=paper.PARTICLES)
+            if name == GA
+            else pso.PSO(
+                pop_size=paper.PARTICLES,
+                adaptive=False,
+                pertube_best=False,
+                **_CONSTRICTION,
+            )
+        )
+        minimize(
+            Identification(recorder), algorithm, ("n_gen", paper.ITERATIONS), seed=seed
+        )
 
     return search

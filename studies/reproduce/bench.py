@@ -37,10 +37,14 @@ def table2() -> BenchSamples:
 @functools.cache
 def stage(gear_efficiency: float = paper.BEST_GEAR_EFFICIENCY) -> Stage:
     """Stage HM4 with one efficiency in every gear pair."""
-    return load_stage(data_path("params/transmission.yaml")).with_gear_efficiency(gear_efficiency)
+    return load_stage(data_path("params/transmission.yaml")).with_gear_efficiency(
+        gear_efficiency
+    )
 
 
-def problem(formulation: str, gear_efficiency: float = paper.BEST_GEAR_EFFICIENCY) -> Problem:
+def problem(
+    formulation: str, gear_efficiency: float = paper.BEST_GEAR_EFFICIENCY
+) -> Problem:
     """All eight tests as an identification problem."""
     model = EfficiencyModel(stage(gear_efficiency), PAPER_PARAMETERS[0.98], formulation)
     return Problem(model, table2())
@@ -65,12 +69,23 @@ def lowest(objective: Callable[[Array], Array], box: Array = BOUNDS) -> Array:
         objective: values (m,) at points (m, 3); NaN where there is no answer.
         box: shape (3, 2).
     """
+
     def values(columns: Array) -> Array:
         return np.nan_to_num(objective(columns.T), nan=_NOTHING, posinf=_NOTHING)
 
-    points = box[:, 0] + np.ptp(box, axis=1) * qmc.Sobol(3, scramble=False).random_base2(_LOOKS)
+    points = box[:, 0] + np.ptp(box, axis=1) * qmc.Sobol(
+        3, scramble=False
+    ).random_base2(_LOOKS)
     # From the best few the search does not settle in the first valley that it meets.
     best = points[np.argsort(values(points.T))[:_POPULATION]]
-    found: Array = differential_evolution(values, box, init=best, vectorized=True, polish=False,
-                                          updating="deferred", tol=1e-9, rng=0).x
+    found: Array = differential_evolution(
+        values,
+        box,
+        init=best,
+        vectorized=True,
+        polish=False,
+        updating="deferred",
+        tol=1e-9,
+        rng=0,
+    ).x
     return found

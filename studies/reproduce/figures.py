@@ -51,7 +51,9 @@ def drawings(found: Reproduction) -> list[Drawing]:
 def _drawn(name: str, title: str, caption: str, draw: Callable[[Any], None]) -> Drawing:
     with styled() as figure:
         draw(figure.subplots())
-        return Drawing(name, title, caption, to_svg(figure, name, title), to_png(figure, dpi=110))
+        return Drawing(
+            name, title, caption, to_svg(figure, name, title), to_png(figure, dpi=110)
+        )
 
 
 # --- figures 3 to 5 -------------------------------------------------------------------------------
@@ -59,12 +61,18 @@ def _drawn(name: str, title: str, caption: str, draw: Callable[[Any], None]) -> 
 
 def _surface_drawing(surface: Surface) -> Drawing:
     name = f"figure{surface.figure}-{surface.formulation.replace('_', '-')}"
-    title = (f"Figure {surface.figure}: {1e-3 * surface.load_power:g} kW, "
-             f"{_NAMES[surface.formulation]}")
-    caption = "Efficiency over engine speed and transmission ratio n_out / n_e, eq. (5)."
+    title = (
+        f"Figure {surface.figure}: {1e-3 * surface.load_power:g} kW, "
+        f"{_NAMES[surface.formulation]}"
+    )
+    caption = (
+        "Efficiency over engine speed and transmission ratio n_out / n_e, eq. (5)."
+    )
     if surface.formulation == "published":
-        caption += (" Hatched: the formulas contradict themselves. Thick line: a pole of (11), "
-                    "where eta_total leaves to both infinities.")
+        caption += (
+            " Hatched: the formulas contradict themselves. Thick line: a pole of (11), "
+            "where eta_total leaves to both infinities."
+        )
     elif surface.refused:
         caption += " Hatched: the load cannot be carried, leakage takes the whole flow."
     return _drawn(name, title, caption, lambda axes: _surface(axes, surface))
@@ -74,15 +82,33 @@ def _surface(axes: Any, surface: Surface) -> None:
     speed, ratio = surface.engine_speed / RPM, surface.speed_ratio
     served = 100.0 * surface.efficiency
     axes.grid(visible=False)
-    axes.contourf(speed, ratio, np.isnan(served).astype(float), levels=[0.5, 1.5], colors="none",
-                  hatches=["////"])
-    shades = axes.contourf(speed, ratio, served, levels=_LEVELS, cmap="gray",
-                           norm=BoundaryNorm(_LEVELS, 256))
+    axes.contourf(
+        speed,
+        ratio,
+        np.isnan(served).astype(float),
+        levels=[0.5, 1.5],
+        colors="none",
+        hatches=["////"],
+    )
+    shades = axes.contourf(
+        speed,
+        ratio,
+        served,
+        levels=_LEVELS,
+        cmap="gray",
+        norm=BoundaryNorm(_LEVELS, 256),
+    )
     axes.contour(speed, ratio, served, levels=_LEVELS, colors="black", linewidths=0.7)
     axes.figure.colorbar(shades, ax=axes, label="efficiency [%]", ticks=_LEVELS)
     if surface.denominator is not None:
-        axes.contour(speed, ratio, surface.denominator, levels=[0.0], colors=_PAPER,
-                     linewidths=4.0)
+        axes.contour(
+            speed,
+            ratio,
+            surface.denominator,
+            levels=[0.0],
+            colors=_PAPER,
+            linewidths=4.0,
+        )
     axes.set(xlabel="engine speed [r/min]", ylabel="transmission ratio n_out / n_e [-]")
 
 
@@ -96,18 +122,28 @@ def _figure6(found: Reproduction) -> list[Drawing]:
     first = [IMPROVED_SA, COOLER, STANDARD_SA, GA, PSO]
     target = f"Dashed: {100 * (NEAR - 1):.0f} % above the lowest."
     return [
-        _drawn("figure6-evolution", "Figure 6: evolution over evaluations",
-               f"Lowest 1 - RSQ so far above the lowest known, {found.lowest:.5f}; median of "
-               f"{seeds}, band: quartiles; part 1 of the improved SA is not counted. {target}",
-               lambda axes: _evolution(axes, found, first)),
-        _drawn("figure6-errors", "Figure 6: error reached",
-               f"1 - RSQ above the lowest known (at least 1e-6); box: quartiles, bar: median, "
-               f"circles: all {seeds}. {target}",
-               lambda axes: _boxes(axes, found, [*first, SERVED])),
-        _drawn("ablation", "The four improvements, each left out",
-               f"As the figure before; the same {seeds}. {target}",
-               lambda axes: _boxes(
-                   axes, found, [IMPROVED_SA, *WITHOUT.values(), STANDARD_SA])),
+        _drawn(
+            "figure6-evolution",
+            "Figure 6: evolution over evaluations",
+            f"Lowest 1 - RSQ so far above the lowest known, {found.lowest:.5f}; median of "
+            f"{seeds}, band: quartiles; part 1 of the improved SA is not counted. {target}",
+            lambda axes: _evolution(axes, found, first),
+        ),
+        _drawn(
+            "figure6-errors",
+            "Figure 6: error reached",
+            f"1 - RSQ above the lowest known (at least 1e-6); box: quartiles, bar: median, "
+            f"circles: all {seeds}. {target}",
+            lambda axes: _boxes(axes, found, [*first, SERVED]),
+        ),
+        _drawn(
+            "ablation",
+            "The four improvements, each left out",
+            f"As the figure before; the same {seeds}. {target}",
+            lambda axes: _boxes(
+                axes, found, [IMPROVED_SA, *WITHOUT.values(), STANDARD_SA]
+            ),
+        ),
     ]
 
 
@@ -117,20 +153,31 @@ def _above(found: Reproduction, values: Any) -> Any:
 
 
 def _evolution(axes: Any, found: Reproduction, names: Sequence[str]) -> None:
-    styles = {IMPROVED_SA: (_OURS, "-"), COOLER: (_OURS, (0, (1, 1))), STANDARD_SA: ("0.5", "--"),
-              GA: (_PAPER, "-."), PSO: ("black", ":")}
+    styles = {
+        IMPROVED_SA: (_OURS, "-"),
+        COOLER: (_OURS, (0, (1, 1))),
+        STANDARD_SA: ("0.5", "--"),
+        GA: (_PAPER, "-."),
+        PSO: ("black", ":"),
+    }
     for name in names:
         summary, (color, line) = found.summaries[name], styles[name]
         last = int(summary.quartiles("evaluations")[1])
         grid = np.unique(np.geomspace(_FIRST, last, 200).astype(int))
         curves = np.array([_curve(run.curve, grid) for run in summary.runs])
-        low, middle, high = (_above(found, q) for q in np.percentile(curves, (25, 50, 75), axis=0))
+        low, middle, high = (
+            _above(found, q) for q in np.percentile(curves, (25, 50, 75), axis=0)
+        )
         axes.fill_between(grid, low, high, color=color, alpha=0.16, lw=0)
         axes.plot(grid, middle, color=color, ls=line, lw=2.6, label=name)
         axes.plot(grid[-1], middle[-1], color=color, marker="o", ms=8)
     axes.axhline((NEAR - 1.0) * found.lowest, color="0.3", ls=(0, (6, 4)), lw=1.2)
-    axes.set(xscale="log", yscale="log", xlabel="evaluations [-]",
-             ylabel="1 - RSQ above the lowest [-]")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="evaluations [-]",
+        ylabel="1 - RSQ above the lowest [-]",
+    )
     axes.set_ylim(7e-7, 3.0)
     axes.set_xlim(_FIRST, None)
     _plain_powers(axes.xaxis, axes.yaxis)
@@ -146,16 +193,22 @@ def _curve(curve: Sequence[tuple[int, float]], grid: Any) -> Any:
 
 def _boxes(axes: Any, found: Reproduction, names: Sequence[str]) -> None:
     names = list(reversed(names))
-    values = [_above(found, [run.value for run in found.summaries[name].runs]) for name in names]
+    values = [
+        _above(found, [run.value for run in found.summaries[name].runs])
+        for name in names
+    ]
     for place, row in enumerate(values, 1):
         low, middle, high = np.percentile(row, (25, 50, 75))
         axes.barh(place, high - low, left=low, height=0.6, **_BOX)
         axes.plot((middle, middle), (place - 0.3, place + 0.3), color="black", lw=3.0)
         axes.plot(row, place + np.linspace(-0.2, 0.2, len(row)), **_EACH)
     axes.axvline((NEAR - 1.0) * found.lowest, color="0.3", ls=(0, (6, 4)), lw=1.2)
-    axes.set(xscale="log", xlabel="1 - RSQ above the lowest [-]",
-             yticks=range(1, len(names) + 1),
-             yticklabels=[_two_lines(name, found.summaries[name]) for name in names])
+    axes.set(
+        xscale="log",
+        xlabel="1 - RSQ above the lowest [-]",
+        yticks=range(1, len(names) + 1),
+        yticklabels=[_two_lines(name, found.summaries[name]) for name in names],
+    )
     axes.set_xlim(6e-7, 3.0)
     _plain_powers(axes.xaxis)
 
@@ -164,12 +217,18 @@ def _plain_powers(*scales: Any) -> None:
     """Write 1e-6, not a small raised exponent; every second power has room."""
     for scale in scales:
         scale.set_major_locator(LogLocator(numticks=5))
-        scale.set_major_formatter(FuncFormatter(
-            lambda value, _: f"{value:g}".replace("e-0", "e-")))
+        scale.set_major_formatter(
+            FuncFormatter(lambda value, _: f"{value:g}".replace("e-0", "e-"))
+        )
         scale.set_minor_locator(NullLocator())
 
 
 def _two_lines(name: str, summary: Summary) -> str:
-    for long, short in (("without ", "no "), ("shrinking ", ""), ("adaptive ", ""), (" start", "")):
+    for long, short in (
+        ("without ", "no "),
+        ("shrinking ", ""),
+        ("adaptive ", ""),
+        (" start", ""),
+    ):
         name = name.replace(long, short)
     return f"{name}\n{summary.quartiles('evaluations')[1]:.0f} evaluations"

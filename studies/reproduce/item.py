@@ -33,8 +33,13 @@ class Item:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
-        return {"item": self.name, "published": self.published, "ours": self.ours,
-                "verdict": self.verdict, "why": self.why}
+        return {
+            "item": self.name,
+            "published": self.published,
+            "ours": self.ours,
+            "verdict": self.verdict,
+            "why": self.why,
+        }
 
     def text(self, value: float | str | None) -> str:
         """Return the published value, or ours, as text."""
@@ -46,8 +51,15 @@ class Item:
 
 
 def printed(
-    group: str, name: str, published: float, ours: float, form: str, *,
-    better: bool = False, why: str = "", remark: str = "",
+    group: str,
+    name: str,
+    published: float,
+    ours: float,
+    form: str,
+    *,
+    better: bool = False,
+    why: str = "",
+    remark: str = "",
 ) -> Item:
     """Judge a printed number.
 
@@ -63,18 +75,37 @@ def printed(
 
 
 def printed_error(
-    group: str, name: str, published: float, ours: float, *, form: str = ".2f", why: str = ""
+    group: str,
+    name: str,
+    published: float,
+    ours: float,
+    *,
+    form: str = ".2f",
+    why: str = "",
 ) -> Item:
     """Judge a printed error: the smaller one is better."""
     smaller = ours < published
-    return printed(group, name, published, ours, form, better=smaller,
-                   why="" if smaller else why)
+    return printed(
+        group, name, published, ours, form, better=smaller, why="" if smaller else why
+    )
 
 
 def claim(
-    group: str, name: str, published: str, ours: str, holds: bool, *, why: str = "",
+    group: str,
+    name: str,
+    published: str,
+    ours: str,
+    holds: bool,
+    *,
+    why: str = "",
     remark: str = "",
 ) -> Item:
     """Judge a claim in words by whether its condition holds."""
-    return Item(group, name, published, ours, REPRODUCED if holds else DIFFERS,
-                remark if holds else why)
+    return Item(
+        group,
+        name,
+        published,
+        ours,
+        REPRODUCED if holds else DIFFERS,
+        remark if holds else why,
+    )

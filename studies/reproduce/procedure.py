@@ -64,28 +64,48 @@ def reproduce(
     tell = progress or (lambda text: None)
     with Processes(jobs) as pool:
 
-        def done(work: Callable[[Task], Result], tasks: Sequence[Task], what: str) -> list[Result]:
+        def done(
+            work: Callable[[Task], Result], tasks: Sequence[Task], what: str
+        ) -> list[Result]:
             found = []
             for result in pool.map(work, tasks):
                 found.append(result)
                 tell(f"{what}, {len(found)} of {len(tasks)}")
             return found
 
-        fits = dict(zip(tables.fit_tasks(), done(
-            tables.fit, tables.fit_tasks(), "identification"), strict=True))
+        fits = dict(
+            zip(
+                tables.fit_tasks(),
+                done(tables.fit, tables.fit_tasks(), "identification"),
+                strict=True,
+            )
+        )
         lowest = fits["published", paper.BEST_GEAR_EFFICIENCY].identification.objective
-        tried = conclusions.enumerations(done(
-            conclusions.fit, conclusions.tasks(), "gear efficiency"))
+        tried = conclusions.enumerations(
+            done(conclusions.fit, conclusions.tasks(), "gear efficiency")
+        )
         subset_fits = done(subsets.fit, subsets.tasks(), "subset of the tests")
-        determined = done(intervals.interval, intervals.TASKS, "interval of a parameter")
+        determined = done(
+            intervals.interval, intervals.TASKS, "interval of a parameter"
+        )
         runs = done(algorithms.run, comparison.tasks(seeds, lowest), "run of figure 6")
     tell("gathering")
     drawn = surfaces.surfaces(fits)
     summaries = comparison.summaries(runs, lowest)
-    items = [*formulas.uncertainties(), *formulas.items(), *tables.items(fits),
-             *conclusions.items(fits), *subsets.items(subset_fits),
-             *conclusions.gear_items(fits, tried), *surfaces.items(drawn),
-             *comparison.items(summaries), *determined, *map(intervals.tie, intervals.SETS)]
+    items = [
+        *formulas.uncertainties(),
+        *formulas.items(),
+        *tables.items(fits),
+        *conclusions.items(fits),
+        *subsets.items(subset_fits),
+        *conclusions.gear_items(fits, tried),
+        *surfaces.items(drawn),
+        *comparison.items(summaries),
+        *determined,
+        *map(intervals.tie, intervals.SETS),
+    ]
     groups = list(dict.fromkeys(item.group for item in items))
     items.sort(key=lambda item: groups.index(item.group))
-    return Reproduction(tuple(items), fits, tuple(drawn), summaries, lowest, tuple(tried), seeds)
+    return Reproduction(
+        tuple(items), fits, tuple(drawn), summaries, lowest, tuple(tried), seeds
+    )

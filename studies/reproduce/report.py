@@ -20,9 +20,19 @@ from .tables import FORMULATIONS
 HTML, MARKDOWN = "report.html", "report.md"
 _FOLDER = Path(__file__).parent
 _TITLE = "The paper's numbers and figures beside ours"
-_MARKS = {REPRODUCED: "good", BETTER: "good", DIFFERS: "doubt", NOT_REPRODUCIBLE: "none"}
-_GROUPS = {"figure6": comparison.FIGURE_6, "ablation": comparison.ABLATION,
-           "figure3": surfaces.GROUP, "figure4": surfaces.GROUP, "figure5": surfaces.GROUP}
+_MARKS = {
+    REPRODUCED: "good",
+    BETTER: "good",
+    DIFFERS: "doubt",
+    NOT_REPRODUCIBLE: "none",
+}
+_GROUPS = {
+    "figure6": comparison.FIGURE_6,
+    "ablation": comparison.ABLATION,
+    "figure3": surfaces.GROUP,
+    "figure4": surfaces.GROUP,
+    "figure5": surfaces.GROUP,
+}
 
 
 def write(found: Reproduction, folder: Path, command: str) -> list[Path]:
@@ -45,15 +55,32 @@ def write(found: Reproduction, folder: Path, command: str) -> list[Path]:
         write_atomically(folder / f"{drawing.name}.svg", f"{drawing.svg}\n")
         (folder / f"{drawing.name}.png").write_bytes(drawing.png)
     context = {
-        "title": _TITLE, "counts": counts(found), "command": command,
-        "rules": (_FOLDER / "rules.txt").read_text(encoding="utf-8").strip().split("\n\n"),
-        "sections": [(name, list(items), details(found, name),
-                      [each for each in drawn if _group(each) == name])
-                     for name, items in groupby(found.items, key=lambda item: item.group)]}
-    write_atomically(folder / MARKDOWN, render(
-        "report.md.j2", _FOLDER, table=table, items_table=_items_table, **context))
-    write_atomically(folder / HTML, style.render(
-        "report.html.j2", _FOLDER, marks=_MARKS, **context))
+        "title": _TITLE,
+        "counts": counts(found),
+        "command": command,
+        "rules": (_FOLDER / "rules.txt")
+        .read_text(encoding="utf-8")
+        .strip()
+        .split("\n\n"),
+        "sections": [
+            (
+                name,
+                list(items),
+                details(found, name),
+                [each for each in drawn if _group(each) == name],
+            )
+            for name, items in groupby(found.items, key=lambda item: item.group)
+        ],
+    }
+    write_atomically(
+        folder / MARKDOWN,
+        render(
+            "report.md.j2", _FOLDER, table=table, items_table=_items_table, **context
+        ),
+    )
+    write_atomically(
+        folder / HTML, style.render("report.html.j2", _FOLDER, marks=_MARKS, **context)
+    )
     return [folder / HTML, folder / MARKDOWN]
 
 
@@ -62,9 +89,18 @@ def _group(drawing: Drawing) -> str:
 
 
 def _items_table(items: Sequence[Item]) -> str:
-    return table(("item", "published", "ours", "verdict"), [
-        (item.name, item.text(item.published), item.text(item.ours),
-         f"**{item.verdict}**{': ' if item.why else ''}{item.why}") for item in items])
+    return table(
+        ("item", "published", "ours", "verdict"),
+        [
+            (
+                item.name,
+                item.text(item.published),
+                item.text(item.ours),
+                f"**{item.verdict}**{': ' if item.why else ''}{item.why}",
+            )
+            for item in items
+        ],
+    )
 
 
 def counts(found: Reproduction) -> str:
@@ -90,35 +126,77 @@ def details(found: Reproduction, group: str) -> list[Table]:
 
 
 def _table3(found: Reproduction) -> Table:
-    head = ("gear efficiency", *(f"{column}, {name} [%]" for name in ("printed", *FORMULATIONS)
-                                 for column in ("all", "fitted", "predicted")))
+    head = (
+        "gear efficiency",
+        *(
+            f"{column}, {name} [%]"
+            for name in ("printed", *FORMULATIONS)
+            for column in ("all", "fitted", "predicted")
+        ),
+    )
     rows = []
     for gear, printed in paper.TABLE_3.items():
-        values = [*printed, *(value for name in FORMULATIONS
-                              for value in found.fits[name, gear].errors)]
+        values = [
+            *printed,
+            *(
+                value
+                for name in FORMULATIONS
+                for value in found.fits[name, gear].errors
+            ),
+        ]
         rows.append((f"{gear:g}", *(f"{value:.2f}" for value in values)))
     return head, rows
 
 
 def _enumerations(found: Reproduction) -> Table:
-    head = ("formulation", "objective", "bounds", "best, all data", "best, prediction",
-            *(f"{gear:g} [%]" for gear in paper.GEAR_EFFICIENCIES))
-    return head, [(each.formulation, each.objective, each.box, f"{each.best('all_data'):g}",
-                   f"{each.best('prediction'):g}",
-                   *(f"{each.errors[gear].all_data:.2f}" for gear in paper.GEAR_EFFICIENCIES))
-                  for each in found.enumerations]
+    head = (
+        "formulation",
+        "objective",
+        "bounds",
+        "best, all data",
+        "best, prediction",
+        *(f"{gear:g} [%]" for gear in paper.GEAR_EFFICIENCIES),
+    )
+    return head, [
+        (
+            each.formulation,
+            each.objective,
+            each.box,
+            f"{each.best('all_data'):g}",
+            f"{each.best('prediction'):g}",
+            *(f"{each.errors[gear].all_data:.2f}" for gear in paper.GEAR_EFFICIENCIES),
+        )
+        for each in found.enumerations
+    ]
 
 
 def _algorithms(found: Reproduction) -> Table:
-    head = ("algorithm", "1 - RSQ, median", "quartiles", "ends near the lowest",
-            "evaluations of a run", "per run that ends near", "the same, stopped there",
-            "time [s]")
+    head = (
+        "algorithm",
+        "1 - RSQ, median",
+        "quartiles",
+        "ends near the lowest",
+        "evaluations of a run",
+        "per run that ends near",
+        "the same, stopped there",
+        "time [s]",
+    )
     rows: list[tuple[str, ...]] = []
     for name, summary in found.summaries.items():
         low, middle, high = summary.quartiles("value")
-        spent, seconds = (summary.quartiles(what)[1] for what in ("evaluations", "seconds"))
-        rows.append((name, f"{middle:.5f}", f"{low:.5f} to {high:.5f}", summary.reached_text,
-                     f"{spent:.0f}", summary.cost(summary.whole),
-                     summary.cost(summary.until_met) if name != SERVED else "-",
-                     f"{seconds:.2f}"))
+        spent, seconds = (
+            summary.quartiles(what)[1] for what in ("evaluations", "seconds")
+        )
+        rows.append(
+            (
+                name,
+                f"{middle:.5f}",
+                f"{low:.5f} to {high:.5f}",
+                summary.reached_text,
+                f"{spent:.0f}",
+                summary.cost(summary.whole),
+                summary.cost(summary.until_met) if name != SERVED else "-",
+                f"{seconds:.2f}",
+            )
+        )
     return head, rows

@@ -41,13 +41,18 @@ class SubsetFit:
 def subsets() -> list[tuple[int, ...]]:
     """Test numbers of every subset."""
     numbers = range(1, len(table2()) + 1)
-    return [subset for size in range(FEWEST, len(numbers) + 1)
-            for subset in itertools.combinations(numbers, size)]
+    return [
+        subset
+        for size in range(FEWEST, len(numbers) + 1)
+        for subset in itertools.combinations(numbers, size)
+    ]
 
 
 def tasks() -> list[tuple[str, tuple[int, ...]]]:
     """Every fit."""
-    return [(formulation, subset) for formulation in FORMULATIONS for subset in subsets()]
+    return [
+        (formulation, subset) for formulation in FORMULATIONS for subset in subsets()
+    ]
 
 
 def fit(task: tuple[str, tuple[int, ...]]) -> SubsetFit:
@@ -58,22 +63,39 @@ def fit(task: tuple[str, tuple[int, ...]]) -> SubsetFit:
     found = lowest(some.objective)
     relative = 100.0 * relative_errors(whole.predict(found), table2().efficiency)
     rest = np.setdiff1d(np.arange(len(relative)), tests)
-    held = float(np.nan_to_num(relative[rest], nan=np.inf).mean()) if len(rest) else np.nan
-    return SubsetFit(formulation, subset, float(relative[tests].mean()), held,
-                     float(some.objective(found)))
+    held = (
+        float(np.nan_to_num(relative[rest], nan=np.inf).mean()) if len(rest) else np.nan
+    )
+    return SubsetFit(
+        formulation,
+        subset,
+        float(relative[tests].mean()),
+        held,
+        float(some.objective(found)),
+    )
 
 
 def items(fits: list[SubsetFit]) -> list[Item]:
     """Whether any five tests do, and what a sixth or seventh adds."""
-    return [item for formulation in reversed(FORMULATIONS)
-            for item in _items(fits, formulation)]
+    return [
+        item
+        for formulation in reversed(FORMULATIONS)
+        for item in _items(fits, formulation)
+    ]
 
 
 def _items(fits: list[SubsetFit], formulation: str) -> list[Item]:
     limit = paper.TABLE_3[paper.BEST_GEAR_EFFICIENCY].prediction
-    five, seven = (np.array([each.prediction_error for each in fits
-                             if each.formulation == formulation and len(each.tests) == size])
-                   for size in (5, 7))
+    five, seven = (
+        np.array(
+            [
+                each.prediction_error
+                for each in fits
+                if each.formulation == formulation and len(each.tests) == size
+            ]
+        )
+        for size in (5, 7)
+    )
     low, middle, high = np.percentile(five, (25, 50, 75), method="nearest")
     up_to = f"{high:.2f}" if np.isfinite(high) else "no answer"
     within = int((five <= limit).sum())
@@ -81,12 +103,21 @@ def _items(fits: list[SubsetFit], formulation: str) -> list[Item]:
     missing = int(np.isinf(five).sum())
     worst = f"worst {five.max():.2f}" if not missing else f"no answer in {missing}"
     return [
-        claim(GROUP, f"any five tests predict the other three to {limit:g} %, {formulation}",
-              f"{limit:.2f} %", f"median {middle:.2f} % ({low:.2f} to {up_to}), "
-              f"{worst}", within == len(five),
-              why=f"{within} of {len(five)} choices of five do"),
-        claim(GROUP, f"more than five tests bring nothing, {formulation}", "five suffice",
-              f"median error with 7: {most:.2f} %, with 5: {middle:.2f} %",
-              middle < 1.2 * most, why="two more tests lower the error by more than a fifth",
-              remark="two more tests lower the error by less than a fifth"),
+        claim(
+            GROUP,
+            f"any five tests predict the other three to {limit:g} %, {formulation}",
+            f"{limit:.2f} %",
+            f"median {middle:.2f} % ({low:.2f} to {up_to}), {worst}",
+            within == len(five),
+            why=f"{within} of {len(five)} choices of five do",
+        ),
+        claim(
+            GROUP,
+            f"more than five tests bring nothing, {formulation}",
+            "five suffice",
+            f"median error with 7: {most:.2f} %, with 5: {middle:.2f} %",
+            middle < 1.2 * most,
+            why="two more tests lower the error by more than a fifth",
+            remark="two more tests lower the error by less than a fifth",
+        ),
     ]

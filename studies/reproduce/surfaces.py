@@ -54,10 +54,15 @@ class Surface:
 
 def surfaces(fits: dict[tuple[str, float], Fit]) -> list[Surface]:
     """Both formulations, identified on five tests, at the three load powers."""
-    models = {name: fits[name, paper.BEST_GEAR_EFFICIENCY].identification.model
-              for name in FORMULATIONS}
-    return [_surface(figure, power, models[name]) for figure, power in paper.LOAD_POWERS.items()
-            for name in reversed(FORMULATIONS)]
+    models = {
+        name: fits[name, paper.BEST_GEAR_EFFICIENCY].identification.model
+        for name in FORMULATIONS
+    }
+    return [
+        _surface(figure, power, models[name])
+        for figure, power in paper.LOAD_POWERS.items()
+        for name in reversed(FORMULATIONS)
+    ]
 
 
 def _surface(figure: int, power: float, model: EfficiencyModel) -> Surface:
@@ -68,11 +73,22 @@ def _surface(figure: int, power: float, model: EfficiencyModel) -> Surface:
     denominator = None
     if model.formulation == "published":
         with np.errstate(divide="ignore", invalid="ignore"):
-            hydraulic = published.hydraulic_efficiency(model.stage, model.parameters, points)
+            hydraulic = published.hydraulic_efficiency(
+                model.stage, model.parameters, points
+            )
             values = published.efficiencies(model.stage, stroke, hydraulic)
             bare, denominator = values.total, values.split_ratio / values.engine_share
-    return Surface(figure, model.formulation, power, speed,
-                   speed_ratio(model.stage, stroke), stroke, served, bare, denominator)
+    return Surface(
+        figure,
+        model.formulation,
+        power,
+        speed,
+        speed_ratio(model.stage, stroke),
+        stroke,
+        served,
+        bare,
+        denominator,
+    )
 
 
 def items(found: list[Surface]) -> list[Item]:
@@ -82,12 +98,30 @@ def items(found: list[Surface]) -> list[Item]:
 
 def _items(surface: Surface) -> list[Item]:
     what = f"figure {surface.figure}, {1e-3 * surface.load_power:g} kW, {surface.formulation}"
-    best, worst = (100.0 * float(pick(surface.efficiency)) for pick in (np.nanmax, np.nanmin))
+    best, worst = (
+        100.0 * float(pick(surface.efficiency)) for pick in (np.nanmax, np.nanmin)
+    )
     ours = f"{worst:.1f} to {best:.1f} %, no answer on {100.0 * surface.refused:.0f} %"
     if surface.formulation == "power_balance":
-        return [Item(GROUP, what, "a surface without numbers", ours, NOT_REPRODUCIBLE,
-                     "the paper prints no values of its surfaces; ours is drawn for the eye")]
+        return [
+            Item(
+                GROUP,
+                what,
+                "a surface without numbers",
+                ours,
+                NOT_REPRODUCIBLE,
+                "the paper prints no values of its surfaces; ours is drawn for the eye",
+            )
+        ]
     beyond = float((np.abs(surface.bare) > 1.0).mean())
-    return [claim(GROUP, what, "a surface without gaps", ours, surface.refused == 0.0,
-                  why=f"(11) has a pole in the range: unguarded, {100.0 * beyond:.1f} % of it lies "
-                  "above 100 % or below -100 %; masked where the formulas contradict themselves")]
+    return [
+        claim(
+            GROUP,
+            what,
+            "a surface without gaps",
+            ours,
+            surface.refused == 0.0,
+            why=f"(11) has a pole in the range: unguarded, {100.0 * beyond:.1f} % of it lies "
+            "above 100 % or below -100 %; masked where the formulas contradict themselves",
+        )
+    ]

@@ -14,8 +14,14 @@ from studies.page import Run, busy_cores
 
 from . import processes, report, trial
 
-QUICK = trial.Plan(seconds=3.0, turns=2, refit_turns=1, rates=(300.0, 1000.0, 2000.0),
-                   rising_seconds=2.0, fuzz=10_000)
+QUICK = trial.Plan(
+    seconds=3.0,
+    turns=2,
+    refit_turns=1,
+    rates=(300.0, 1000.0, 2000.0),
+    rising_seconds=2.0,
+    fuzz=10_000,
+)
 _say = partial(print, flush=True)
 
 
@@ -23,9 +29,14 @@ def main() -> int:
     """Run it; 0 when every goal is met."""
     parser = argparse.ArgumentParser(prog="python -m studies.soak", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/soak.md"))
-    parser.add_argument("--quick", action="store_true",
-                        help="a minute before the kills, to try the trial itself")
-    parser.add_argument("--kills", type=int, default=60, help="random moments to kill the node")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a minute before the kills, to try the trial itself",
+    )
+    parser.add_argument(
+        "--kills", type=int, default=60, help="random moments to kill the node"
+    )
     given = parser.parse_args()
     # As Ctrl-C does: the processes that were started end, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -41,7 +52,9 @@ def main() -> int:
     command = " ".join(["python -m studies.soak", *sys.argv[1:]])
     run = Run(command, time.monotonic() - start, others)
     given.out.write_text(report.text(run, plan, loaded, fuzzed, kills))
-    missed = [goal for goal in report.goals(loaded, fuzzed, kills, plan) if not goal.met]
+    missed = [
+        goal for goal in report.goals(loaded, fuzzed, kills, plan) if not goal.met
+    ]
     for goal in missed:
         _say(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")
     _say(f"Written to {given.out} after {run.seconds:.0f} s.")
@@ -51,8 +64,20 @@ def main() -> int:
 def _kill_trials(count: int) -> report.Process:
     _say(f"{count} kills at random moments, and one before every line that writes ...")
     return subprocess.run(
-        [sys.executable, "-m", "studies.soak.kill_trials", "--trials", str(count), "--seed", "0"],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=processes.ROOT)
+        [
+            sys.executable,
+            "-m",
+            "studies.soak.kill_trials",
+            "--trials",
+            str(count),
+            "--seed",
+            "0",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=processes.ROOT,
+    )
 
 
 if __name__ == "__main__":

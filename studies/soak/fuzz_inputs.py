@@ -20,8 +20,11 @@ from .load import Target
 from .points import ORDINARY
 
 # As the interface promises it, not as the code has it.
-LIMITS = {"displacement_ratio": (-1.02, 1.02), "engine_speed": (10.0, 320.0),
-          "load_torque": (-5000.0, 5000.0)}
+LIMITS = {
+    "displacement_ratio": (-1.02, 1.02),
+    "engine_speed": (10.0, 320.0),
+    "load_torque": (-5000.0, 5000.0),
+}
 """What is accepted."""
 FULL_STROKE = 1.0  # what is beyond is noise, and taken as this
 LEAST_LOAD = 1.0  # N m; below it coasts, and there is no efficiency
@@ -32,17 +35,40 @@ REASONS = ("not finite", "out of range")
 DEPTH = 5000
 _BURST, _SILENT = 200, 20  # messages on one topic; each so many of them is to silence
 
-_NONSENSE = (math.nan, -math.nan, math.inf, -math.inf, 5e-324, -5e-324, 2.2e-308, -0.0, 0.0,
-             1.7e308, -1.7e308, 1e30, 50.0, 1.5, 750.0, 2200.0, -100.0, 1e-6)
-_EDGES = {**LIMITS, STROKE: (*LIMITS[STROKE], -FULL_STROKE, FULL_STROKE),
-          LOAD: (*LIMITS[LOAD], LEAST_LOAD)}
+_NONSENSE = (
+    math.nan,
+    -math.nan,
+    math.inf,
+    -math.inf,
+    5e-324,
+    -5e-324,
+    2.2e-308,
+    -0.0,
+    0.0,
+    1.7e308,
+    -1.7e308,
+    1e30,
+    50.0,
+    1.5,
+    750.0,
+    2200.0,
+    -100.0,
+    1e-6,
+)
+_EDGES = {
+    **LIMITS,
+    STROKE: (*LIMITS[STROKE], -FULL_STROKE, FULL_STROKE),
+    LOAD: (*LIMITS[LOAD], LEAST_LOAD),
+}
 
 
 def overrides(namespace: str) -> dict[str, Any]:
     """Return the parameters that a node needs to lose nothing and find no input stale."""
     profiles: dict[str, Any] = {"input_timeout": 60.0}
     for topic in (*TOPICS, "bench_sample"):
-        profiles[f"qos_overrides.{namespace}/{topic}.subscription.reliability"] = "reliable"
+        profiles[f"qos_overrides.{namespace}/{topic}.subscription.reliability"] = (
+            "reliable"
+        )
         profiles[f"qos_overrides.{namespace}/{topic}.subscription.depth"] = DEPTH
     for topic in ("efficiency", "optimal_displacement_ratio"):
         profiles[f"qos_overrides.{namespace}/{topic}.publisher.depth"] = DEPTH
@@ -59,8 +85,17 @@ class Oracle:
     """
 
     def __init__(self, model: EfficiencyModel) -> None:
-        self.counts = Counter({f"{topic} {what}": 0 for topic in TOPICS for what in (
-            "received", "accepted", *(f"refused, {reason}" for reason in REASONS))})
+        self.counts = Counter(
+            {
+                f"{topic} {what}": 0
+                for topic in TOPICS
+                for what in (
+                    "received",
+                    "accepted",
+                    *(f"refused, {reason}" for reason in REASONS),
+                )
+            }
+        )
         self.counts.update({TAKEN: 0, COASTING: 0})
         self.efficiency: list[float] = []
         self.optimum: list[float] = []
@@ -107,8 +142,9 @@ class InputFuzzer:
         differences: where the node did something else; empty when it kept its promises.
     """
 
-    def __init__(self, target: Target, model: EfficiencyModel, seed: int,
-                 patience: float = 20.0) -> None:
+    def __init__(
+        self, target: Target, model: EfficiencyModel, seed: int, patience: float = 20.0
+    ) -> None:
         self.sent = 0
         self.oracle = Oracle(model)
         self.differences: list[str] = []
@@ -168,8 +204,11 @@ class InputFuzzer:
             return float(struct.unpack("<d", random.bytes(8))[0])
         if kind == 2:
             limit = float(random.choice(_EDGES[topic]))
-            return float(random.choice([np.nextafter(limit, -np.inf), limit,
-                                        np.nextafter(limit, np.inf)]))
+            return float(
+                random.choice(
+                    [np.nextafter(limit, -np.inf), limit, np.nextafter(limit, np.inf)]
+                )
+            )
         return float(random.uniform(low, high)) if kind == 3 else self._ordinary(topic)
 
     def _ordinary(self, topic: str) -> float:
@@ -180,19 +219,32 @@ class InputFuzzer:
 
     def _compare_outputs(self) -> None:
         """Wait for as many answers as there must be, and compare each of them."""
-        pairs = ((self._target.efficiency.values, self.oracle.efficiency),
-                 (self._target.optimum.values, self.oracle.optimum))
+        pairs = (
+            (self._target.efficiency.values, self.oracle.efficiency),
+            (self._target.optimum.values, self.oracle.optimum),
+        )
         self._target.ear.listen_until(
-            lambda: all(len(heard) >= len(due) for heard, due in pairs), self._patience)
+            lambda: all(len(heard) >= len(due) for heard, due in pairs), self._patience
+        )
         for heard, due in pairs:
             if heard != due:
-                first = next((i for i, (one, other) in enumerate(zip(heard, due, strict=False))
-                              if one != other), min(len(heard), len(due)))
+                first = next(
+                    (
+                        i
+                        for i, (one, other) in enumerate(zip(heard, due, strict=False))
+                        if one != other
+                    ),
+                    min(len(heard), len(due)),
+                )
                 self.differences.append(
-                    f"answer {first} of {len(due)} is {heard[first:first + 1]}, not "
-                    f"{due[first:first + 1]}; {len(heard)} came")
-        self.differences += [f"efficiency {value} was published" for value in pairs[0][0]
-                             if not 0.0 < value < 1.0]
+                    f"answer {first} of {len(due)} is {heard[first : first + 1]}, not "
+                    f"{due[first : first + 1]}; {len(heard)} came"
+                )
+        self.differences += [
+            f"efficiency {value} was published"
+            for value in pairs[0][0]
+            if not 0.0 < value < 1.0
+        ]
         self._target.forget()
         self.oracle.efficiency.clear()
         self.oracle.optimum.clear()
@@ -202,7 +254,9 @@ class InputFuzzer:
         due = {**self.oracle.counts, "points answered": self.oracle.answers}
 
         def counted() -> dict[str, int]:
-            return {key: int(self._target.statuses.values["inputs"][key]) for key in due}
+            return {
+                key: int(self._target.statuses.values["inputs"][key]) for key in due
+            }
 
         if not self._target.ear.listen_until(lambda: counted() == due, self._patience):
             self.differences.append(f"diagnostics count {counted()}, not {due}")

@@ -36,15 +36,21 @@ _TORN = b"3.0,0.1,100"
 def sample(number: int) -> hmcvt.BenchSamples:
     """Return a bench sample that tells its number twice."""
     return hmcvt.BenchSamples(
-        stamp=np.array([float(number)]), engine_speed=np.array([100.0 + number % 1000 / 7.0]),
-        displacement_ratio=np.array([0.1]), load_torque=np.array([200.0]),
-        efficiency=np.array([0.8]), output_speed=np.array([90.0]))
+        stamp=np.array([float(number)]),
+        engine_speed=np.array([100.0 + number % 1000 / 7.0]),
+        displacement_ratio=np.array([0.1]),
+        load_torque=np.array([200.0]),
+        efficiency=np.array([0.8]),
+        output_speed=np.array([90.0]),
+    )
 
 
 def model(number: int) -> hmcvt.EfficiencyModel:
     """Return a model that tells its number by its leakage."""
     base = _base()
-    return replace(base, parameters=replace(base.parameters, leakage=1e-12 * (1 + number)))
+    return replace(
+        base, parameters=replace(base.parameters, leakage=1e-12 * (1 + number))
+    )
 
 
 @functools.cache
@@ -64,15 +70,33 @@ def standing(folder: Path) -> tuple[object, ...]:
         InputError: a file is not what it must be.
     """
     log, store = _log(folder), ModelStore(BASE, folder)
-    logged = sorted(_logged(folder / "log.csv") + [
-        number for path in folder.glob("log.cleared-*.csv") for number in _logged(path)])
-    damaged = [path.read_bytes().endswith(_TORN) for path in folder.glob("log.damaged-*.csv")]
-    saved = {path.name: _number(hmcvt.load_model(path))
-             for path in folder.glob("model.*yaml")}
+    logged = sorted(
+        _logged(folder / "log.csv")
+        + [
+            number
+            for path in folder.glob("log.cleared-*.csv")
+            for number in _logged(path)
+        ]
+    )
+    damaged = [
+        path.read_bytes().endswith(_TORN) for path in folder.glob("log.damaged-*.csv")
+    ]
+    saved = {
+        path.name: _number(hmcvt.load_model(path))
+        for path in folder.glob("model.*yaml")
+    }
     for path in folder.glob("models/*.yaml"):
         hmcvt.load_model(path)
-    return (logged, len(log), bool(log.recovered), any(damaged), saved.get("model.yaml"),
-            set(saved.values()), store.complaint, _number(store.in_service.model))
+    return (
+        logged,
+        len(log),
+        bool(log.recovered),
+        any(damaged),
+        saved.get("model.yaml"),
+        set(saved.values()),
+        store.complaint,
+        _number(store.in_service.model),
+    )
 
 
 def _logged(path: Path) -> list[int]:
@@ -123,15 +147,28 @@ def _refit(folder: Path, *models: int) -> None:
 Act = Callable[[Path], Any]
 STEPS: dict[str, tuple[Act, Act]] = {
     "first sample": (lambda _: None, lambda folder: _write(folder, 0)),
-    "another sample": (lambda folder: _write(folder, 0, 1, 2), lambda folder: _write(folder, 3)),
+    "another sample": (
+        lambda folder: _write(folder, 0, 1, 2),
+        lambda folder: _write(folder, 3),
+    ),
     "repair of a torn log": (_write_and_tear, _log),
-    "log set aside": (lambda folder: _write(folder, 0, 1, 2),
-                      lambda folder: _log(folder).set_aside()),
+    "log set aside": (
+        lambda folder: _write(folder, 0, 1, 2),
+        lambda folder: _log(folder).set_aside(),
+    ),
     "parameter file saved": (lambda _: None, lambda folder: _save(folder, 0)),
-    "saved over another": (lambda folder: _save(folder, 0), lambda folder: _save(folder, 1)),
-    "refit adopted": (lambda folder: _refit(folder, 0), lambda folder: _refit(folder, 1)),
-    "refit reverted": (lambda folder: _refit(folder, 0, 1),
-                       lambda folder: ModelStore(BASE, folder).revert()),
+    "saved over another": (
+        lambda folder: _save(folder, 0),
+        lambda folder: _save(folder, 1),
+    ),
+    "refit adopted": (
+        lambda folder: _refit(folder, 0),
+        lambda folder: _refit(folder, 1),
+    ),
+    "refit reverted": (
+        lambda folder: _refit(folder, 0, 1),
+        lambda folder: ModelStore(BASE, folder).revert(),
+    ),
 }
 
 
@@ -153,13 +190,17 @@ def kill_everywhere(name: str, folder: Path) -> tuple[int, list[str]]:
             found = standing(left)
             StateFolder(left).close()
             if leftovers(left):
-                problems.append(f"{name}, line {line}: {leftovers(left)} temporary files stay")
+                problems.append(
+                    f"{name}, line {line}: {leftovers(left)} temporary files stay"
+                )
             act(left)  # it goes on
         except (ValueError, OSError) as error:
             problems.append(f"{name}, line {line}: {error}")
         else:
             if found not in allowed:
-                problems.append(f"{name}, line {line}: {found}, not one of {allowed}: {left}")
+                problems.append(
+                    f"{name}, line {line}: {found}, not one of {allowed}: {left}"
+                )
         if not problems:
             shutil.rmtree(left)
         line += 1

@@ -54,9 +54,13 @@ def trials(count: int, folder: Path, rng: np.random.Generator) -> Iterator[Outco
             yield _trial(here.context, state, seconds, rng)
 
 
-def _trial(context: Context, state: Path, seconds: float, rng: np.random.Generator) -> Outcome:
+def _trial(
+    context: Context, state: Path, seconds: float, rng: np.random.Generator
+) -> Outcome:
     namespace = f"/killed{next(_numbers)}"  # that none had before
-    with processes.node(namespace, state.parent, state_folder=state, model_file=BASE) as process:
+    with processes.node(
+        namespace, state.parent, state_folder=state, model_file=BASE
+    ) as process:
         use = _Use(context, process, namespace, state)
         try:
             use.start()
@@ -73,7 +77,9 @@ def _trial(context: Context, state: Path, seconds: float, rng: np.random.Generat
 class _Use:
     """A node that is used, and what it has acknowledged; see `Outcome`."""
 
-    def __init__(self, context: Context, process: Process, namespace: str, state: Path) -> None:
+    def __init__(
+        self, context: Context, process: Process, namespace: str, state: Path
+    ) -> None:
         self.player = BenchPlayer(context, namespace)
         self.problems: list[str] = []
         self.acknowledged, self.midway = 0, False
@@ -90,8 +96,13 @@ class _Use:
         """Wait for the node and see that it stands where the last one was killed."""
         self.check(self.player.wait_for_node(), "the node did not come up")
         file = yaml.safe_load(self.player.model_text or "")["served"]["file"]
-        self.check(Path(file) == _in_service(self._state), f"serves {file}, not {self._stack[-1:]}")
-        self.check(self.player.wait_for_logged(len(self._before)), "logged samples are gone")
+        self.check(
+            Path(file) == _in_service(self._state),
+            f"serves {file}, not {self._stack[-1:]}",
+        )
+        self.check(
+            self.player.wait_for_logged(len(self._before)), "logged samples are gone"
+        )
         self.check(leftovers(self._state) == 0, "temporary files stay")
 
     def go_on(self, seconds: float, rng: np.random.Generator) -> None:
@@ -111,21 +122,30 @@ class _Use:
         """End the node at once; see that nothing of it goes on and nothing acknowledged is lost."""
         workers = self._process.kill()
         self.player.spin_for(0.1)  # what it had said before
-        self.check(self.player.wait_until(lambda: not any(map(alive, workers)), 5.0),
-                   "the worker lives on")
+        self.check(
+            self.player.wait_until(lambda: not any(map(alive, workers)), 5.0),
+            "the worker lives on",
+        )
         self._take_reply()
         stack, before = _stack(self._state), self._stack
-        moved = stack == before[:-1] if self._service == "revert" else (
-            stack[:-1] == before[1 - WAYS_BACK:])
-        self.check(stack == before or (moved and not self._reply.done()),
-                   f"in service {stack}, acknowledged {before}")
+        moved = (
+            stack == before[:-1]
+            if self._service == "revert"
+            else (stack[:-1] == before[1 - WAYS_BACK :])
+        )
+        self.check(
+            stack == before or (moved and not self._reply.done()),
+            f"in service {stack}, acknowledged {before}",
+        )
         for path in (self._state / "models").glob("*.yaml"):
             hmcvt.load_model(path)
         rows = _rows(self._state)
         found = list(map(_number, rows))
         logged = int(self.player.statuses["model"]["values"]["bench samples logged"])
         self.check(len(rows) >= logged, f"{len(rows)} samples, acknowledged {logged}")
-        self.check(rows[:len(self._before)] == self._before, "samples of earlier have changed")
+        self.check(
+            rows[: len(self._before)] == self._before, "samples of earlier have changed"
+        )
         self.check(found == sorted(set(found)), "samples are out of order")
         self.check(rows == list(map(_row, found)), "samples are not what was sent")
         self.acknowledged += logged - len(self._before)
@@ -150,7 +170,9 @@ class _Use:
 def alive(pid: str | int) -> bool:
     """Whether a process runs; one that is dead but not yet collected does not."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return (
+            Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        )
     except OSError:
         return False
 
@@ -167,7 +189,7 @@ def _message(number: int) -> Any:
 
 def _row(number: int) -> bytes:
     """Return the line of the log that a sample must become."""
-    row, = rows_of(bench_sample_from_message(_message(number), 0.0, Tally(())))
+    (row,) = rows_of(bench_sample_from_message(_message(number), 0.0, Tally(())))
     return row.removesuffix(b"\n")
 
 

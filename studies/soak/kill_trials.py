@@ -20,12 +20,22 @@ from . import kill_lines, processes
 
 def main() -> int:
     """Run the trials and print a table; 0 when nothing was lost."""
-    parser = argparse.ArgumentParser(prog="python -m studies.soak.kill_trials", description=__doc__)
-    parser.add_argument("--trials", type=int, default=60,
-                        help="kills of a node over DDS at random moments")
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.soak.kill_trials", description=__doc__
+    )
+    parser.add_argument(
+        "--trials",
+        type=int,
+        default=60,
+        help="kills of a node over DDS at random moments",
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--lines", action=argparse.BooleanOptionalAction, default=True,
-                        help="a kill before every line of the code that writes, besides")
+    parser.add_argument(
+        "--lines",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="a kill before every line of the code that writes, besides",
+    )
     given = parser.parse_args()
     start = time.monotonic()
     folder = Path(tempfile.mkdtemp(prefix="hmcvt-kill-"))
@@ -36,8 +46,11 @@ def main() -> int:
         problems += _random(given.trials, folder, given.seed)
     for problem in problems:
         print(f"* {problem}")
-    print(f"\nSeed {given.seed}, {time.monotonic() - start:.0f} s, {len(problems)} problems"
-          + (f"; the files are in {folder}" if problems else "") + ".")
+    print(
+        f"\nSeed {given.seed}, {time.monotonic() - start:.0f} s, {len(problems)} problems"
+        + (f"; the files are in {folder}" if problems else "")
+        + "."
+    )
     if not problems:
         shutil.rmtree(folder)
     return 1 if problems else 0
@@ -60,12 +73,28 @@ def _random(count: int, folder: Path, seed: int) -> list[str]:
     found = list(kill_node.trials(count, folder, np.random.default_rng(seed)))
     problems = [problem for outcome in found for problem in outcome.problems]
     print("\nKills at random moments:\n")
-    print(table(("killed", "kills", "amid an operation", "temporary files left", "acknowledged",
-                 "problems"),
-                [("node that logs, refits and reverts", count,
-                  sum(outcome.midway for outcome in found),
-                  sum(outcome.leftovers > 0 for outcome in found),
-                  sum(outcome.acknowledged for outcome in found), len(problems))]))
+    print(
+        table(
+            (
+                "killed",
+                "kills",
+                "amid an operation",
+                "temporary files left",
+                "acknowledged",
+                "problems",
+            ),
+            [
+                (
+                    "node that logs, refits and reverts",
+                    count,
+                    sum(outcome.midway for outcome in found),
+                    sum(outcome.leftovers > 0 for outcome in found),
+                    sum(outcome.acknowledged for outcome in found),
+                    len(problems),
+                )
+            ],
+        )
+    )
     return problems
 
 

@@ -103,7 +103,8 @@ class Ear:
     def __init__(self, node: Node, handlers: Mapping[Subscription, Handler]) -> None:
         self._handlers = dict(handlers)
         self._wait_set = rclpy_implementation.WaitSet(
-            len(handlers), 0, 0, 0, 0, 0, node.context.handle)
+            len(handlers), 0, 0, 0, 0, 0, node.context.handle
+        )
 
     def listen(self, timeout: float) -> None:
         """Wait until there is something or the time [s] is over, and hand out all there is."""
@@ -115,7 +116,9 @@ class Ear:
         for subscription, handle in self._handlers.items():
             if subscription.handle.pointer not in ready:
                 continue
-            while (taken := subscription.handle.take_message(subscription.msg_type, False)):
+            while taken := subscription.handle.take_message(
+                subscription.msg_type, False
+            ):
                 handle(taken[0], taken[1]["received_timestamp"])
 
     def listen_for(self, seconds: float) -> None:
@@ -150,13 +153,16 @@ class Statuses:
         for status in message.status:
             if status.name.startswith(self._mine):
                 self.values[status.name.removeprefix(self._mine)] = {
-                    pair.key: pair.value for pair in status.values}
+                    pair.key: pair.value for pair in status.values
+                }
                 stamp = message.header.stamp
                 self.stamp = stamp.sec * 1_000_000_000 + stamp.nanosec
 
     def sum(self, status: str, words: str) -> int:
         """Add up the counts whose key has these words."""
-        return sum(int(value) for key, value in self.values[status].items() if words in key)
+        return sum(
+            int(value) for key, value in self.values[status].items() if words in key
+        )
 
 
 @dataclass
@@ -185,22 +191,44 @@ class Target:
         efficiency, optimum: what came on its outputs since `forget`.
     """
 
-    def __init__(self, client: Node, process: Process, namespace: str,
-                 profile: QoSProfile = qos.INPUT, patience: float = 0.0) -> None:
+    def __init__(
+        self,
+        client: Node,
+        process: Process,
+        namespace: str,
+        profile: QoSProfile = qos.INPUT,
+        patience: float = 0.0,
+    ) -> None:
         self.process, self._patience = process, patience
         self.statuses = Statuses(namespace)
         self.efficiency, self.optimum = Answers(), Answers()
-        self.inputs = [client.create_publisher(Float64, f"{namespace}/{limits.name}", profile)
-                       for limits in INPUT_RANGES]
-        outputs = {"efficiency": self.efficiency, "optimal_displacement_ratio": self.optimum}
+        self.inputs = [
+            client.create_publisher(Float64, f"{namespace}/{limits.name}", profile)
+            for limits in INPUT_RANGES
+        ]
+        outputs = {
+            "efficiency": self.efficiency,
+            "optimal_displacement_ratio": self.optimum,
+        }
         self._outputs = {
-            client.create_subscription(Float64, f"{namespace}/{topic}", unused, _DEEP): answers
-            for topic, answers in outputs.items()}
+            client.create_subscription(
+                Float64, f"{namespace}/{topic}", unused, _DEEP
+            ): answers
+            for topic, answers in outputs.items()
+        }
         diagnostics = client.create_subscription(
-            DiagnosticArray, "/diagnostics", unused, qos.DIAGNOSTICS)
-        self.ear = Ear(client, {
-            **{subscription: answers.take for subscription, answers in self._outputs.items()},
-            diagnostics: self.statuses.take})
+            DiagnosticArray, "/diagnostics", unused, qos.DIAGNOSTICS
+        )
+        self.ear = Ear(
+            client,
+            {
+                **{
+                    subscription: answers.take
+                    for subscription, answers in self._outputs.items()
+                },
+                diagnostics: self.statuses.take,
+            },
+        )
 
     def wait(self) -> None:
         """Wait until the process is connected.
@@ -208,14 +236,21 @@ class Target:
         Raises:
             TimeoutError: it is not.
         """
-        def connected() -> bool:
-            return (all(publisher.get_subscription_count() for publisher in self.inputs)
-                    and all(output.get_publisher_count() for output in self._outputs))
 
-        if not self.ear.listen_until(lambda: connected() or not self.process.running,
-                                     20.0 + self._patience) \
-                or not connected():
-            raise TimeoutError(f"a process under test did not come up:\n{self.process.log}")
+        def connected() -> bool:
+            return all(
+                publisher.get_subscription_count() for publisher in self.inputs
+            ) and all(output.get_publisher_count() for output in self._outputs)
+
+        if (
+            not self.ear.listen_until(
+                lambda: connected() or not self.process.running, 20.0 + self._patience
+            )
+            or not connected()
+        ):
+            raise TimeoutError(
+                f"a process under test did not come up:\n{self.process.log}"
+            )
         self.ear.listen_for(0.5)  # the other side connects a little later
 
     def counts(self) -> tuple[int, int]:
@@ -225,28 +260,50 @@ class Target:
             TimeoutError: it says nothing.
         """
         now = time.time_ns()
-        if not self.ear.listen_until(lambda: self.statuses.stamp > now, 5.0 + self._patience):
+        if not self.ear.listen_until(
+            lambda: self.statuses.stamp > now, 5.0 + self._patience
+        ):
             raise TimeoutError(f"no diagnostics:\n{self.process.log}")
         return self._accepted(), self.statuses.sum("inputs", "points answered")
 
     def _accepted(self) -> int:
         return self.statuses.sum("inputs", " accepted")
 
-    def counted(self, cycle: Cycle, rate: float, seconds: float,
-                meanwhile: Callable[[], None] = lambda: None) -> Segment:
+    def counted(
+        self,
+        cycle: Cycle,
+        rate: float,
+        seconds: float,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> Segment:
         """Load, and ask the node what it counted."""
         accepted, answers = self.counts()
-        accepted += TOPICS  # the load begins with a set of three, of which the last is answered
+        accepted += (
+            TOPICS  # the load begins with a set of three, of which the last is answered
+        )
         answers += 1
-        segment = self.load(cycle, rate, seconds, meanwhile,
-                            lambda sent: self._accepted() == accepted + sent)
+        segment = self.load(
+            cycle,
+            rate,
+            seconds,
+            meanwhile,
+            lambda sent: self._accepted() == accepted + sent,
+        )
         accepted_after, answers_after = self.counts()
-        return replace(segment, accepted=accepted_after - accepted,
-                       answered=answers_after - answers)
+        return replace(
+            segment,
+            accepted=accepted_after - accepted,
+            answered=answers_after - answers,
+        )
 
-    def load(self, cycle: Cycle, rate: float, seconds: float,
-             meanwhile: Callable[[], None] = lambda: None,
-             settled: Callable[[int], bool] = lambda sent: True) -> Segment:
+    def load(
+        self,
+        cycle: Cycle,
+        rate: float,
+        seconds: float,
+        meanwhile: Callable[[], None] = lambda: None,
+        settled: Callable[[int], bool] = lambda sent: True,
+    ) -> Segment:
         """Be silent, then send arrivals, one topic after the other at even distances.
 
         Args:
@@ -271,24 +328,37 @@ class Target:
         gc.collect()
         gc.disable()
         try:
-            sent = self._send(cycle, rate * TOPICS, round(seconds * rate * TOPICS), tick)
+            sent = self._send(
+                cycle, rate * TOPICS, round(seconds * rate * TOPICS), tick
+            )
         finally:
             gc.enable()
         spent = time.monotonic() - start
-        self.ear.listen_until(lambda: (
-            settled(len(sent)) and len(self.optimum.values) >= len(sent)), self._patience)
+        self.ear.listen_until(
+            lambda: settled(len(sent)) and len(self.optimum.values) >= len(sent),
+            self._patience,
+        )
         self.ear.listen_for(_SETTLE)
         # Not between the two of an answer: a new model may come just then.
         self.ear.listen_until(
-            lambda: len(self.efficiency.values) == len(self.optimum.values), _SETTLE)
+            lambda: len(self.efficiency.values) == len(self.optimum.values), _SETTLE
+        )
         used = (self._usage() - before) / spent  # late answers have been worked for too
         return Segment(
-            rate=rate, seconds=spent, sent=len(sent),
-            cpu=used[0], generator_cpu=used[1], other_cpu=used[2] - used[0] - used[1],
-            memory=tuple(memory), **self._matched(cycle, sent))
+            rate=rate,
+            seconds=spent,
+            sent=len(sent),
+            cpu=used[0],
+            generator_cpu=used[1],
+            other_cpu=used[2] - used[0] - used[1],
+            memory=tuple(memory),
+            **self._matched(cycle, sent),
+        )
 
     def _usage(self) -> NDArray[np.float64]:
-        return np.array([self.process.cpu_seconds(), time.process_time(), busy_seconds()])
+        return np.array(
+            [self.process.cpu_seconds(), time.process_time(), busy_seconds()]
+        )
 
     def _prime(self, cycle: Cycle) -> None:
         """Send the last three arrivals of the cycle, so that the first one completes a set."""
@@ -297,11 +367,17 @@ class Target:
             self.inputs[i].publish(Float64(data=cycle.values[i]))
             self.ear.listen_for(0.02)
         last = cycle.answers[-1]
-        if not self.ear.listen_until(lambda: (
-                self.efficiency.values[-1:], self.optimum.values[-1:])
-                == ([last[0]], [last[1]]), 5.0 + self._patience):
-            raise TimeoutError(f"the first point was not answered with {last}, but with "
-                               f"{self.efficiency.values}:\n{self.process.log}")
+        if not self.ear.listen_until(
+            lambda: (
+                (self.efficiency.values[-1:], self.optimum.values[-1:])
+                == ([last[0]], [last[1]])
+            ),
+            5.0 + self._patience,
+        ):
+            raise TimeoutError(
+                f"the first point was not answered with {last}, but with "
+                f"{self.efficiency.values}:\n{self.process.log}"
+            )
         self.forget()
 
     def forget(self) -> None:
@@ -310,7 +386,9 @@ class Target:
             answers.values.clear()
             answers.received.clear()
 
-    def _send(self, cycle: Cycle, rate: float, count: int, tick: Callable[[], None]) -> list[int]:
+    def _send(
+        self, cycle: Cycle, rate: float, count: int, tick: Callable[[], None]
+    ) -> list[int]:
         """Publish `count` arrivals; return when each began [ns since 1970]."""
         sent: list[int] = []
         due = next_tick = time.monotonic()
@@ -338,8 +416,12 @@ class Target:
         numbers = [number for number, _ in found.pairs]
         began = np.array([sent[arrival] for _, arrival in found.pairs], dtype=np.int64)
         return {
-            "answers": len(answers), "optima": len(self.optimum.values), "right": len(found.pairs),
+            "answers": len(answers),
+            "optima": len(self.optimum.values),
+            "right": len(found.pairs),
             "repeats": found.repeats,
-            "efficiency_latency": (np.array(self.efficiency.received)[numbers] - began) * 1e-6,
-            "optimum_latency": (np.array(self.optimum.received)[numbers] - began) * 1e-6,
+            "efficiency_latency": (np.array(self.efficiency.received)[numbers] - began)
+            * 1e-6,
+            "optimum_latency": (np.array(self.optimum.received)[numbers] - began)
+            * 1e-6,
         }

@@ -59,11 +59,14 @@ class Cycle:
 
 def echoed(count: int, seed: int) -> Cycle:
     """Return `count` arrivals as the relay answers them."""
-    return _cycle(count, seed, lambda topic, inputs: Answer(inputs[topic], inputs[topic]))
+    return _cycle(
+        count, seed, lambda topic, inputs: Answer(inputs[topic], inputs[topic])
+    )
 
 
 def answered(model: EfficiencyModel, count: int, seed: int) -> Cycle:
     """Return `count` arrivals as a node that serves `model` answers them."""
+
     def answer(topic: int, inputs: Inputs) -> Answer:
         _, engine_speed, load_torque = inputs
         best = model.optimal_displacement_ratio(engine_speed, load_torque)
@@ -117,7 +120,9 @@ def match(cycle: Cycle, sent: int, answers: Sequence[Answer]) -> Matches:
             # Answers are missing; this one is to an arrival further on, heard in order.
             arrival = max(last) + 1
             arrival += (known[answer] - arrival) % len(cycle)
-            last = sorted(range(arrival - TOPICS + 1, arrival + 1), key=lambda i: i % TOPICS)
+            last = sorted(
+                range(arrival - TOPICS + 1, arrival + 1), key=lambda i: i % TOPICS
+            )
         if arrival is not None and arrival < sent:
             pairs.append((number, arrival))
         before = answer
@@ -126,8 +131,11 @@ def match(cycle: Cycle, sent: int, answers: Sequence[Answer]) -> Matches:
 
 def _next(cycle: Cycle, sent: int, last: Sequence[int], answer: Answer) -> int | None:
     """Return the first arrival after `last` that gives an answer, None if none does."""
-    ahead = sorted(last[topic] + step * TOPICS
-                   for topic in range(TOPICS) for step in range(1, _AHEAD + 1))
+    ahead = sorted(
+        last[topic] + step * TOPICS
+        for topic in range(TOPICS)
+        for step in range(1, _AHEAD + 1)
+    )
     for arrival in itertools.takewhile(lambda number: number < sent, ahead):
         topic = arrival % TOPICS
         stand = [*last]

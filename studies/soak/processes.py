@@ -36,7 +36,12 @@ class Process:
 
     def cpu_seconds(self) -> float:
         """Processor time that it has used, without its children."""
-        fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        fields = (
+            Path(f"/proc/{self._process.pid}/stat")
+            .read_text()
+            .rpartition(")")[2]
+            .split()
+        )
         return (int(fields[11]) + int(fields[12])) / _TICKS
 
     def memory(self) -> int:
@@ -71,30 +76,59 @@ def loopback_only(folder: Path) -> None:
 
 
 @contextmanager
-def running(command: list[str], namespace: str, log: Path,
-            parameters: Mapping[str, Any]) -> Iterator[Process]:
+def running(
+    command: list[str], namespace: str, log: Path, parameters: Mapping[str, Any]
+) -> Iterator[Process]:
     """Run a node in a namespace, with parameters, until the block ends."""
-    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    given = [
+        word
+        for name, value in parameters.items()
+        for word in ("-p", f"{name}:={value}")
+    ]
     # The tests let the message classes check each field; the node is to run as it does elsewhere.
     environment = {**os.environ, "ROS_PYTHON_CHECK_FIELDS": "0"}
     with log.open("w") as output:
-        process = Process(subprocess.Popen(
-            [sys.executable, *command, "--ros-args", "-r", f"__ns:={namespace}", *given],
-            stdout=output, stderr=output, env=environment, cwd=ROOT), log)
+        process = Process(
+            subprocess.Popen(
+                [
+                    sys.executable,
+                    *command,
+                    "--ros-args",
+                    "-r",
+                    f"__ns:={namespace}",
+                    *given,
+                ],
+                stdout=output,
+                stderr=output,
+                env=environment,
+                cwd=ROOT,
+            ),
+            log,
+        )
         try:
             yield process
         finally:
             process.stop()
 
 
-def node(namespace: str, folder: Path, **parameters: Any) -> AbstractContextManager[Process]:
+def node(
+    namespace: str, folder: Path, **parameters: Any
+) -> AbstractContextManager[Process]:
     """Run the node; its state goes into a folder."""
     name = namespace.strip("/")
-    return running(["-m", "hmcvt_ros.efficiency_node"], namespace, folder / f"{name}.log",
-                   {"state_folder": folder / name, **parameters})
+    return running(
+        ["-m", "hmcvt_ros.efficiency_node"],
+        namespace,
+        folder / f"{name}.log",
+        {"state_folder": folder / name, **parameters},
+    )
 
 
 def relay(namespace: str, folder: Path) -> AbstractContextManager[Process]:
     """Run the relay that the node is compared with."""
-    return running(["-m", "studies.soak.relay"], namespace,
-                   folder / f"{namespace.strip('/')}.log", {})
+    return running(
+        ["-m", "studies.soak.relay"],
+        namespace,
+        folder / f"{namespace.strip('/')}.log",
+        {},
+    )

@@ -21,8 +21,10 @@ class Relay(Node):
 
     def __init__(self) -> None:
         super().__init__("relay")
-        self._outputs = [self.create_publisher(Float64, topic, qos.OUTPUT)
-                         for topic in ("efficiency", "optimal_displacement_ratio")]
+        self._outputs = [
+            self.create_publisher(Float64, topic, qos.OUTPUT)
+            for topic in ("efficiency", "optimal_displacement_ratio")
+        ]
         for limits in INPUT_RANGES:
             self.create_subscription(Float64, limits.name, self._answer, qos.INPUT)
 

@@ -27,22 +27,49 @@ def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Process, plan: Plan) -> list[Go
     slope = _memory_slope(steady[0])
     top = _ceiling(loaded.rising, 1.0)
     return [
-        *(_ratio_goal(f"p{percent}, {plan.rate:g} Hz on each input",
-                      ratio(latency(percent), *steady), 1.5) for percent in (50, 99)),
-        _ratio_goal("p99 during refits; the relay alone", ratio(latency(99), *refitting), 2.0),
+        *(
+            _ratio_goal(
+                f"p{percent}, {plan.rate:g} Hz on each input",
+                ratio(latency(percent), *steady),
+                1.5,
+            )
+            for percent in (50, 99)
+        ),
+        _ratio_goal(
+            "p99 during refits; the relay alone", ratio(latency(99), *refitting), 2.0
+        ),
         *_arrival_goals(f"{plan.rate:g} Hz", loaded.steady),
         *_arrival_goals("during refits", loaded.refitting),
-        Goal("growth of memory under load", f"at most {MEMORY_GOAL} MB a minute",
-             f"{slope:+.3f} MB a minute", slope <= MEMORY_GOAL),
-        Goal("highest rate of each input with every arrival answered",
-             f"{CEILING_GOAL:g} Hz", f"{top:.0f} Hz", top >= CEILING_GOAL),
-        Goal(f"{fuzzed.sent} messages of nonsense: wrong or missing answers, wrong counts", "0",
-             str(len(fuzzed.differences)), not fuzzed.differences),
-        Goal("the node survives them and ends with code 0", "yes",
-             "yes" if fuzzed.survived and fuzzed.exit_code == 0 else "no",
-             fuzzed.survived and fuzzed.exit_code == 0),
-        Goal("nothing is lost or damaged by a kill", "yes", "no" if kills.returncode else "yes",
-             not kills.returncode),
+        Goal(
+            "growth of memory under load",
+            f"at most {MEMORY_GOAL} MB a minute",
+            f"{slope:+.3f} MB a minute",
+            slope <= MEMORY_GOAL,
+        ),
+        Goal(
+            "highest rate of each input with every arrival answered",
+            f"{CEILING_GOAL:g} Hz",
+            f"{top:.0f} Hz",
+            top >= CEILING_GOAL,
+        ),
+        Goal(
+            f"{fuzzed.sent} messages of nonsense: wrong or missing answers, wrong counts",
+            "0",
+            str(len(fuzzed.differences)),
+            not fuzzed.differences,
+        ),
+        Goal(
+            "the node survives them and ends with code 0",
+            "yes",
+            "yes" if fuzzed.survived and fuzzed.exit_code == 0 else "no",
+            fuzzed.survived and fuzzed.exit_code == 0,
+        ),
+        Goal(
+            "nothing is lost or damaged by a kill",
+            "yes",
+            "no" if kills.returncode else "yes",
+            not kills.returncode,
+        ),
     ]
 
 
@@ -50,15 +77,34 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Process) -
     """Return the document."""
     both = (("node", loaded.rising), ("relay", loaded.rising_relay))
     return render(
-        "report.md.j2", Path(__file__).parent, run=run, plan=plan, loaded=loaded, fuzzed=fuzzed,
-        kills=kills, machine=machine(), rclpy=version("ros-rclpy"),
-        goals=goal_table(goals(loaded, fuzzed, kills, plan)), times=_time_table(loaded),
-        counts=_count_table(loaded), rates=_rate_table(both),
-        ceilings=table(("", "every arrival answered up to", "99 % answered up to"), [
-            [name, *(f"{_ceiling(segments, share):.0f} Hz" for share in (1.0, 0.99))]
-            for name, segments in both]),
-        limits=[(name, segments[-1], _kept_up(segments[-1])) for name, segments in both],
-        memory=[f"{size / MEGABYTE:.1f}" for size in loaded.memory])
+        "report.md.j2",
+        Path(__file__).parent,
+        run=run,
+        plan=plan,
+        loaded=loaded,
+        fuzzed=fuzzed,
+        kills=kills,
+        machine=machine(),
+        rclpy=version("ros-rclpy"),
+        goals=goal_table(goals(loaded, fuzzed, kills, plan)),
+        times=_time_table(loaded),
+        counts=_count_table(loaded),
+        rates=_rate_table(both),
+        ceilings=table(
+            ("", "every arrival answered up to", "99 % answered up to"),
+            [
+                [
+                    name,
+                    *(f"{_ceiling(segments, share):.0f} Hz" for share in (1.0, 0.99)),
+                ]
+                for name, segments in both
+            ],
+        ),
+        limits=[
+            (name, segments[-1], _kept_up(segments[-1])) for name, segments in both
+        ],
+        memory=[f"{size / MEGABYTE:.1f}" for size in loaded.memory],
+    )
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -66,34 +112,102 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Process) -
 
 def _time_table(loaded: Loaded) -> str:
     (node, relay), (busy, quiet) = _parts(loaded.steady), _parts(loaded.refitting)
-    rows = [("node, steady", node), ("relay, steady", relay), ("node, during refits", busy),
-            ("relay, quiet turns between", quiet)]
-    figures = (latency(50, "efficiency"), latency(99, "efficiency"), latency(50), latency(99),
-               latency(100), lambda segment: segment.cpu)
-    head = ("", "first answer p50", "p99", "both answers p50", "p99", "longest", "processor")
-    return table(head, [
-        [name, *(spread([figure(segment) for segment in segments]).text() for figure in figures)]
-        for name, segments in rows])
+    rows = [
+        ("node, steady", node),
+        ("relay, steady", relay),
+        ("node, during refits", busy),
+        ("relay, quiet turns between", quiet),
+    ]
+    figures = (
+        latency(50, "efficiency"),
+        latency(99, "efficiency"),
+        latency(50),
+        latency(99),
+        latency(100),
+        lambda segment: segment.cpu,
+    )
+    head = (
+        "",
+        "first answer p50",
+        "p99",
+        "both answers p50",
+        "p99",
+        "longest",
+        "processor",
+    )
+    return table(
+        head,
+        [
+            [
+                name,
+                *(
+                    spread([figure(segment) for segment in segments]).text()
+                    for figure in figures
+                ),
+            ]
+            for name, segments in rows
+        ],
+    )
 
 
 def _count_table(loaded: Loaded) -> str:
     rows = []
     for name, turns in (("steady", loaded.steady), ("during refits", loaded.refitting)):
-        parts = [(turn.node.sent, turn.node.accepted, turn.node.answered,
-                  turn.node.answers, turn.node.optima, turn.node.right,
-                  turn.node.repeats) for turn in turns]
+        parts = [
+            (
+                turn.node.sent,
+                turn.node.accepted,
+                turn.node.answered,
+                turn.node.answers,
+                turn.node.optima,
+                turn.node.right,
+                turn.node.repeats,
+            )
+            for turn in turns
+        ]
         rows.append([name, *(str(sum(counts)) for counts in zip(*parts, strict=True))])
-    return table(("", "sent", "heard", "answered", "`efficiency`", "`optimal_displacement_ratio`",
-                  "right", "repeated"), rows)
+    return table(
+        (
+            "",
+            "sent",
+            "heard",
+            "answered",
+            "`efficiency`",
+            "`optimal_displacement_ratio`",
+            "right",
+            "repeated",
+        ),
+        rows,
+    )
 
 
 def _rate_table(both: Sequence[tuple[str, Sequence[Segment]]]) -> str:
-    return table(("", "Hz on each input", "reached", "sent", "answered", "processor", "generator",
-                  "others"), [
-        [name, f"{part.rate:.0f}", f"{part.sent / part.seconds / TOPICS:.0f}", part.sent,
-         _share(part.answers, part.sent), f"{part.cpu:.2f}", f"{part.generator_cpu:.2f}",
-         f"{part.other_cpu:.2f}"]
-        for name, segments in both for part in segments])
+    return table(
+        (
+            "",
+            "Hz on each input",
+            "reached",
+            "sent",
+            "answered",
+            "processor",
+            "generator",
+            "others",
+        ),
+        [
+            [
+                name,
+                f"{part.rate:.0f}",
+                f"{part.sent / part.seconds / TOPICS:.0f}",
+                part.sent,
+                _share(part.answers, part.sent),
+                f"{part.cpu:.2f}",
+                f"{part.generator_cpu:.2f}",
+                f"{part.other_cpu:.2f}",
+            ]
+            for name, segments in both
+            for part in segments
+        ],
+    )
 
 
 # --- helpers --------------------------------------------------------------------------------------
@@ -104,7 +218,12 @@ def _parts(turns: Sequence[Turn]) -> tuple[list[Segment], list[Segment]]:
 
 
 def _ratio_goal(what: str, found: Spread, limit: float) -> Goal:
-    return Goal(f"{what}: node / relay", f"at most {limit:g}", found.text(), found.median <= limit)
+    return Goal(
+        f"{what}: node / relay",
+        f"at most {limit:g}",
+        found.text(),
+        found.median <= limit,
+    )
 
 
 def _arrival_goals(when: str, turns: Sequence[Turn]) -> list[Goal]:
@@ -113,9 +232,19 @@ def _arrival_goals(when: str, turns: Sequence[Turn]) -> list[Goal]:
     heard = sum(turn.node.accepted for turn in turns)
     right = sum(segment.right for segment in segments)
     return [
-        Goal(f"arrivals heard, of those sent, {when}", "all", f"{heard} of {sent}", heard == sent),
-        Goal(f"arrivals answered rightly, of those heard, {when}", "all", f"{right} of {heard}",
-             right == heard)]
+        Goal(
+            f"arrivals heard, of those sent, {when}",
+            "all",
+            f"{heard} of {sent}",
+            heard == sent,
+        ),
+        Goal(
+            f"arrivals answered rightly, of those heard, {when}",
+            "all",
+            f"{right} of {heard}",
+            right == heard,
+        ),
+    ]
 
 
 def _share(part: int, whole: int) -> str:
@@ -124,13 +253,16 @@ def _share(part: int, whole: int) -> str:
 
 def latency(percentile: float, outputs: str = "optimum") -> Figure:
     """Return what gives the latency of the whole answer, both outputs, or of the first [ms]."""
-    return lambda segment: float(np.percentile(
-        getattr(segment, f"{outputs}_latency"), percentile))
+    return lambda segment: float(
+        np.percentile(getattr(segment, f"{outputs}_latency"), percentile)
+    )
 
 
 def ratio(figure: Figure, above: Sequence[Segment], below: Sequence[Segment]) -> Spread:
     """Return the ratio of the medians of two sets of stretches, with the range turn by turn."""
-    over, under = ([figure(segment) for segment in segments] for segments in (above, below))
+    over, under = (
+        [figure(segment) for segment in segments] for segments in (above, below)
+    )
     by_turn = [one / other for one, other in zip(over, under, strict=True)]
     return Spread(float(np.median(over) / np.median(under)), min(by_turn), max(by_turn))
 
@@ -150,5 +282,11 @@ def _kept_up(segment: Segment) -> bool:
 
 def _ceiling(segments: Sequence[Segment], share: float) -> float:
     """The highest rate [Hz] that was sent and of which this share was answered, or 0."""
-    return max((segment.rate for segment in segments
-                if _kept_up(segment) and segment.answers >= share * segment.sent), default=0.0)
+    return max(
+        (
+            segment.rate
+            for segment in segments
+            if _kept_up(segment) and segment.answers >= share * segment.sent
+        ),
+        default=0.0,
+    )

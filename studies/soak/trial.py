@@ -58,7 +58,17 @@ class Plan:
     turns: int = 6
     refit_turns: int = 4
     samples: int = 2000
-    rates: tuple[float, ...] = (300.0, 500.0, 750.0, 1000.0, 1250.0, 1500.0, 2000.0, 2500.0, 3000.0)
+    rates: tuple[float, ...] = (
+        300.0,
+        500.0,
+        750.0,
+        1000.0,
+        1250.0,
+        1500.0,
+        2000.0,
+        2500.0,
+        3000.0,
+    )
     rising_seconds: float = 5.0
     fuzz: int = 100_000
     cycle: int = 3000
@@ -120,32 +130,53 @@ def under_load(plan: Plan, folder: Path, say: Say = print) -> Loaded:
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     given = overrides("/node") if plan.lossless else {}
     sender = (_LOSSLESS, _PATIENCE) if plan.lossless else ()
-    with (client() as here, processes.node("/node", folder, **given) as node,
-          processes.relay("/relay", folder) as relay):
-        served, bare = Target(here, node, "/node", *sender), Target(here, relay, "/relay")
+    with (
+        client() as here,
+        processes.node("/node", folder, **given) as node,
+        processes.relay("/relay", folder) as relay,
+    ):
+        served, bare = (
+            Target(here, node, "/node", *sender),
+            Target(here, relay, "/relay"),
+        )
         answered = points.answered(model, plan.cycle, plan.seed)
         echoed = points.echoed(plan.cycle, plan.seed)
         for target in (served, bare):
             target.wait()
         memory = [node.memory()]
         say(f"Steady load, {plan.rate:g} Hz on each input ...")
-        steady = [Turn(served.counted(answered, plan.rate, plan.seconds),
-                       bare.load(echoed, plan.rate, plan.seconds)) for _ in range(plan.turns)]
+        steady = [
+            Turn(
+                served.counted(answered, plan.rate, plan.seconds),
+                bare.load(echoed, plan.rate, plan.seconds),
+            )
+            for _ in range(plan.turns)
+        ]
         memory.append(node.memory())
         say("Rising load ...")
-        rising, rising_relay = (_rising(target, cycle, plan.rates, plan.rising_seconds)
-                                for target, cycle in ((served, answered), (bare, echoed)))
+        rising, rising_relay = (
+            _rising(target, cycle, plan.rates, plan.rising_seconds)
+            for target, cycle in ((served, answered), (bare, echoed))
+        )
         memory.append(node.memory())
         say("The steady load again, during refits ...")
         refits = Refits(here, served, "/node")
         refits.log_samples(model, plan.samples, plan.seed)
         refitting = _during_refits(plan, refits, folder / "node", served, bare, echoed)
         memory.append(node.memory())
-    return Loaded(steady, rising, rising_relay, refitting,
-                  (len(refits.replies), refits.replies[0]["seconds"]), tuple(memory))
+    return Loaded(
+        steady,
+        rising,
+        rising_relay,
+        refitting,
+        (len(refits.replies), refits.replies[0]["seconds"]),
+        tuple(memory),
+    )
 
 
-def _rising(target: Target, cycle: Cycle, rates: Sequence[float], seconds: float) -> list[Segment]:
+def _rising(
+    target: Target, cycle: Cycle, rates: Sequence[float], seconds: float
+) -> list[Segment]:
     """Raise the rate until a tenth of the arrivals is not answered."""
     found: list[Segment] = []
     for rate in rates:
@@ -179,20 +210,31 @@ def nonsense(plan: Plan, folder: Path, say: Say = print) -> Fuzzed:
     say(f"{plan.fuzz} messages of nonsense ...")
     start = time.monotonic()
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    with client() as here, processes.node("/fuzz", folder, **overrides("/fuzz")) as node:
+    with (
+        client() as here,
+        processes.node("/fuzz", folder, **overrides("/fuzz")) as node,
+    ):
         target = Target(here, node, "/fuzz", _LOSSLESS)
         target.wait()
         inputs = InputFuzzer(target, model, plan.seed)
         inputs.run(plan.fuzz * 9 // 10)
-        bench = BenchFuzzer(target, here.create_publisher(
-            JointState, "/fuzz/bench_sample", _LOSSLESS),
-            folder / "fuzz/bench_samples.csv", plan.seed)
+        bench = BenchFuzzer(
+            target,
+            here.create_publisher(JointState, "/fuzz/bench_sample", _LOSSLESS),
+            folder / "fuzz/bench_samples.csv",
+            plan.seed,
+        )
         bench.run(plan.fuzz - inputs.sent)
         alive = node.running
         return Fuzzed(
-            inputs.sent + bench.sent, inputs.oracle.answers, len(bench.rows),
-            (*inputs.differences, *bench.differences), time.monotonic() - start, node.stop(),
-            alive and "Traceback" not in node.log)
+            inputs.sent + bench.sent,
+            inputs.oracle.answers,
+            len(bench.rows),
+            (*inputs.differences, *bench.differences),
+            time.monotonic() - start,
+            node.stop(),
+            alive and "Traceback" not in node.log,
+        )
 
 
 class Refits:
@@ -206,7 +248,8 @@ class Refits:
         self._target = target
         self._client = client.create_client(Trigger, f"{namespace}/hmcvt/reidentify")
         self._samples = client.create_publisher(
-            JointState, f"{namespace}/bench_sample", qos.BENCH_SAMPLE)
+            JointState, f"{namespace}/bench_sample", qos.BENCH_SAMPLE
+        )
         self._waiting = False
         self.replies: list[dict[str, Any]] = []
 
@@ -219,16 +262,31 @@ class Refits:
         random = np.random.default_rng(seed)
         for number in range(1, count + 1):
             point = random.uniform(*np.transpose(ORDINARY))
-            efficiency = float(model.efficiency(*point)) * (1 + _NOISE * random.standard_normal())
+            efficiency = float(model.efficiency(*point)) * (
+                1 + _NOISE * random.standard_normal()
+            )
             speed, load = map(float, point[1:])
             output_speed = float(model.output_speed(*point))
-            self._samples.publish(bench_sample_to_message(
-                point[0], speed, load / efficiency, output_speed, load * speed / output_speed))
+            self._samples.publish(
+                bench_sample_to_message(
+                    point[0],
+                    speed,
+                    load / efficiency,
+                    output_speed,
+                    load * speed / output_speed,
+                )
+            )
             if number % _BATCH and number < count:
                 continue
-            if not self._target.ear.listen_until(lambda logged=number: (
-                    self._target.statuses.sum("model", "logged") == logged), 30.0):
-                raise TimeoutError(f"bench samples are not logged:\n{self._target.process.log}")
+            if not self._target.ear.listen_until(
+                lambda logged=number: (
+                    self._target.statuses.sum("model", "logged") == logged
+                ),
+                30.0,
+            ):
+                raise TimeoutError(
+                    f"bench samples are not logged:\n{self._target.process.log}"
+                )
 
     def poll(self) -> None:
         """Take the reply to the running refit, if it is there, and start the next."""
@@ -244,6 +302,7 @@ class Refits:
             TimeoutError: there is none.
             RuntimeError: it failed.
         """
+
         def ended() -> bool:
             self._take()
             return not self._waiting

@@ -39,21 +39,43 @@ def _work(at: Place, draw: Any) -> tuple[Array, Array]:
 
 FORMS: Mapping[str, tuple[Form, tuple[float, float]]] = {
     "compressibility": (_work, (0.01, 0.02)),
-    "pressure_leakage": (lambda at, draw: (  # gaps that open
-        at.p * ((1.0 + draw(0.3, 0.8) * at.p) ** 3 - 1.0) / 3.0, 0.0), (0.015, 0.04)),
+    "pressure_leakage": (
+        lambda at, draw: (  # gaps that open
+            at.p * ((1.0 + draw(0.3, 0.8) * at.p) ** 3 - 1.0) / 3.0,
+            0.0,
+        ),
+        (0.015, 0.04),
+    ),
     "orifice_leakage": (lambda at, draw: (at.p ** draw(0.53, 0.6), 0.0), (0.01, 0.03)),
-    "slow_leakage": (lambda at, draw: (
-        at.p * np.exp(-at.speed / draw(15.0, 40.0)), 0.0), (0.05, 0.2)),
-    "constant_torque": (lambda at, draw: (
-        0.0, (0.05 + at.w) ** draw(0.0, 0.06)), (0.01, 0.03)),
+    "slow_leakage": (
+        lambda at, draw: (at.p * np.exp(-at.speed / draw(15.0, 40.0)), 0.0),
+        (0.05, 0.2),
+    ),
+    "constant_torque": (
+        lambda at, draw: (0.0, (0.05 + at.w) ** draw(0.0, 0.06)),
+        (0.01, 0.03),
+    ),
     "barrel_churning": (lambda at, draw: (0.0, at.w ** draw(1.85, 2.3)), (0.01, 0.04)),
-    "pressure_viscosity": (lambda at, draw: (  # Barus
-        0.0, at.w * np.expm1(draw(0.5, 1.0) * at.p)), (0.015, 0.03)),
-    "pressure_friction": (lambda at, draw: (  # Stribeck, another fall
-        0.0, at.p * at.stroke * (
-            1.0 + draw(1.0, 4.0) / (1.0 + (at.speed / draw(15.0, 40.0)) ** 2))), (0.01, 0.03)),
-    "reference_displacement": (lambda at, draw: (
-        at.w * at.stroke, -at.p * at.stroke), (0.012, 0.03)),
+    "pressure_viscosity": (
+        lambda at, draw: (  # Barus
+            0.0,
+            at.w * np.expm1(draw(0.5, 1.0) * at.p),
+        ),
+        (0.015, 0.03),
+    ),
+    "pressure_friction": (
+        lambda at, draw: (  # Stribeck, another fall
+            0.0,
+            at.p
+            * at.stroke
+            * (1.0 + draw(1.0, 4.0) / (1.0 + (at.speed / draw(15.0, 40.0)) ** 2)),
+        ),
+        (0.01, 0.03),
+    ),
+    "reference_displacement": (
+        lambda at, draw: (at.w * at.stroke, -at.p * at.stroke),
+        (0.012, 0.03),
+    ),
 }
 
 
@@ -63,14 +85,19 @@ def simulated(names: tuple[str, ...], seed: int) -> UnitSamples:
     draw = rng.uniform
     pumps = {"compressibility", "reference_displacement"} & {*names}
     kind = "pump" if pumps else str(rng.choice(["pump", "motor"]))
-    displacement = 1e-6 * float(np.exp(draw(np.log(28.0), np.log(250.0)))) / (2.0 * np.pi)
+    displacement = (
+        1e-6 * float(np.exp(draw(np.log(28.0), np.log(250.0)))) / (2.0 * np.pi)
+    )
     fastest, rated = draw(5.0, 7.5) / np.cbrt(displacement), draw(280e5, 420e5)
-    slowest = draw(0.02, 0.15) if {"slow_leakage", "pressure_friction"} & {*names} else 0.3
+    slowest = (
+        draw(0.02, 0.15) if {"slow_leakage", "pressure_friction"} & {*names} else 0.3
+    )
     strokes = np.array([1.0]) if rng.random() < 0.6 else np.array([0.4, 0.7, 1.0])
     count = int(rng.integers(60, 121)) // len(strokes)
     rows = max(5, count // 9)
-    grid = np.meshgrid(np.linspace(slowest, 1.0, rows), np.linspace(0.12, 1.0, count // rows),
-                       strokes)
+    grid = np.meshgrid(
+        np.linspace(slowest, 1.0, rows), np.linspace(0.12, 1.0, count // rows), strokes
+    )
     w, p, stroke = map(np.ravel, grid)
     at = Place(p, w, stroke, fastest * w)
     # The terms of the paper: leakage, damping, and friction of one percent.
@@ -88,5 +115,13 @@ def simulated(names: tuple[str, ...], seed: int) -> UnitSamples:
     for loss, whole, way in ((losses[0], ideal[0], -sign), (losses[1], ideal[1], sign)):
         error = _GAIN * rng.standard_normal() + _SCATTER * rng.standard_normal(len(w))
         read.append(loss + way * (whole + way * loss) * error)
-    return UnitSamples(kind, displacement, stroke, at.speed, rated * p, read[0], read[1],
-                       source=f"simulated {seed}")
+    return UnitSamples(
+        kind,
+        displacement,
+        stroke,
+        at.speed,
+        rated * p,
+        read[0],
+        read[1],
+        source=f"simulated {seed}",
+    )

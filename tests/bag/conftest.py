@@ -15,8 +15,14 @@ if MISSING:
 else:
     from .simulated import run_bench
 
-PLAN = np.array([(ratio, speed, load) for ratio in (-0.8, 0.3, 0.9) for speed in (85.0, 140.0)
-                 for load in (120.0, 280.0)])
+PLAN = np.array(
+    [
+        (ratio, speed, load)
+        for ratio in (-0.8, 0.3, 0.9)
+        for speed in (85.0, 140.0)
+        for load in (120.0, 280.0)
+    ]
+)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -13,7 +13,10 @@ RATE = 50.0  # messages a second
 START = 1_700_000_000  # s
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 SHAFTS, NUMBER, TEMPERATURE = (
-    "sensor_msgs/msg/JointState", "std_msgs/msg/Float64", "sensor_msgs/msg/Temperature")
+    "sensor_msgs/msg/JointState",
+    "std_msgs/msg/Float64",
+    "sensor_msgs/msg/Temperature",
+)
 JOINTS = ("engine", "output", "displacement")
 STORAGE = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 
@@ -38,7 +41,9 @@ class Bench(NamedTuple):
 
 def lagged(drive, keep):
     """What is kept of the value before, and the drive: a first-order lag."""
-    return np.array(list(accumulate(drive.tolist(), lambda before, new: keep * before + new)))
+    return np.array(
+        list(accumulate(drive.tolist(), lambda before, new: keep * before + new))
+    )
 
 
 def correlated(rng, count, std, time):
@@ -65,8 +70,12 @@ def run_bench(model, points, hold=12.0, lag=0.5, noise=0.01, seed=0):
     target = np.repeat(points, per_hold, axis=0)
     count = len(target)
     keep = math.exp(-1.0 / (RATE * lag))
-    state = np.column_stack([
-        column[0] + lagged((1.0 - keep) * (column - column[0]), keep) for column in target.T])
+    state = np.column_stack(
+        [
+            column[0] + lagged((1.0 - keep) * (column - column[0]), keep)
+            for column in target.T
+        ]
+    )
     ratio, speed, load = state.T
     efficiency = model.efficiency(ratio, speed, load)
     output_speed = model.output_speed(ratio, speed, load)
@@ -78,10 +87,15 @@ def run_bench(model, points, hold=12.0, lag=0.5, noise=0.01, seed=0):
         return values * (1.0 + correlated(rng, count, std, 0.1))
 
     return Bench(
-        START + np.arange(count) / RATE, noisy(speed, 0.1 * noise), noisy(engine_torque, noise),
-        noisy(output_speed, 0.1 * noise), noisy(output_torque, noise),
-        ratio + rng.normal(0.0, 0.001, count), np.repeat(np.arange(len(points)), per_hold),
-        np.all(np.abs(state - target) <= 0.02 * np.abs(target), axis=1))
+        START + np.arange(count) / RATE,
+        noisy(speed, 0.1 * noise),
+        noisy(engine_torque, noise),
+        noisy(output_speed, 0.1 * noise),
+        noisy(output_torque, noise),
+        ratio + rng.normal(0.0, 0.001, count),
+        np.repeat(np.arange(len(points)), per_hold),
+        np.all(np.abs(state - target) <= 0.02 * np.abs(target), axis=1),
+    )
 
 
 def stamp(seconds):
@@ -99,10 +113,12 @@ def joint_state(row, seconds=0.0, names=JOINTS):
     nan = math.nan
     speed, torque, output_speed, output_torque, ratio = map(float, row)
     return TYPES.types[SHAFTS](
-        header=header(seconds), name=list(names),
-        position=np.array([nan, nan, ratio][:len(names)]),
-        velocity=np.array([speed, output_speed, nan][:len(names)]),
-        effort=np.array([torque, output_torque, nan][:len(names)]))
+        header=header(seconds),
+        name=list(names),
+        position=np.array([nan, nan, ratio][: len(names)]),
+        velocity=np.array([speed, output_speed, nan][: len(names)]),
+        effort=np.array([torque, output_torque, nan][: len(names)]),
+    )
 
 
 def number(value):
@@ -110,28 +126,53 @@ def number(value):
 
 
 def temperature(value, seconds=0.0):
-    return TYPES.types[TEMPERATURE](header=header(seconds), temperature=float(value), variance=0.0)
+    return TYPES.types[TEMPERATURE](
+        header=header(seconds), temperature=float(value), variance=0.0
+    )
 
 
 def bench_records(bench, topic="/bench_sample", stamped=True, latency=0.003):
     """The messages of a bench: (topic, type, time of receipt, message)."""
-    return [(topic, SHAFTS, seconds + latency, joint_state(row, seconds if stamped else 0.0))
-            for seconds, row in zip(bench.time, bench.rows, strict=True)]
+    return [
+        (
+            topic,
+            SHAFTS,
+            seconds + latency,
+            joint_state(row, seconds if stamped else 0.0),
+        )
+        for seconds, row in zip(bench.time, bench.rows, strict=True)
+    ]
 
 
 def signal_records(bench):
     """The same, each signal as numbers on a topic of its own, at times of its own."""
-    kinds = {"/engine/speed": ("Float64", 60.0 / math.tau), "/engine/torque": ("Float32", 1.0),
-             "/output/speed": ("Float64", 60.0 / math.tau), "/output/torque": ("Float64", 1.0),
-             "/pump/stroke": ("Float32", 100.0)}
-    records = [("/note", "std_msgs/msg/String", START + 1.0,
-                TYPES.types["std_msgs/msg/String"](data="warm"))]
+    kinds = {
+        "/engine/speed": ("Float64", 60.0 / math.tau),
+        "/engine/torque": ("Float32", 1.0),
+        "/output/speed": ("Float64", 60.0 / math.tau),
+        "/output/torque": ("Float64", 1.0),
+        "/pump/stroke": ("Float32", 100.0),
+    }
+    records = [
+        (
+            "/note",
+            "std_msgs/msg/String",
+            START + 1.0,
+            TYPES.types["std_msgs/msg/String"](data="warm"),
+        )
+    ]
     for i, (topic, (kind, size)) in enumerate(kinds.items()):
         numbers = TYPES.types[f"std_msgs/msg/{kind}"]
         records += [
-            (topic, f"std_msgs/msg/{kind}", seconds + 0.004 * i, numbers(data=float(size * value)))
+            (
+                topic,
+                f"std_msgs/msg/{kind}",
+                seconds + 0.004 * i,
+                numbers(data=float(size * value)),
+            )
             for seconds, value in zip(bench.time, bench[1 + i], strict=True)
-            if topic != "/engine/torque" or not START + 20.0 < seconds <= START + 24.0]
+            if topic != "/engine/torque" or not START + 20.0 < seconds <= START + 24.0
+        ]
     return records
 
 
@@ -139,9 +180,16 @@ def write_bag(path, records, storage="mcap", topics=()):
     """Record messages in order of receipt; `topics` are (name, type) without a message."""
     with Writer(path, version=9, storage_plugin=STORAGE[storage]) as writer:
         found = {(topic, kind) for topic, kind, *_ in records} | set(topics)
-        connections = {key: writer.add_connection(*key, typestore=TYPES) for key in sorted(found)}
-        for topic, kind, receipt, message in sorted(records, key=lambda record: record[2]):
-            data = (message if isinstance(message, bytes)
-                    else bytes(TYPES.serialize_cdr(message, kind)))
+        connections = {
+            key: writer.add_connection(*key, typestore=TYPES) for key in sorted(found)
+        }
+        for topic, kind, receipt, message in sorted(
+            records, key=lambda record: record[2]
+        ):
+            data = (
+                message
+                if isinstance(message, bytes)
+                else bytes(TYPES.serialize_cdr(message, kind))
+            )
             writer.write(connections[topic, kind], round(receipt * 1e9), data)
     return path

@@ -53,8 +53,16 @@ def test_from_bag_to_parameters(hmcvt, workplace, model):
 
 @pytest.mark.parametrize("bag", ["run1", "run1.mcap"])
 def test_watch_reads_a_bag_as_the_import_does(hmcvt, workplace, bag):
-    assert hmcvt("import-bag", bag, "--out", "samples.csv", *(
-        ("--topic", "shafts") if bag.endswith("mcap") else ())).code == 0
+    assert (
+        hmcvt(
+            "import-bag",
+            bag,
+            "--out",
+            "samples.csv",
+            *(("--topic", "shafts") if bag.endswith("mcap") else ()),
+        ).code
+        == 0
+    )
     seen = hmcvt("watch", "samples.csv", "--json")
     assert seen.code == 0 and seen.json["samples"] == 12
     if bag == "run1":
@@ -64,9 +72,19 @@ def test_watch_reads_a_bag_as_the_import_does(hmcvt, workplace, bag):
 
 
 def test_options_reach_the_search(hmcvt, workplace):
-    options = ("--topic", "shafts", "--namespace", "tractor1", "--min-duration", "9.5",
-               "--torque-drift", "0.015")
-    code, out, _ = hmcvt("import-bag", "run1.mcap", "--out", "samples.csv", "--json", *options)
+    options = (
+        "--topic",
+        "shafts",
+        "--namespace",
+        "tractor1",
+        "--min-duration",
+        "9.5",
+        "--torque-drift",
+        "0.015",
+    )
+    code, out, _ = hmcvt(
+        "import-bag", "run1.mcap", "--out", "samples.csv", "--json", *options
+    )
     assert code == 0
     windows = json.loads(out)["windows"]
     assert windows and all(window["duration"] > 9.4 for window in windows)
@@ -74,13 +92,32 @@ def test_options_reach_the_search(hmcvt, workplace):
     assert len(json.loads(out)["windows"]) > len(windows)
 
 
-@pytest.mark.parametrize(("bag", "option"), [("nowhere", "--gap=2"), *(
-    ("run1", option) for option in ("--block=-1", "--min-duration=1", "--age-limit=0", "--gap=nan",
-                                    "--speed-drift=0"))])
-def test_what_cannot_be_done_is_one_line_and_leaves_the_old_file(hmcvt, workplace, bag, option):
+@pytest.mark.parametrize(
+    ("bag", "option"),
+    [
+        ("nowhere", "--gap=2"),
+        *(
+            ("run1", option)
+            for option in (
+                "--block=-1",
+                "--min-duration=1",
+                "--age-limit=0",
+                "--gap=nan",
+                "--speed-drift=0",
+            )
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_leaves_the_old_file(
+    hmcvt, workplace, bag, option
+):
     Path("samples.csv").write_text("old")
     code, out, err = hmcvt("import-bag", bag, "--out", "samples.csv", option)
-    assert (code, out) == (2, "") and err.startswith("hmcvt: error: ") and err.count("\n") == 1
+    assert (
+        (code, out) == (2, "")
+        and err.startswith("hmcvt: error: ")
+        and err.count("\n") == 1
+    )
     if bag == "nowhere":
         assert err.endswith("nowhere: there is no such bag\n")
     else:
@@ -89,9 +126,13 @@ def test_what_cannot_be_done_is_one_line_and_leaves_the_old_file(hmcvt, workplac
     assert Path("samples.csv").read_text() == "old"
 
 
-SIGNALS = {"engine_speed": "/engine/speed:rpm", "engine_torque": "/engine/torque",
-           "output_speed": "/output/speed:rpm", "output_torque": "/output/torque",
-           "displacement_ratio": "/pump/stroke:%"}
+SIGNALS = {
+    "engine_speed": "/engine/speed:rpm",
+    "engine_torque": "/engine/torque",
+    "output_speed": "/output/speed:rpm",
+    "output_torque": "/output/torque",
+    "displacement_ratio": "/pump/stroke:%",
+}
 
 
 def test_signals_with_topics_of_their_own_give_the_same_samples(hmcvt, workplace):
@@ -105,19 +146,33 @@ def test_signals_with_topics_of_their_own_give_the_same_samples(hmcvt, workplace
     assert len(apart) >= len(together) - 1
     nearest = [int(np.argmin(np.abs(together.stamp - each))) for each in apart.stamp]
     for name in ("displacement_ratio", "engine_speed", "load_torque", "efficiency"):
-        assert getattr(apart, name) == pytest.approx(getattr(together, name)[nearest], rel=5e-3)
+        assert getattr(apart, name) == pytest.approx(
+            getattr(together, name)[nearest], rel=5e-3
+        )
     for wrong, words in (
-            ("", "no topic is named for displacement_ratio"),
-            ("displacement_ratio=/pump/angle", "holds no topic /pump/angle"),
-            ("displacement_ratio=/engine/torque", "two signals name the same topic"),
-            ("engine_speed=/pump/stroke", "each signal has one topic"),
-            ("displacement_ratio=/note", "/note is std_msgs/msg/String, not a number"),
-            ("displacement_ratio=/pump/stroke:deg", "'deg' is no unit of displacement_ratio"),
-            ("stroke=/pump/stroke", "write NAME=TOPIC[:UNIT]")):
-        done = hmcvt("import-bag", "run3", "--out", "apart.csv", *named[:-1],
-                     *[f"--signal={wrong}"] * bool(wrong))
+        ("", "no topic is named for displacement_ratio"),
+        ("displacement_ratio=/pump/angle", "holds no topic /pump/angle"),
+        ("displacement_ratio=/engine/torque", "two signals name the same topic"),
+        ("engine_speed=/pump/stroke", "each signal has one topic"),
+        ("displacement_ratio=/note", "/note is std_msgs/msg/String, not a number"),
+        (
+            "displacement_ratio=/pump/stroke:deg",
+            "'deg' is no unit of displacement_ratio",
+        ),
+        ("stroke=/pump/stroke", "write NAME=TOPIC[:UNIT]"),
+    ):
+        done = hmcvt(
+            "import-bag",
+            "run3",
+            "--out",
+            "apart.csv",
+            *named[:-1],
+            *[f"--signal={wrong}"] * bool(wrong),
+        )
         assert done.code == 2 and words in done.err, done
-    done = hmcvt("import-bag", "run3", "--out", "apart.csv", "--topic", "shafts", *named)
+    done = hmcvt(
+        "import-bag", "run3", "--out", "apart.csv", "--topic", "shafts", *named
+    )
     assert done.code == 2 and "topic = 'shafts' holds all signals" in done.err
 
 
@@ -131,7 +186,9 @@ def test_out_is_needed_and_never_a_file_of_a_bag(hmcvt, workplace):
 
 
 def _examples():
-    text = (ROOT / "docs" / "import-bag.md").read_text(encoding="utf-8") + command.epilog
+    text = (ROOT / "docs" / "import-bag.md").read_text(
+        encoding="utf-8"
+    ) + command.epilog
     return list(dict.fromkeys(re.findall(r"^ +(hmcvt .*)$", text, flags=re.MULTILINE)))
 
 
@@ -146,17 +203,31 @@ def test_every_documented_command_works(hmcvt, workplace, line):
 
 def test_the_documented_defaults_are_the_defaults():
     text = (ROOT / "docs" / "import-bag.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| `--([a-z-]+)` \| ([0-9.]+) \|", text, flags=re.MULTILINE))
-    settings = {**vars(Steadiness()), "gap": ImportSettings.gap,
-                "age_limit": ImportSettings.age_limit}
-    assert {name.replace("-", "_"): float(value) for name, value in rows.items()} == settings
+    rows = dict(
+        re.findall(r"^\| `--([a-z-]+)` \| ([0-9.]+) \|", text, flags=re.MULTILINE)
+    )
+    settings = {
+        **vars(Steadiness()),
+        "gap": ImportSettings.gap,
+        "age_limit": ImportSettings.age_limit,
+    }
+    assert {
+        name.replace("-", "_"): float(value) for name, value in rows.items()
+    } == settings
 
 
 def test_samples_are_averages_of_the_windows_reported(workplace, hmcvt, bench):
     report = hmcvt("import-bag", "run1", "--out", "samples.csv", "--json").json
     samples = read_bench("samples.csv")
-    assert report["samples"] == len(samples) == len(report["windows"]) == report["windows_found"]
-    assert report["read"] == {"/bench_sample": 7200} and report["refused"] == {"/bench_sample": {}}
+    assert (
+        report["samples"]
+        == len(samples)
+        == len(report["windows"])
+        == report["windows_found"]
+    )
+    assert report["read"] == {"/bench_sample": 7200} and report["refused"] == {
+        "/bench_sample": {}
+    }
     assert samples.efficiency_std is not None and samples.output_speed is not None
     for i, window in enumerate(report["windows"]):
         first = int(np.argmin(np.abs(bench.time - window["start"])))
@@ -165,4 +236,5 @@ def test_samples_are_averages_of_the_windows_reported(workplace, hmcvt, bench):
         engine = (bench.engine_torque * bench.engine_speed)[part].mean()
         assert samples.efficiency[i] == pytest.approx(output / engine, rel=1e-9)
         assert samples.load_torque[i] == pytest.approx(
-            output / bench.engine_speed[part].mean(), rel=1e-9)
+            output / bench.engine_speed[part].mean(), rel=1e-9
+        )

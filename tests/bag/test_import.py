@@ -38,6 +38,7 @@ def campaign(request, bench, tmp_path_factory):
 @pytest.fixture
 def imported(tmp_path):
     """Write messages to a bag of their own and import them."""
+
     def run(records, **settings):
         path = tmp_path / f"run{len(list(tmp_path.iterdir()))}"
         return import_bag(write_bag(path, records), ImportSettings(**settings))
@@ -70,11 +71,15 @@ def test_transients_are_rejected_and_counted(campaign, bench, plan):
     assert report.clock == "header stamp" and report.gaps == 0
     assert report.windows_found == len(plan) and report.windows_refused == {}
     assert report.seconds_logged == pytest.approx(12.0 * len(plan), abs=0.1)
-    assert report.seconds_logged == pytest.approx(report.seconds_steady + report.seconds_transient)
+    assert report.seconds_logged == pytest.approx(
+        report.seconds_steady + report.seconds_transient
+    )
     # Each way to another point takes about four time constants of 0.5 s.
     moving = np.count_nonzero(~bench.settled) / RATE
     assert moving < report.seconds_transient < moving + 3.0 * len(plan)
-    assert report.seconds_steady == pytest.approx(sum(item.duration for item in report.windows))
+    assert report.seconds_steady == pytest.approx(
+        sum(item.duration for item in report.windows)
+    )
     assert sum(item.messages for item in report.windows) < len(bench.time)
     for window in report.windows:
         first = round((window.start - START) * RATE)
@@ -83,7 +88,7 @@ def test_transients_are_rejected_and_counted(campaign, bench, plan):
 
 def test_a_file_alone_and_a_folder_without_metadata_are_bags_too(campaign):
     path, (samples, _), _ = campaign
-    file, = (item for item in path.iterdir() if item.suffix in (".mcap", ".db3"))
+    (file,) = (item for item in path.iterdir() if item.suffix in (".mcap", ".db3"))
     assert np.array_equal(import_bag(file).samples.efficiency, samples.efficiency)
     metadata = path / "metadata.yaml"
     text = metadata.read_text(encoding="utf-8")
@@ -110,10 +115,15 @@ def test_one_message_without_a_stamp_leaves_no_mixture_of_clocks(imported, quiet
 def test_a_pause_ends_a_window(imported, model):
     bench = run_bench(model, [(0.5, 120.0, 200.0)], hold=16.0, noise=1e-5)
     first, second = slice(0, 400), slice(400, 800)
-    later = [(topic, kind, receipt + 3600.0, joint_state(row, seconds + 3600.0))
-             for (topic, kind, receipt, _), row, seconds
-             in zip(bench_records(bench)[second], bench.rows[second], bench.time[second],
-                    strict=True)]
+    later = [
+        (topic, kind, receipt + 3600.0, joint_state(row, seconds + 3600.0))
+        for (topic, kind, receipt, _), row, seconds in zip(
+            bench_records(bench)[second],
+            bench.rows[second],
+            bench.time[second],
+            strict=True,
+        )
+    ]
     samples, report = imported(bench_records(bench)[first] + later)
     assert len(samples) == 2 and report.gaps == 1
     assert samples.stamp[1] - samples.stamp[0] == pytest.approx(3608.0, abs=0.5)
@@ -121,12 +131,21 @@ def test_a_pause_ends_a_window(imported, model):
 
 
 def test_a_clock_that_starts_again_does_not_mix_two_runs(imported, model):
-    runs = [run_bench(model, [(0.5, 120.0, load)], hold=8.0, noise=1e-5) for load in (150.0, 250.0)]
+    runs = [
+        run_bench(model, [(0.5, 120.0, load)], hold=8.0, noise=1e-5)
+        for load in (150.0, 250.0)
+    ]
     records = []
     for number_, bench in enumerate(runs):
-        records += [("/bench_sample", SHAFTS, START + 100.0 * number_ + i / RATE,
-                     joint_state(row, seconds))
-                    for i, (row, seconds) in enumerate(zip(bench.rows, bench.time, strict=True))]
+        records += [
+            (
+                "/bench_sample",
+                SHAFTS,
+                START + 100.0 * number_ + i / RATE,
+                joint_state(row, seconds),
+            )
+            for i, (row, seconds) in enumerate(zip(bench.rows, bench.time, strict=True))
+        ]
     samples, report = imported(records)
     assert np.allclose(samples.load_torque, [150.0, 250.0], rtol=1e-4)
     assert report.gaps == 1
@@ -134,7 +153,10 @@ def test_a_clock_that_starts_again_does_not_mix_two_runs(imported, model):
 
 def test_messages_out_of_order_are_refused(imported, quiet):
     records = bench_records(quiet)
-    late = [(*records[i][:2], records[i + 5][2] + 1e-4, records[i][3]) for i in (50, 150, 250)]
+    late = [
+        (*records[i][:2], records[i + 5][2] + 1e-4, records[i][3])
+        for i in (50, 150, 250)
+    ]
     report = imported([*records, *late]).report
     assert report.refused["/bench_sample"] == {"out of order": 3}
     assert report.read["/bench_sample"] == len(records) + 3
@@ -142,24 +164,35 @@ def test_messages_out_of_order_are_refused(imported, quiet):
 
 # --- slow topics ----------------------------------------------------------------------------------
 
+
 def _temperatures(bench, topic="/oil_temperature", stamped=True, until=math.inf):
     """One reading a second, rising by 0.5 deg C a second from 60."""
-    return [(topic, TEMPERATURE, START + i + 0.2,
-             temperature(60.0 + 0.5 * i, START + i if stamped else 0.0))
-            for i in range(-1, int(bench.time[-1] - START) + 2) if i <= until]
+    return [
+        (
+            topic,
+            TEMPERATURE,
+            START + i + 0.2,
+            temperature(60.0 + 0.5 * i, START + i if stamped else 0.0),
+        )
+        for i in range(-1, int(bench.time[-1] - START) + 2)
+        if i <= until
+    ]
 
 
 @pytest.mark.parametrize("stamped, delay", [(True, 0.0), (False, 0.2)])
 def test_oil_temperature_is_aligned_by_interpolation(imported, quiet, stamped, delay):
-    samples, report = imported(bench_records(quiet, latency=0.0) + _temperatures(
-        quiet, stamped=stamped))
+    samples, report = imported(
+        bench_records(quiet, latency=0.0) + _temperatures(quiet, stamped=stamped)
+    )
     at = samples.stamp[0] - START - delay
     assert samples.oil_temperature[0] == pytest.approx(60.0 + 0.5 * at, abs=0.02)
     assert report.read["/oil_temperature"] == 10
 
 
 def test_a_window_without_a_fresh_temperature_is_refused(imported, model):
-    bench = run_bench(model, [(0.5, 120.0, 150.0), (0.5, 120.0, 250.0)], hold=10.0, noise=1e-5)
+    bench = run_bench(
+        model, [(0.5, 120.0, 150.0), (0.5, 120.0, 250.0)], hold=10.0, noise=1e-5
+    )
     records = bench_records(bench) + _temperatures(bench, until=9)
     samples, report = imported(records, age_limit=2.0)
     assert len(samples) == 1 and report.windows_found == 2
@@ -171,35 +204,47 @@ def test_oil_temperature_that_no_window_has_can_be_left_alone(imported, quiet):
     records = bench_records(quiet) + _temperatures(quiet, until=-1)
     samples, report = imported(records, age_limit=0.5, use_oil_temperature=False)
     assert samples.oil_temperature is None and list(report.read) == ["/bench_sample"]
-    with pytest.raises(InputError, match="none of the 1 steady windows can be used: 1 no oil_temp"):
+    with pytest.raises(
+        InputError, match="none of the 1 steady windows can be used: 1 no oil_temp"
+    ):
         imported(records, age_limit=0.5)
 
 
 def _two_joints(bench):
     """Messages without the joint `displacement`."""
-    return [("/bench_sample", SHAFTS, seconds, joint_state(row, names=("engine", "output")))
-            for seconds, row in zip(bench.time, bench.rows, strict=True)]
+    return [
+        ("/bench_sample", SHAFTS, seconds, joint_state(row, names=("engine", "output")))
+        for seconds, row in zip(bench.time, bench.rows, strict=True)
+    ]
 
 
 def test_the_displacement_ratio_may_come_on_its_own_topic(imported, quiet):
-    strokes = [("/displacement_ratio", NUMBER, START + i * 0.7, number(0.5)) for i in range(13)]
+    strokes = [
+        ("/displacement_ratio", NUMBER, START + i * 0.7, number(0.5)) for i in range(13)
+    ]
     samples, report = imported(_two_joints(quiet) + strokes)
     assert samples.displacement_ratio[0] == pytest.approx(0.5)
     assert samples.engine_speed[0] == pytest.approx(120.0, rel=1e-3)
     assert report.read["/displacement_ratio"] == 13
-    moving = [("/displacement_ratio", NUMBER, START + i * 0.5, number(0.05 * i)) for i in range(17)]
+    moving = [
+        ("/displacement_ratio", NUMBER, START + i * 0.5, number(0.05 * i))
+        for i in range(17)
+    ]
     with pytest.raises(InputError, match="no steady window"):
         imported(_two_joints(quiet) + moving)
 
 
 def test_a_stale_displacement_ratio_refuses_the_message(imported, model):
     bench = run_bench(model, [(0.5, 120.0, 200.0)], hold=16.0, noise=1e-5)
-    strokes = [("/displacement_ratio", NUMBER, START + i, number(0.5)) for i in range(7)]
+    strokes = [
+        ("/displacement_ratio", NUMBER, START + i, number(0.5)) for i in range(7)
+    ]
     samples, report = imported(_two_joints(bench) + strokes, age_limit=1.5)
     assert len(samples) == 1
     # 16 s of messages less 6 s of readings and 1.5 s after them.
     assert report.refused["/bench_sample"] == {
-        "no displacement_ratio in time": pytest.approx(8.5 * RATE, abs=2)}
+        "no displacement_ratio in time": pytest.approx(8.5 * RATE, abs=2)
+    }
 
 
 def test_messages_are_refused_by_reason(imported, quiet):
@@ -215,52 +260,80 @@ def test_messages_are_refused_by_reason(imported, quiet):
     nan_speed[0], infinite[1] = math.nan, math.inf
     bad = {
         "not finite": [joint_state(nan_speed), joint_state(infinite)],
-        "wrong names": [state(name=["motor", *names[1:]]), state(name=["engine"] * 3),
-                        state(name=[]), joint_state(row, names=names[:2])],
-        "unequal arrays": [state(effort=np.array([1.0, 2.0])), state(velocity=np.array([])),
-                           state(position=np.array([0.5]))],
+        "wrong names": [
+            state(name=["motor", *names[1:]]),
+            state(name=["engine"] * 3),
+            state(name=[]),
+            joint_state(row, names=names[:2]),
+        ],
+        "unequal arrays": [
+            state(effort=np.array([1.0, 2.0])),
+            state(velocity=np.array([])),
+            state(position=np.array([0.5])),
+        ],
         "out of range": [joint_state(fast), joint_state(hot), joint_state(negative)],
         "unreadable": [b"\x00\x01\x00\x00\x01", b""],
     }
-    wrong = [("/bench_sample", SHAFTS, START + 0.0101 + 0.1 * i, message)
-             for i, message in enumerate(chain(*bad.values()))]
-    slow = [("/oil_temperature", TEMPERATURE, START + i, message)
-            for i, message in enumerate([temperature(math.nan), temperature(353.0), b""])]
-    samples, report = imported([
-        *bench_records(quiet), *wrong, *_temperatures(quiet, stamped=False), *slow])
+    wrong = [
+        ("/bench_sample", SHAFTS, START + 0.0101 + 0.1 * i, message)
+        for i, message in enumerate(chain(*bad.values()))
+    ]
+    slow = [
+        ("/oil_temperature", TEMPERATURE, START + i, message)
+        for i, message in enumerate([temperature(math.nan), temperature(353.0), b""])
+    ]
+    samples, report = imported(
+        [*bench_records(quiet), *wrong, *_temperatures(quiet, stamped=False), *slow]
+    )
     assert report.refused == {
         "/bench_sample": {reason: len(messages) for reason, messages in bad.items()},
-        "/oil_temperature": {"not finite": 1, "out of range": 1, "unreadable": 1}}
+        "/oil_temperature": {"not finite": 1, "out of range": 1, "unreadable": 1},
+    }
     assert report.read["/bench_sample"] == len(quiet.time) + len(wrong)
     assert report.windows[0].messages == len(quiet.time)
     assert samples.engine_speed[0] == pytest.approx(120.0, rel=1e-3)
 
 
 def test_steady_windows_outside_the_ranges_are_refused(imported, model):
-    bench = run_bench(model, [(0.5, 120.0, 150.0), (0.5, 120.0, 250.0)], hold=10.0, noise=1e-5)
+    bench = run_bench(
+        model, [(0.5, 120.0, 150.0), (0.5, 120.0, 250.0)], hold=10.0, noise=1e-5
+    )
     # During the second hold the meter of the output torque is wired the wrong way round, or has
     # half its gain; or the engine stalls.
     for name, factor, reason in (
-            ("output_torque", -1.0, "load_torque out of range"),
-            ("output_torque", 2.0, "efficiency out of range"),
-            ("engine_torque", 0.0, "efficiency out of range")):
+        ("output_torque", -1.0, "load_torque out of range"),
+        ("output_torque", 2.0, "efficiency out of range"),
+        ("engine_torque", 0.0, "efficiency out of range"),
+    ):
         torque = np.where(bench.hold == 1, factor, 1.0) * getattr(bench, name)
         samples, report = imported(bench_records(bench._replace(**{name: torque})))
-        assert len(samples) == 1 and samples.load_torque[0] == pytest.approx(150.0, rel=1e-3)
+        assert len(samples) == 1 and samples.load_torque[0] == pytest.approx(
+            150.0, rel=1e-3
+        )
         assert report.windows_refused == {reason: 1} and report.windows_found == 2
 
 
 # --- messages that are averages -------------------------------------------------------------------
 
+
 def test_each_message_may_be_an_average(imported, model, plan):
     """A message a minute, each the average of a steady point."""
     ratio, engine, load = plan.T
     output = model.output_speed(*plan.T)
-    rows = np.column_stack([
-        engine, load / model.efficiency(*plan.T), output, load * engine / output, ratio])
+    rows = np.column_stack(
+        [
+            engine,
+            load / model.efficiency(*plan.T),
+            output,
+            load * engine / output,
+            ratio,
+        ]
+    )
     times = START + 60.0 * np.arange(len(plan))
-    averages = [("/bench_sample", SHAFTS, seconds, joint_state(row, seconds))
-                for seconds, row in zip(times, rows, strict=True)]
+    averages = [
+        ("/bench_sample", SHAFTS, seconds, joint_state(row, seconds))
+        for seconds, row in zip(times, rows, strict=True)
+    ]
     with pytest.raises(InputError, match=r"come 60 s apart .*--averaged"):
         imported(averages)
     samples, report = imported(averages, averaged=True)

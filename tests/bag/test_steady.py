@@ -23,8 +23,10 @@ def _find(values, drift=0.01, scatter=0.05, relative=True, limits=LIMITS, rate=R
     values = np.asarray(values, dtype=float)
     time = np.arange(len(values)) / rate
     channel = Channels(values[None], *map(np.atleast_1d, (drift, scatter, relative)))
-    return [(time[window.start], time[window.stop - 1])
-            for window in find_windows(time, channel, limits)]
+    return [
+        (time[window.start], time[window.stop - 1])
+        for window in find_windows(time, channel, limits)
+    ]
 
 
 def _flat(seconds, value=100.0):
@@ -43,7 +45,9 @@ def test_a_step_parts_two_windows():
     first, second = _find(np.concatenate([_flat(10.5), _flat(10.5, 104.0)]))
     assert first[1] < 10.5 <= second[0]
     assert first[1] - first[0] > 9.0 and second[1] - second[0] > 8.0
-    assert len(_find(np.concatenate([_flat(10.5), _flat(10.5, 100.9)]))) == 1  # within the limit
+    assert (
+        len(_find(np.concatenate([_flat(10.5), _flat(10.5, 100.9)]))) == 1
+    )  # within the limit
 
 
 def test_the_tail_of_a_transient_is_left_out():
@@ -68,17 +72,29 @@ STEP = np.concatenate([_flat(6.0, 0.0), _flat(6.0, 0.02)])
 SLOW = {"values": np.full(40, 100.0), "rate": 2.0}
 
 
-@pytest.mark.parametrize(("count", "given"), [
-    (1, {"values": _flat(20.0)}), (0, {"values": np.linspace(100.0, 200.0, 1000)}),
-    # Scatter is judged within blocks, drift between their means; an absolute one has no scale.
-    (0, {"values": HUNTING, "scatter": 0.05}), (1, {"values": HUNTING, "scatter": 0.08}),
-    (1, {"values": NOISY}),
-    *((2 if drift < 0.02 else 1, {"values": offset + STEP, "drift": drift, "relative": False})
-      for offset in (0.0, 1e6) for drift in (0.01, 0.03)),
-    # Too few readings, of all and in a block.
-    *((0, {"values": np.full(few, 100.0)}) for few in (0, 1, 2, 10)),
-    (0, SLOW), (1, SLOW | {"limits": Steadiness(10.0, 2.0)}),
-])
+@pytest.mark.parametrize(
+    ("count", "given"),
+    [
+        (1, {"values": _flat(20.0)}),
+        (0, {"values": np.linspace(100.0, 200.0, 1000)}),
+        # Scatter is judged within blocks, drift between their means; an absolute one has no scale.
+        (0, {"values": HUNTING, "scatter": 0.05}),
+        (1, {"values": HUNTING, "scatter": 0.08}),
+        (1, {"values": NOISY}),
+        *(
+            (
+                2 if drift < 0.02 else 1,
+                {"values": offset + STEP, "drift": drift, "relative": False},
+            )
+            for offset in (0.0, 1e6)
+            for drift in (0.01, 0.03)
+        ),
+        # Too few readings, of all and in a block.
+        *((0, {"values": np.full(few, 100.0)}) for few in (0, 1, 2, 10)),
+        (0, SLOW),
+        (1, SLOW | {"limits": Steadiness(10.0, 2.0)}),
+    ],
+)
 def test_count_of_windows(count, given):
     assert len(_find(**given)) == count
 
@@ -86,8 +102,16 @@ def test_count_of_windows(count, given):
 def test_every_channel_has_to_be_settled():
     time = np.arange(0.0, 20.0, 1.0 / RATE)
     still, late = np.full(len(time), 100.0), np.where(time < 8.0, 100.0 + time, 150.0)
-    (window,) = find_windows(time, Channels(
-        np.stack([still, late]), np.full(2, 0.01), np.full(2, 0.05), np.ones(2, bool)), LIMITS)
+    (window,) = find_windows(
+        time,
+        Channels(
+            np.stack([still, late]),
+            np.full(2, 0.01),
+            np.full(2, 0.05),
+            np.ones(2, bool),
+        ),
+        LIMITS,
+    )
     assert time[window.start] == pytest.approx(8.0)
 
 

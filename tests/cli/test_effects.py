@@ -31,11 +31,13 @@ def here(folder, line):
 @pytest.mark.slow
 def test_the_page_from_the_class_to_the_diagnosis_that_finds_it(worked):
     folder, printed = worked
-    code, = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert code in EXAMPLE.read_text(encoding="utf-8")
     assert re.search(r"^sets +relief valve (> )?\d+ %", printed, re.MULTILINE)
 
-    diagnose, predict = re.findall(r"^    (hmcvt (?:diagnose|predict) .*)", PAGE, re.MULTILINE)
+    diagnose, predict = re.findall(
+        r"^    (hmcvt (?:diagnose|predict) .*)", PAGE, re.MULTILINE
+    )
     found = here(folder, f"{diagnose} --json").json
     assert found["sets"][0]["effects"] == ["relief_valve"]
     leak = found["causes"][0]["parameters"]["leak"]
@@ -46,30 +48,49 @@ def test_the_page_from_the_class_to_the_diagnosis_that_finds_it(worked):
 
 def test_an_unknown_effect_names_both_ways_to_one_of_your_own(worked):
     folder, _ = worked
-    assert_refused(here(folder, "hmcvt predict valve.csv --params valve.yaml"),
-                   "effect = 'relief_valve', form = '' is not known", "--effects MODULE_OR_FILE.py",
-                   "entry-point group hmcvt.effects")
+    assert_refused(
+        here(folder, "hmcvt predict valve.csv --params valve.yaml"),
+        "effect = 'relief_valve', form = '' is not known",
+        "--effects MODULE_OR_FILE.py",
+        "entry-point group hmcvt.effects",
+    )
 
 
 def leaking(flow):
     """The example with another flow."""
-    return EXAMPLE.read_text().replace("self.leak * np.sign(state.pressure) * above", flow)
+    return EXAMPLE.read_text().replace(
+        "self.leak * np.sign(state.pressure) * above", flow
+    )
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    (None, ("mine.py: cannot be loaded: FileNotFoundError",)),
-    ("def", ("mine.py: cannot be loaded: SyntaxError", "line 1")),
-    ("import absent_thing", ("ModuleNotFoundError: No module named 'absent_thing'",)),
-    ("x = 1", ("mine.py: holds no effect",)),
-    (leaking("above[:2]"), ("effect relief_valve: leakage_flow gives an array of shape (2,)",)),
-    (leaking("above * np.nan"), ("leakage_flow gives nan at every point tried",)),
-    (leaking("np.abs(above, out=state.pressure)"), ("changes pressure of the state",)),
-    (leaking("state.presure"), ("leakage_flow: AttributeError: ",)),
-])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, ("mine.py: cannot be loaded: FileNotFoundError",)),
+        ("def", ("mine.py: cannot be loaded: SyntaxError", "line 1")),
+        (
+            "import absent_thing",
+            ("ModuleNotFoundError: No module named 'absent_thing'",),
+        ),
+        ("x = 1", ("mine.py: holds no effect",)),
+        (
+            leaking("above[:2]"),
+            ("effect relief_valve: leakage_flow gives an array of shape (2,)",),
+        ),
+        (leaking("above * np.nan"), ("leakage_flow gives nan at every point tried",)),
+        (
+            leaking("np.abs(above, out=state.pressure)"),
+            ("changes pressure of the state",),
+        ),
+        (leaking("state.presure"), ("leakage_flow: AttributeError: ",)),
+    ],
+)
 def test_a_file_of_no_use_is_told(tmp_path, text, words):
     if text is not None:
         (tmp_path / "mine.py").write_text(text)
-    assert_refused(process("predict", TABLE2, "--effects", tmp_path / "mine.py"), *words)
+    assert_refused(
+        process("predict", TABLE2, "--effects", tmp_path / "mine.py"), *words
+    )
 
 
 def test_effects_of_an_installed_package(worked, tmp_path):
@@ -77,16 +98,22 @@ def test_effects_of_an_installed_package(worked, tmp_path):
     for name, module in (("valve", "own_valve"), ("broken", "broken_effects")):
         info = tmp_path / f"{name}-1.0.dist-info"
         info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (info / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
+        )
         (info / "entry_points.txt").write_text(f"[hmcvt.effects]\n{name} = {module}\n")
     (tmp_path / "own_valve.py").write_text(EXAMPLE.read_text(encoding="utf-8"))
     (tmp_path / "broken_effects.py").write_text("import absent_thing")
     env = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    done = process("predict", "valve.csv", "--params", "valve.yaml", cwd=folder, env=env)
+    done = process(
+        "predict", "valve.csv", "--params", "valve.yaml", cwd=folder, env=env
+    )
     assert done.code == 0 and "mean |error|" in done.out
     # One that cannot be loaded harms no other, and is named where an effect is missing.
     text = (folder / "valve.yaml").read_text().replace("relief_valve", "relief_flap")
     (tmp_path / "flap.yaml").write_text(re.sub("checksum: .*\n", "", text))
     assert process("predict", TABLE2, "--params", HM4, cwd=folder, env=env).code == 0
-    assert_refused(process("predict", TABLE2, "--params", tmp_path / "flap.yaml", env=env),
-                   "cannot be loaded: broken_effects (ModuleNotFoundError")
+    assert_refused(
+        process("predict", TABLE2, "--params", tmp_path / "flap.yaml", env=env),
+        "cannot be loaded: broken_effects (ModuleNotFoundError",
+    )

@@ -41,9 +41,14 @@ SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 def _lines(text):
     """Command lines: those of code blocks, and those in the running text that have arguments."""
     joined = re.sub(r"\\\n\s*", " ", text)
-    block = [line.strip().removeprefix("$ ") for line in joined.splitlines()
-             if re.match(r"(    |\s+(\$ )?|\$ )hmcvt [a-z]", line)]
-    inline = re.findall(r"`(hmcvt [a-z][a-z-]* [^`]+)`", re.sub(r"(?<!\n)\n(?!\n)", " ", text))
+    block = [
+        line.strip().removeprefix("$ ")
+        for line in joined.splitlines()
+        if re.match(r"(    |\s+(\$ )?|\$ )hmcvt [a-z]", line)
+    ]
+    inline = re.findall(
+        r"`(hmcvt [a-z][a-z-]* [^`]+)`", re.sub(r"(?<!\n)\n(?!\n)", " ", text)
+    )
     return [re.sub(r"\s+#.*", "", line) for line in (*block, *inline)]
 
 
@@ -57,9 +62,14 @@ def _found():
     texts = [path.read_text(encoding="utf-8") for path in PAGES]
     texts += [_command(name).epilog or "" for name in NAMES]
     # An effect of one's own stays in the library for good: tests/cli/test_effects.py.
-    lines = {line for text in texts for line in _lines(text) if "own_effect" not in line}
-    synopses = {line for line in lines
-                if SYNOPSIS.search(line) or re.fullmatch(r"hmcvt [a-z-]+ --[a-z]+", line)}
+    lines = {
+        line for text in texts for line in _lines(text) if "own_effect" not in line
+    }
+    synopses = {
+        line
+        for line in lines
+        if SYNOPSIS.search(line) or re.fullmatch(r"hmcvt [a-z-]+ --[a-z]+", line)
+    }
     cases = {tuple(shlex.split(line)[1:]) for line in lines - synopses}
     return sorted(cases), sorted(synopses)
 
@@ -80,9 +90,15 @@ def workplace(tmp_path, monkeypatch):
         shutil.copy(ROOT / "data" / "table2.csv", tmp_path / name)
     for name in ("mine.yaml", "served.yaml"):
         shutil.copy(ROOT / "params" / "hm4.yaml", tmp_path / name)
-    train = yaml.safe_load((ROOT / "params" / "transmission.yaml").read_text(encoding="utf-8"))
-    train["stages"]["HM2"] = copy.deepcopy(train["stages"]["HM4"])  # an alias would be refused
-    (tmp_path / "my_transmission.yaml").write_text(yaml.safe_dump(train), encoding="utf-8")
+    train = yaml.safe_load(
+        (ROOT / "params" / "transmission.yaml").read_text(encoding="utf-8")
+    )
+    train["stages"]["HM2"] = copy.deepcopy(
+        train["stages"]["HM4"]
+    )  # an alias would be refused
+    (tmp_path / "my_transmission.yaml").write_text(
+        yaml.safe_dump(train), encoding="utf-8"
+    )
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -95,7 +111,8 @@ def test_every_command_shows_examples(name):
     # The older name of import shows the new one.
     assert all(case[:2] == ["hmcvt", name.removesuffix("-csv")] for case in examples)
     assert command.help and all(
-        option.help for option in command.params if isinstance(option, click.Option))
+        option.help for option in command.params if isinstance(option, click.Option)
+    )
 
 
 def test_every_command_stands_in_cli_md_and_has_an_example():
@@ -130,7 +147,9 @@ def test_synopsis(line):
 
 
 def test_python_of_the_readme(workplace):
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    blocks = re.findall(
+        r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+    )
     assert blocks
     names = {}
     for block in blocks:
@@ -142,7 +161,9 @@ def blocks(page):
     """Indented blocks of a page, as lists of lines."""
     text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
     found = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
-    return [[line[4:] for line in block.splitlines() if line.strip()] for block in found]
+    return [
+        [line[4:] for line in block.splitlines() if line.strip()] for block in found
+    ]
 
 
 def same(shown, printed):
@@ -150,8 +171,10 @@ def same(shown, printed):
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
         return False
     pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
-    return all(float(one) == pytest.approx(float(other), rel=0.02, abs=0.011)
-               for one, other in pairs)
+    return all(
+        float(one) == pytest.approx(float(other), rel=0.02, abs=0.011)
+        for one, other in pairs
+    )
 
 
 def follow(hmcvt, block, printed):
@@ -192,12 +215,16 @@ def test_every_step(hmcvt, workplace):
     # The pictures of the page are those that its commands draw.
     pictures = set(re.findall(r"\(pictures/([\w.]+)\)", page))
     assert pictures == {"fit.png", "map.png", "losses.png"}
-    assert all((workplace / name).is_file() for name in (*pictures, "report.html", "mine.yaml"))
+    assert all(
+        (workplace / name).is_file() for name in (*pictures, "report.html", "mine.yaml")
+    )
 
 
 def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
-    example, = re.findall(r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE)
+    (example,) = re.findall(
+        r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE
+    )
     told = followed(hmcvt, example, 6)
     assert (workplace / "better.yaml").is_file()
     assert "model with charge_pump (34 %, not certain) written to better.yaml" in told

@@ -16,8 +16,16 @@ NOT_DETERMINED = "motor_damping is not determined by these samples"
 
 def test_paper_split(hmcvt):
     """By the paper's formulas; by the balance: below."""
-    value = hmcvt("identify", TABLE2, *SPLIT, "--formulation", "published", "--gear-efficiency",
-                  "0.98", "--json").json
+    value = hmcvt(
+        "identify",
+        TABLE2,
+        *SPLIT,
+        "--formulation",
+        "published",
+        "--gear-efficiency",
+        "0.98",
+        "--json",
+    ).json
     assert value["fit_error"] <= 0.0135 and value["prediction_error"] <= 0.0170
     assert value["annealing_objective"] > value["objective"]["value"] > 0.0
     assert value["formulation"] == "published" and value["gear_efficiency"] == [0.98]
@@ -30,7 +38,9 @@ def test_paper_split(hmcvt):
 def test_file_and_report_say_what_json_says(tmp_path, hmcvt):
     """The command that params/README.md gives, as a process."""
     out = tmp_path / "hm4.yaml"
-    done = process("identify", "data/table2.csv", "--fit", "1,2,4,5,6", "--out", out, "--json")
+    done = process(
+        "identify", "data/table2.csv", "--fit", "1,2,4,5,6", "--out", out, "--json"
+    )
     assert (done.code, done.err) == (0, "")
     assert done.out[0] == "{" and done.out.endswith("}\n")
     assert done.json["fit_error"] <= 0.0205 and done.json["prediction_error"] <= 0.0165
@@ -53,7 +63,9 @@ def test_part_of_the_samples_is_held_back_at_random(hmcvt):
     assert (value["samples"], len(held)) == (67, 29)
     assert held == sorted(set(held)) and held != list(range(held[0], held[0] + 29))
     assert hmcvt("identify", SIMULATED, "--hold-back", "0.3", "--json").json == value
-    other = hmcvt("identify", SIMULATED, "--hold-back", "0.3", "--seed", "1", "--json").json
+    other = hmcvt(
+        "identify", SIMULATED, "--hold-back", "0.3", "--seed", "1", "--json"
+    ).json
     assert [entry["sample"] for entry in other["held_back"]] != held
     few = hmcvt("identify", TABLE2, "--hold-back", "0.01", "--json").json
     assert few["samples"] == 7
@@ -70,24 +82,41 @@ def test_samples_held_back_where_none_was_fitted_are_told(hmcvt, tmp_path):
 
 def test_gear_efficiencies_are_compared(hmcvt, tmp_path):
     out = tmp_path / "best.yaml"
-    asked = ("identify", TABLE2, *SPLIT, "--out", out, "--gear-efficiency", "1,0.98",
-             "--gear-efficiency", "0.96")
+    asked = (
+        "identify",
+        TABLE2,
+        *SPLIT,
+        "--out",
+        out,
+        "--gear-efficiency",
+        "1,0.98",
+        "--gear-efficiency",
+        "0.96",
+    )
     lines = hmcvt(*asked).out.splitlines()
     assert lines[0].split()[:2] == ["gear", "efficiency"]
     assert [line.split()[0] for line in lines[1:4]] == ["1", "0.98", "0.96"]
     value = hmcvt(*asked, "--json").json
-    assert [each["gear_efficiency"] for each in value["tried"]] == [[1.0], [0.98], [0.96]]
+    assert [each["gear_efficiency"] for each in value["tried"]] == [
+        [1.0],
+        [0.98],
+        [0.96],
+    ]
     objectives = [each["objective"]["value"] for each in value["tried"]]
     assert value["best"] == value["tried"][objectives.index(min(objectives))]
-    assert hmcvt_library.load_model(out).stage.gear_pairs[0].efficiency \
+    assert (
+        hmcvt_library.load_model(out).stage.gear_pairs[0].efficiency
         == value["best"]["gear_efficiency"][0]
+    )
 
 
 def test_other_transmission(hmcvt, tmp_path):
     text = (HM4.parent / "transmission.yaml").read_text()
     made = tmp_path / "made-up.yaml"
     made.write_text(text.replace("HM4:", "LOW:").replace("11: 0.823", "11: 0.9"))
-    value = hmcvt("identify", TABLE2, "--transmission", made, "--stage", "LOW", "--json").json
+    value = hmcvt(
+        "identify", TABLE2, "--transmission", made, "--stage", "LOW", "--json"
+    ).json
     assert value["stage"] == "LOW"
     shipped = hmcvt("identify", TABLE2, "--json").json
     assert shipped["samples"] == 8

@@ -12,13 +12,29 @@ from hmcvt_core.report.style import LOSSES
 from .running import POINT, ROOT, TABLE2, assert_refused
 
 WORDS = {
-    "map": {"engine speed [r/min]", "output speed / engine speed [-]", "efficiency [%]",
-            "Efficiency at 23 kW", "best at an engine speed", "best at an output speed",
-            "data of the identification"},
-    "breakdown": {"displacement ratio [-]", "lost, % of engine power", "leakage",
-                  "motor damping", "Where the watts go: 1400 r/min, 200 N m"},
-    "identify": {"predicted efficiency [%]", "measured efficiency [%]", "fitted (5)",
-                 "held back (3)", "mean error 2.02 % fitted, 1.60 % held back"},
+    "map": {
+        "engine speed [r/min]",
+        "output speed / engine speed [-]",
+        "efficiency [%]",
+        "Efficiency at 23 kW",
+        "best at an engine speed",
+        "best at an output speed",
+        "data of the identification",
+    },
+    "breakdown": {
+        "displacement ratio [-]",
+        "lost, % of engine power",
+        "leakage",
+        "motor damping",
+        "Where the watts go: 1400 r/min, 200 N m",
+    },
+    "identify": {
+        "predicted efficiency [%]",
+        "measured efficiency [%]",
+        "fitted (5)",
+        "held back (3)",
+        "mean error 2.02 % fitted, 1.60 % held back",
+    },
 }
 
 
@@ -31,7 +47,10 @@ def command(name, picture):
 
 
 def texts(svg):
-    return {"".join(item.itertext()).strip() for item in svg.iter("{http://www.w3.org/2000/svg}text")}
+    return {
+        "".join(item.itertext()).strip()
+        for item in svg.iter("{http://www.w3.org/2000/svg}text")
+    }
 
 
 @pytest.mark.parametrize("name", WORDS)
@@ -42,8 +61,11 @@ def test_svg_says_what_it_shows(hmcvt, tmp_path, name):
     assert WORDS[name] <= found
     if name == "map":
         samples = hmcvt("predict", TABLE2, "--json").json
-        residuals = {f"{100 * (one['measured'] - one['predicted']):+.1f}" for one in samples
-                     if abs(one["load_torque"] * one["engine_speed"] / 23e3 - 1.0) < 0.15}
+        residuals = {
+            f"{100 * (one['measured'] - one['predicted']):+.1f}"
+            for one in samples
+            if abs(one["load_torque"] * one["engine_speed"] / 23e3 - 1.0) < 0.15
+        }
         assert len(residuals) == 4 and residuals <= found
     if name == "breakdown":
         drawn = path.read_text(encoding="utf-8")
@@ -53,14 +75,19 @@ def test_svg_says_what_it_shows(hmcvt, tmp_path, name):
         assert path.read_text(encoding="utf-8") == drawn
 
 
-@pytest.mark.parametrize(("options", "labels"), [
-    (("--power", "90kW"), {"no data at this power"}),
-    (("--params", ROOT / "params" / "paper.yaml"), set()),
-])
+@pytest.mark.parametrize(
+    ("options", "labels"),
+    [
+        (("--power", "90kW"), {"no data at this power"}),
+        (("--params", ROOT / "params" / "paper.yaml"), set()),
+    ],
+)
 def test_map_says_where_it_has_no_data(hmcvt, tmp_path, options, labels):
     path = tmp_path / "picture.svg"
     assert hmcvt("map", "--picture", path, *options).code == 0
-    assert {text for text in texts(ET.parse(path).getroot()) if "data" in text} == labels
+    assert {
+        text for text in texts(ET.parse(path).getroot()) if "data" in text
+    } == labels
 
 
 def test_pages_in_a_browser(hmcvt, tmp_path):
@@ -78,12 +105,19 @@ def test_pages_in_a_browser(hmcvt, tmp_path):
 
 
 @pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
-@pytest.mark.parametrize("arguments", [
-    ("map", "--picture", "map.png"), ("diagnose", TABLE2, "--report", "R.html")])
-def test_what_draws_is_missed_before_the_work(hmcvt, arguments, missing, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "arguments",
+    [("map", "--picture", "map.png"), ("diagnose", TABLE2, "--report", "R.html")],
+)
+def test_what_draws_is_missed_before_the_work(
+    hmcvt, arguments, missing, tmp_path, monkeypatch
+):
     present = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec",
-                        lambda name, *more: None if name == missing else present(name, *more))
+    monkeypatch.setattr(
+        importlib.util,
+        "find_spec",
+        lambda name, *more: None if name == missing else present(name, *more),
+    )
     monkeypatch.chdir(tmp_path)
     assert_refused(hmcvt(*arguments), missing, 'pip install ".[report]"')
     assert list(tmp_path.iterdir()) == []

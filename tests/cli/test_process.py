@@ -31,17 +31,26 @@ def test_bare_command_shows_help(hmcvt):
     assert "Usage: hmcvt" in done.err
     assert all(f"\n  {name} " in done.err for name in COMMANDS)
     assert hmcvt("--help").out == hmcvt("-h").out == done.err
-    assert hmcvt("--version").out.split() == ["hmcvt,", "version", hmcvt_core.__version__]
+    assert hmcvt("--version").out.split() == [
+        "hmcvt,",
+        "version",
+        hmcvt_core.__version__,
+    ]
 
 
 def test_help_loads_no_command_of_ours_and_names_those_of_ros():
-    code = ("import sys; from hmcvt_core.cli import cli\n"
-            "cli.main(['--help'], standalone_mode=False)\n"
-            "print(*(name for name in sys.modules if name.startswith('hmcvt_core.cli.')))")
+    code = (
+        "import sys; from hmcvt_core.cli import cli\n"
+        "cli.main(['--help'], standalone_mode=False)\n"
+        "print(*(name for name in sys.modules if name.startswith('hmcvt_core.cli.')))"
+    )
     done = script("-c", code, cwd=ROOT)
     assert set(done.stdout.splitlines()[-1].split()) <= {"hmcvt_core.cli.common"}
-    assert re.search(r"^  import-bag  turn a recorded bag \(rosbag2\) into bench samples$",
-                     done.stdout, re.MULTILINE)
+    assert re.search(
+        r"^  import-bag  turn a recorded bag \(rosbag2\) into bench samples$",
+        done.stdout,
+        re.MULTILINE,
+    )
 
 
 @pytest.fixture
@@ -52,11 +61,13 @@ def other_package(tmp_path, monkeypatch):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[hmcvt.commands]\ngreet = other:greet\nabsent = other:absent\n"
-        "needy = other_needy:command\nplain = other:__name__\npredict = other:greet\n")
+        "needy = other_needy:command\nplain = other:__name__\npredict = other:greet\n"
+    )
     (tmp_path / "other.py").write_text(
         "import click\n@click.command(short_help='say hello')\n"
         "@click.option('--loud', is_flag=True)\n"
-        "def greet(loud):\n    click.echo('HELLO' if loud else 'hello')\n")
+        "def greet(loud):\n    click.echo('HELLO' if loud else 'hello')\n"
+    )
     (tmp_path / "other_needy.py").write_text("import a_module_that_is_not_there")
     monkeypatch.syspath_prepend(tmp_path)
 
@@ -67,23 +78,37 @@ def test_commands_of_another_package(hmcvt, other_package):
     assert hmcvt("predict", *POINT).out.startswith("efficiency ")
     shown = hmcvt("--help")
     assert (shown.code, shown.err) == (0, "")
-    for line in ("greet       say hello", "needy       (cannot be loaded: other_needy:command)",
-                 "absent      (cannot be loaded: other:absent)"):
+    for line in (
+        "greet       say hello",
+        "needy       (cannot be loaded: other_needy:command)",
+        "absent      (cannot be loaded: other:absent)",
+    ):
         assert f"\n  {line}\n" in shown.out
-    assert_refused(hmcvt("needy"), "command needy (other_needy:command) cannot be loaded: "
-                   "ModuleNotFoundError: No module named 'a_module_that_is_not_there'")
+    assert_refused(
+        hmcvt("needy"),
+        "command needy (other_needy:command) cannot be loaded: "
+        "ModuleNotFoundError: No module named 'a_module_that_is_not_there'",
+    )
     assert_refused(hmcvt("plain"), "command plain (other:__name__) is no click command")
     assert_refused(hmcvt("unknown"), "No such command 'unknown'", "hmcvt --help")
     completed = shell_completion.BashComplete(cli, {}, "hmcvt", "_HMCVT_COMPLETE")
     offered = {item.value for item in completed.get_completions([], "")}
-    assert {"greet", *COMMANDS} <= offered and not {"needy", "absent", "plain"} & offered
+    assert {"greet", *COMMANDS} <= offered and not {
+        "needy",
+        "absent",
+        "plain",
+    } & offered
 
 
 def test_write_that_fails_half_way_leaves_the_old_file(tmp_path):
     out = tmp_path / "map.csv"
     out.write_text("old")
-    done = process(*SMALL_MAP, "--out", out, preexec_fn=lambda: resource.setrlimit(
-        resource.RLIMIT_FSIZE, (1000, 1000)))
+    done = process(
+        *SMALL_MAP,
+        "--out",
+        out,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)),
+    )
     assert_refused(done, f"{out}: File too large")
     assert out.read_text() == "old"
     assert list(tmp_path.iterdir()) == [out]
@@ -98,35 +123,54 @@ def test_link_stays_a_link(hmcvt, tmp_path):
     assert target.read_text() == hmcvt(*SMALL_MAP).out
 
 
-@pytest.mark.parametrize("arguments", [
-    ("identify", "{}", "--out", "{}"), ("identify", "{}", "--picture", "{}"),
-    ("diagnose", "{}", "--report", "{}"), ("diagnose", TABLE2, "--holdout", "{}",
-                                           "--save-model", "{}"),
-    ("diagnose", TABLE2, "--params", "{}", "--report", "{}"),
-    ("import-csv", "{}", "--out", "{}", "--engine-speed", "n")], ids=" ".join)
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("identify", "{}", "--out", "{}"),
+        ("identify", "{}", "--picture", "{}"),
+        ("diagnose", "{}", "--report", "{}"),
+        ("diagnose", TABLE2, "--holdout", "{}", "--save-model", "{}"),
+        ("diagnose", TABLE2, "--params", "{}", "--report", "{}"),
+        ("import-csv", "{}", "--out", "{}", "--engine-speed", "n"),
+    ],
+    ids=" ".join,
+)
 def test_what_a_command_reads_is_not_written_over(hmcvt, tmp_path, arguments):
     path, link = tmp_path / "bench.svg", tmp_path / "link.svg"
     path.write_bytes(Path(TABLE2).read_bytes())
     link.symlink_to(path)
     given = [str(word).format(path) for word in arguments]
     given[len(given) - 1 - given[::-1].index(str(path))] = str(link)
-    assert_refused(hmcvt(*given), f"{link}: is read by this command; write another file")
+    assert_refused(
+        hmcvt(*given), f"{link}: is read by this command; write another file"
+    )
     assert path.read_bytes() == Path(TABLE2).read_bytes()
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full (Linux)")
 def test_full_disk():
     with open("/dev/full", "w") as full:
-        done = subprocess.run([*COMMAND, *SMALL_MAP], stdout=full, stderr=subprocess.PIPE,
-                              text=True, cwd=ROOT, timeout=60)
+        done = subprocess.run(
+            [*COMMAND, *SMALL_MAP],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            timeout=60,
+        )
     assert done.returncode == 2
     assert done.stderr == "hmcvt: error: output: No space left on device\n"
 
 
 def test_reader_that_leaves():
     # More than a pipe holds, and a reader that takes one line.
-    with subprocess.Popen([*COMMAND, "map", "--steps", "101", "41", "11"], text=True, cwd=ROOT,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+    with subprocess.Popen(
+        [*COMMAND, "map", "--steps", "101", "41", "11"],
+        text=True,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as running:
         assert running.stdout.readline().startswith("displacement_ratio")
         running.stdout.close()
         assert running.stderr.read() == ""
@@ -146,9 +190,16 @@ def _wait_until_read(pipe):
 def test_interrupt(tmp_path):
     bench = tmp_path / "bench.csv"
     os.mkfifo(bench)
-    with subprocess.Popen([*COMMAND, "identify", str(bench)], text=True, cwd=ROOT,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running, \
-            open(bench, "w") as pipe:
+    with (
+        subprocess.Popen(
+            [*COMMAND, "identify", str(bench)],
+            text=True,
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as running,
+        open(bench, "w") as pipe,
+    ):
         # Once it has read the first bytes it waits for more: in the middle of its work.
         pipe.write("displacement_ratio,")
         pipe.flush()
@@ -164,8 +215,10 @@ class _Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(("seconds", "terminal", "shown"), [
-    (3.0, True, True), (0.0, True, False), (3.0, False, False)])
+@pytest.mark.parametrize(
+    ("seconds", "terminal", "shown"),
+    [(3.0, True, True), (0.0, True, False), (3.0, False, False)],
+)
 def test_progress(monkeypatch, seconds, terminal, shown):
     stream = _Terminal() if terminal else io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)

@@ -7,7 +7,9 @@ from hypothesis import settings
 
 import hmcvt_core as hmcvt
 
-settings.register_profile("hmcvt", derandomize=True, database=None, deadline=None, max_examples=60)
+settings.register_profile(
+    "hmcvt", derandomize=True, database=None, deadline=None, max_examples=60
+)
 settings.load_profile("hmcvt")
 
 FIT = np.array([1, 2, 4, 5, 6]) - 1  # section 4.2
@@ -37,8 +39,9 @@ def fitted(table2):
 @pytest.fixture(scope="session")
 def fitted_published(table2):
     """The paper's split, the paper's formulas."""
-    return hmcvt.identify(table2.select(FIT), validation=table2.select(HELD_BACK),
-                          formulation="published")
+    return hmcvt.identify(
+        table2.select(FIT), validation=table2.select(HELD_BACK), formulation="published"
+    )
 
 
 @pytest.fixture(scope="session")

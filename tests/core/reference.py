@@ -24,10 +24,18 @@ def steady_states(stage, found, eps, engine_speed, load_torque, near):
     """Every steady state with a turning motor that `fsolve` finds within half of the outputs."""
     units = stage.pump_motor
     v_p, v_m = units.pump_displacement, units.motor_displacement
-    row = {"sun": 1.0, "ring": stage.planetary_constant, "carrier": -1.0 - stage.planetary_constant}
-    i, eta = ({path: function(getattr(stage, path)) for path in stage.paths} for function in (
-        lambda path: path.direction * prod(pair.ratio for pair in path.gear_pairs),
-        lambda path: prod(pair.efficiency for pair in path.gear_pairs)))
+    row = {
+        "sun": 1.0,
+        "ring": stage.planetary_constant,
+        "carrier": -1.0 - stage.planetary_constant,
+    }
+    i, eta = (
+        {path: function(getattr(stage, path)) for path in stage.paths}
+        for function in (
+            lambda path: path.direction * prod(pair.ratio for pair in path.gear_pairs),
+            lambda path: prod(pair.efficiency for pair in path.gear_pairs),
+        )
+    )
 
     def passed(path, torque, speed):
         """Torque beyond a path, not yet geared, of one that is put in."""
@@ -43,26 +51,38 @@ def steady_states(stage, found, eps, engine_speed, load_torque, near):
     def state(output, pressure):
         if stage.layout == "input_coupled":
             pump = engine_speed / i["pump"]
-            motor = third(engine_speed / i["mechanical"], output * i["output"], engine, out) * (
-                i["motor"])
+            motor = (
+                third(engine_speed / i["mechanical"], output * i["output"], engine, out)
+                * (i["motor"])
+            )
         elif stage.layout == "hydrostatic":
             pump, motor = engine_speed / i["pump"], output * i["output"] * i["motor"]
         else:
-            member = third(engine_speed / i["mechanical"], output * i["output"], engine, out)
+            member = third(
+                engine_speed / i["mechanical"], output * i["output"], engine, out
+            )
             sense = copysign(1.0, -row[engine] / row[held] / i["mechanical"])
             pump, motor = sense * member / i["pump"], output * i["motor"]
         rubbing = np.sign(motor) * units.motor_friction * abs(pressure) * v_m
-        motor_torque = pressure * v_m - found.motor_damping * motor - rubbing  # Eq. (14)
+        motor_torque = (
+            pressure * v_m - found.motor_damping * motor - rubbing
+        )  # Eq. (14)
         rubbing = np.sign(pump) * units.pump_friction * abs(pressure * eps) * v_p
-        pump_torque = pressure * eps * v_p + found.pump_damping * pump + rubbing  # Eq. (15)
+        pump_torque = (
+            pressure * eps * v_p + found.pump_damping * pump + rubbing
+        )  # Eq. (15)
         flow = v_p * pump * eps - v_m * motor - found.leakage * pressure  # Eq. (13)
         from_motor = passed("motor", motor_torque, motor) * i["motor"]
         to_pump = -passed("pump", -pump_torque, pump) / i["pump"]
         if stage.layout == "output_coupled":
             torque = -sense * to_pump * i["pump"] / i["pump"]  # of the pump on the row
             share = torque / row[held]
-            given = passed("output", -share * row[out], output * i["output"]) * i["output"]
-            taken = -passed("mechanical", -share * row[engine] / i["mechanical"], engine_speed)
+            given = (
+                passed("output", -share * row[out], output * i["output"]) * i["output"]
+            )
+            taken = -passed(
+                "mechanical", -share * row[engine] / i["mechanical"], engine_speed
+            )
             return flow, from_motor + given, taken
         if stage.layout == "hydrostatic":
             given, taken = from_motor, 0.0
@@ -75,13 +95,18 @@ def steady_states(stage, found, eps, engine_speed, load_torque, near):
 
     states = []
     for expected in near:
+
         def laws(x, expected=expected):
             flow, at_output, _ = state(x[0] * expected, x[1] * 1e6)
-            return (flow / (v_m * engine_speed),
-                    at_output * x[0] * expected / engine_speed - load_torque)
+            return (
+                flow / (v_m * engine_speed),
+                at_output * x[0] * expected / engine_speed - load_torque,
+            )
 
         for pressure in PRESSURES:
             x, _, done, _ = fsolve(laws, [1.0, pressure], full_output=True, xtol=1e-13)
             if done == 1 and max(map(abs, laws(x))) < 1e-7 and abs(x[0] - 1.0) < 0.5:
-                states.append(State(x[0] * expected, state(x[0] * expected, x[1] * 1e6)[2]))
+                states.append(
+                    State(x[0] * expected, state(x[0] * expected, x[1] * 1e6)[2])
+                )
     return states

@@ -11,29 +11,49 @@ from cli.running import TABLE2, script
 import hmcvt_core as hmcvt
 
 SOURCE = Path(hmcvt.__file__).parent
-HEAVY = ("rclpy", "hmcvt_ros", "studies", "yaml", "jinja2", "matplotlib", "click", "rosbags")
+HEAVY = (
+    "rclpy",
+    "hmcvt_ros",
+    "studies",
+    "yaml",
+    "jinja2",
+    "matplotlib",
+    "click",
+    "rosbags",
+)
 
 
 def test_layers_hold_without_a_circle():
     """pyproject.toml names the layers; imports inside functions and for types alone count."""
     linter = Path(sys.executable).with_name("lint-imports")
-    done = subprocess.run([linter, "--no-cache"], cwd=SOURCE.parent, capture_output=True, text=True,
-                          timeout=120)
+    done = subprocess.run(
+        [linter, "--no-cache"],
+        cwd=SOURCE.parent,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stdout
     assert "Contracts: 6 kept, 0 broken." in done.stdout
 
 
 def test_import_is_light():
-    loaded = set(script("-c", "import hmcvt_core, sys; print(*sys.modules)",
-                        cwd=SOURCE.parent).stdout.split())
+    loaded = set(
+        script(
+            "-c", "import hmcvt_core, sys; print(*sys.modules)", cwd=SOURCE.parent
+        ).stdout.split()
+    )
     assert "hmcvt_core.physics" in loaded
     assert not loaded & set(HEAVY)
 
 
 def test_all_is_sorted_and_complete():
     assert list(hmcvt.__all__) == sorted(hmcvt.__all__)
-    imported = {name for name, item in vars(hmcvt).items()
-                if not name.startswith("_") and not inspect.ismodule(item)}
+    imported = {
+        name
+        for name, item in vars(hmcvt).items()
+        if not name.startswith("_") and not inspect.ismodule(item)
+    }
     assert imported <= set(hmcvt.__all__)
 
 
@@ -109,7 +129,10 @@ print(_cores() >= 1)
 """
     done = without_posix(code, tmp_path, MSVCRT)
     assert done.stdout.splitlines() == [
-        "out: another hmcvt fleet writes there now", "free", "True"], done.stderr
+        "out: another hmcvt fleet writes there now",
+        "free",
+        "True",
+    ], done.stderr
 
 
 def test_the_pages_quote_as_cmd_does():

@@ -28,17 +28,24 @@ def synthetic(stage, n, seed, noise=NOISE):
     torque = rng.uniform(80.0, 400.0, n)
     exact = hmcvt.EfficiencyModel(stage, TRUTH).efficiency(stroke, speed, torque)
     measured = exact + noise * rng.standard_normal(n)
-    return hmcvt.BenchSamples(stroke, speed, torque, measured,
-                              efficiency_std=np.full(n, max(noise, 1e-6)))
+    return hmcvt.BenchSamples(
+        stroke, speed, torque, measured, efficiency_std=np.full(n, max(noise, 1e-6))
+    )
 
 
-@pytest.mark.parametrize(("formulation", "fit", "prediction"), [
-    # goal: at or below 2.05 % (fit) and 1.65 % (prediction); docs/theory.md found these.
-    ("power_balance", 0.0202, 0.0160),
-    # goal: at or below 1.35 % and 1.70 %; differential evolution found these (docs/theory.md); the
-    # paper states 2.16 and 1.90.
-    ("published", 0.0132, 0.0162)])
-def test_the_targets_are_met(fitted, fitted_published, table2, formulation, fit, prediction):
+@pytest.mark.parametrize(
+    ("formulation", "fit", "prediction"),
+    [
+        # goal: at or below 2.05 % (fit) and 1.65 % (prediction); docs/theory.md found these.
+        ("power_balance", 0.0202, 0.0160),
+        # goal: at or below 1.35 % and 1.70 %; differential evolution found these (docs/theory.md); the
+        # paper states 2.16 and 1.90.
+        ("published", 0.0132, 0.0162),
+    ],
+)
+def test_the_targets_are_met(
+    fitted, fitted_published, table2, formulation, fit, prediction
+):
     found = fitted if formulation == "power_balance" else fitted_published
     assert found.fit_error == pytest.approx(fit, abs=5e-5)
     assert found.prediction_error == pytest.approx(prediction, abs=5e-5)
@@ -52,7 +59,9 @@ def test_objective_21_by_hand(fitted_published, table2):
     """Predicted against measured, over predicted against the mean."""
     measured = table2.select(FIT).efficiency
     predicted = measured + fitted_published.residuals
-    loss = np.sum((predicted - measured) ** 2) / np.sum((predicted - measured.mean()) ** 2)
+    loss = np.sum((predicted - measured) ** 2) / np.sum(
+        (predicted - measured.mean()) ** 2
+    )
     assert fitted_published.objective == pytest.approx(loss, rel=1e-9)
     assert determination_loss(predicted, measured) == pytest.approx(loss, rel=1e-9)
 
@@ -77,18 +86,28 @@ def test_annealing_arrives_by_itself(table2, name):
     assert max(fit.annealing_objective for fit in found) < 1.01 * LOWEST[name]
     for fit in found:
         assert fit.objective == pytest.approx(LOWEST[name], rel=2e-8)
-        assert fit.annealing_objective == fit.history[-2] >= fit.history[-1] == fit.objective
-        np.testing.assert_allclose(fit.parameters.to_array(), found[0].parameters.to_array(),
-                                   rtol=1e-4)
+        assert (
+            fit.annealing_objective
+            == fit.history[-2]
+            >= fit.history[-1]
+            == fit.objective
+        )
+        np.testing.assert_allclose(
+            fit.parameters.to_array(), found[0].parameters.to_array(), rtol=1e-4
+        )
 
 
 def test_published_misses_the_local_minimum(table2, fitted_published):
     """Of 1 - RSQ, which predicts test 3 as 63 %."""
-    for fit in (fitted_published, hmcvt.identify(
-            table2.select(FIT), formulation="published", seed=1)):
+    for fit in (
+        fitted_published,
+        hmcvt.identify(table2.select(FIT), formulation="published", seed=1),
+    ):
         assert fit.objective == pytest.approx(0.018479745, rel=1e-7)
         assert fit.annealing_objective < 1.05 * fit.objective
-        assert fit.model.efficiency(0.73, 78.54, 267.38) == pytest.approx(0.808, abs=0.02)
+        assert fit.model.efficiency(0.73, 78.54, 267.38) == pytest.approx(
+            0.808, abs=0.02
+        )
 
 
 def test_many_candidates_are_predicted_as_one_by_one(hm4, table2):
@@ -100,8 +119,10 @@ def test_many_candidates_are_predicted_as_one_by_one(hm4, table2):
     for i, j in ((0, 0), (1, 350), (2, 699)):
         one = hmcvt.HydraulicParameters(10.0 ** scaled[i, j, 0], *scaled[i, j, 1:])
         np.testing.assert_allclose(
-            found[i, j], replace(problem.model, parameters=one).efficiency(*table2.points),
-            rtol=1e-12)
+            found[i, j],
+            replace(problem.model, parameters=one).efficiency(*table2.points),
+            rtol=1e-12,
+        )
 
 
 @pytest.mark.parametrize("leakage", [1e-13, 1e-10])
@@ -126,24 +147,34 @@ def roots_of_equation_18(displacement_ratio, efficiency, gear=0.98):
     g^2 [(1 - a_1) g^2 + a_1] r = efficiency (q (r - 1) + 1).
     """
     i2, i3, i4, i5, i6, i11, k = 0.969, 1.484, 0.678, 1.96, 0.982, 0.823, 2.56
-    ratio = ((1 + k) * i4 * i5 + displacement_ratio * i2 * i3) / (k * i2 * i3 * i4 * i5 * i6 * i11)
+    ratio = ((1 + k) * i4 * i5 + displacement_ratio * i2 * i3) / (
+        k * i2 * i3 * i4 * i5 * i6 * i11
+    )
     r, g2 = ratio * k / (1 + k), gear**2
     e = 1.0 - 1.0 / r
     inverse = np.poly1d([g2 * (r - 1.0) / r, 1.0 / r])
-    below = (inverse - e) * np.poly1d([1.0, 0.0]) + e  # denominator of a_1: eta_2 eta_3 cancels g^2
+    below = (inverse - e) * np.poly1d(
+        [1.0, 0.0]
+    ) + e  # denominator of a_1: eta_2 eta_3 cancels g^2
     # a_1 = e / below; multiply (18) by it.
     cubic = ((below - e) * g2 + e) * g2 - efficiency * inverse * below
-    return sorted(float(root.real) for root in cubic.roots
-                  if abs(root.imag) < 1e-12 and 0.0 < root.real < 1.0)
+    return sorted(
+        float(root.real)
+        for root in cubic.roots
+        if abs(root.imag) < 1e-12 and 0.0 < root.real < 1.0
+    )
 
 
-@pytest.mark.parametrize(("test", "efficiency", "expected"), [
-    # docs/theory.md, test 1.
-    (1, 0.643, (0.163, 0.526)),
-    # Confirmed with SymPy.
-    (2, 0.698, (0.130, 0.508)),
-    (5, 0.588, (0.040, 0.441)),
-])
+@pytest.mark.parametrize(
+    ("test", "efficiency", "expected"),
+    [
+        # docs/theory.md, test 1.
+        (1, 0.643, (0.163, 0.526)),
+        # Confirmed with SymPy.
+        (2, 0.698, (0.130, 0.508)),
+        (5, 0.588, (0.040, 0.441)),
+    ],
+)
 def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, expected):
     samples = table2.select([test - 1])
     assert samples.efficiency[0] == efficiency
@@ -158,12 +189,17 @@ def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, ex
 
 def test_rejected_roots_are_reported(fitted_published):
     assert [len(entry.rejected) for entry in fitted_published.roots] == [1, 1, 0, 1, 0]
-    assert "3 samples have a second root for eta_H, beyond the pole" in fitted_published.report()
+    assert (
+        "3 samples have a second root for eta_H, beyond the pole"
+        in fitted_published.report()
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_truth_is_recovered_from_noisy_samples(hm4, seed):
-    found = hmcvt.identify(synthetic(hm4, 60, seed), stage=hm4, schedule=QUICK, seed=seed)
+    found = hmcvt.identify(
+        synthetic(hm4, 60, seed), stage=hm4, schedule=QUICK, seed=seed
+    )
     for name in PARAMETER_NAMES:
         miss = getattr(found.parameters, name) - getattr(TRUTH, name)
         assert abs(miss) < 3.0 * found.standard_errors[name], name
@@ -183,26 +219,37 @@ def test_standard_errors_equal_the_scatter_of_repeated_benches(hm4):
             predicted = hmcvt.EfficiencyModel(hm4, found).efficiency(*points)
             return (predicted - measured) / NOISE
 
-        return least_squares(residuals, (np.log10(2e-11), 0.15, 0.1), x_scale=(0.1, 0.1, 0.1)).x
+        return least_squares(
+            residuals, (np.log10(2e-11), 0.15, 0.1), x_scale=(0.1, 0.1, 0.1)
+        ).x
 
-    fitted = np.array([fit(exact + NOISE * rng.standard_normal(40)) for _ in range(100)])
+    fitted = np.array(
+        [fit(exact + NOISE * rng.standard_normal(40)) for _ in range(100)]
+    )
     scatter = fitted.std(axis=0) * [np.log(10.0) * 2e-11, 1.0, 1.0]
-    noisy = replace(base, efficiency=exact + NOISE * rng.standard_normal(40),
-                    efficiency_std=np.full(40, NOISE))
+    noisy = replace(
+        base,
+        efficiency=exact + NOISE * rng.standard_normal(40),
+        efficiency_std=np.full(40, NOISE),
+    )
     stated = hmcvt.identify(noisy, stage=hm4, schedule=QUICK)
     # 100 repetitions know the scatter to 7 %, one bench its own noise to 12 %.
     np.testing.assert_allclose(list(stated.standard_errors.values()), scatter, rtol=0.3)
     np.testing.assert_allclose(stated.correlation, np.corrcoef(fitted.T), atol=0.2)
 
 
-@pytest.mark.parametrize(("sign", "missing", "present"), [
-    (1.0, "negative", "positive"), (-1.0, "positive", "negative")])
+@pytest.mark.parametrize(
+    ("sign", "missing", "present"),
+    [(1.0, "negative", "positive"), (-1.0, "positive", "negative")],
+)
 def test_one_sign_of_stroke_only(hm4, sign, missing, present):
     samples = synthetic(hm4, 40, 2)
     half = samples.select(sign * samples.displacement_ratio > 0.1)
     found = hmcvt.identify(half, stage=hm4, schedule=QUICK)
-    assert f"no sample has a {missing} displacement ratio: the model is unchecked there" \
+    assert (
+        f"no sample has a {missing} displacement ratio: the model is unchecked there"
         in found.warnings
+    )
     assert not any(f"{present} displacement" in sentence for sentence in found.warnings)
 
 
@@ -211,7 +258,8 @@ def test_annealing_of_many_samples_looks_at_some_and_tells_of_all(hm4):
     asked = []
     found = hmcvt.identify(samples, stage=hm4, schedule=QUICK, progress=asked.append)
     assert found.objective == pytest.approx(
-        np.mean((found.residuals / samples.efficiency_std) ** 2), rel=1e-9)
+        np.mean((found.residuals / samples.efficiency_std) ** 2), rel=1e-9
+    )
     assert found.objective < found.annealing_objective < 3.0 * found.objective
     assert asked[-1].value != found.annealing_objective  # of fewer samples
     np.testing.assert_allclose(found.parameters.to_array(), TRUTH.to_array(), rtol=0.1)
@@ -221,8 +269,10 @@ def test_no_answer_within_the_bounds(hm4):
     # 320 rad/s x 5000 N m is 1.6 MW: at this stroke the mildest leakage stalls.
     samples = hmcvt.BenchSamples([-1.0], [10.0], [5000.0], [0.5])
     leaky = replace(hm4, pump_motor=hmcvt.PumpMotor(1e-7, 1e-7))
-    with pytest.raises(hmcvt.IdentificationError,
-                       match="no parameters within the bounds give an efficiency at every sample"):
+    with pytest.raises(
+        hmcvt.IdentificationError,
+        match="no parameters within the bounds give an efficiency at every sample",
+    ):
         hmcvt.identify(samples, stage=leaky, schedule=QUICK)
 
 
@@ -231,7 +281,11 @@ def flat(value):
     if not isinstance(value, (dict, list, tuple)):
         return {"": value}
     items = value.items() if isinstance(value, dict) else enumerate(value)
-    return {f".{key}{place}": found for key, item in items for place, found in flat(item).items()}
+    return {
+        f".{key}{place}": found
+        for key, item in items
+        for place, found in flat(item).items()
+    }
 
 
 def test_shipped_parameter_file_is_what_identification_gives(fitted):

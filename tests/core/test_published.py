@@ -27,7 +27,9 @@ def transcription(parameters, eps, engine_speed, load_torque, gear):
     """Eqs (5)-(18) line by line in scalars, readings 1, 2, 4 (docs/theory.md)."""
     i2, i3, i4, i5, i6, i11, k1 = 0.969, 1.484, 0.678, 1.96, 0.982, 0.823, 2.56
     v = 55e-6 / (2.0 * math.pi)
-    i_hm = 1.0 / (((1 + k1) * i4 * i5 + eps * i2 * i3) / (k1 * i2 * i3 * i4 * i5 * i6 * i11))
+    i_hm = 1.0 / (
+        ((1 + k1) * i4 * i5 + eps * i2 * i3) / (k1 * i2 * i3 * i4 * i5 * i6 * i11)
+    )
     a = -1.0 / (1.0 + k1)
     e_h = 1.0 - i_hm / (1.0 + a)
     if eps == 0.0:
@@ -36,15 +38,23 @@ def transcription(parameters, eps, engine_speed, load_torque, gear):
         sign = math.copysign(1.0, eps)
         t_out = load_torque * i_hm
         w_p = engine_speed / i4
-        pressure = (t_out / (i5 * i6 * i11 * k1) + parameters.motor_damping * eps * w_p) / v
+        pressure = (
+            t_out / (i5 * i6 * i11 * k1) + parameters.motor_damping * eps * w_p
+        ) / v
         w_m = (v * w_p * eps - parameters.leakage * pressure) / v
         t_m = pressure * v - parameters.motor_damping * w_m - 0.01 * pressure * v
-        t_p = (pressure * v * eps + sign * parameters.pump_damping * w_p
-               - 0.01 * pressure * v * eps)
+        t_p = (
+            pressure * v * eps
+            + sign * parameters.pump_damping * w_p
+            - 0.01 * pressure * v * eps
+        )
         eta_h = abs(w_m * t_m / (w_p * t_p))
     tandem = eta_h * gear * gear
     r = (1.0 + a) / i_hm
-    circulating, split = r / (tandem * r - tandem + 1.0), tandem * r / (r + tandem - 1.0)
+    circulating, split = (
+        r / (tandem * r - tandem + 1.0),
+        tandem * r / (r + tandem - 1.0),
+    )
     eta_hm = circulating if e_h < 0.0 else split
     # As printed, (11) multiplies by eta_4 eta_H eta_5 after dividing by eta_3 eta_2.
     a_1 = e_h / ((1.0 / eta_hm - e_h) / gear**2 * tandem + e_h)
@@ -57,8 +67,9 @@ def transcription(parameters, eps, engine_speed, load_torque, gear):
 def test_bench_tests_equal_the_transcription(hm4, table2, found, gear):
     model = hmcvt.EfficiencyModel(hm4.with_gear_efficiency(gear), found, "published")
     answered = 0
-    for point in zip(table2.displacement_ratio, table2.engine_speed, table2.load_torque,
-                     strict=True):
+    for point in zip(
+        table2.displacement_ratio, table2.engine_speed, table2.load_torque, strict=True
+    ):
         _, expected = transcription(found, *point, gear)
         efficiency = model.efficiency(*point)
         if np.isfinite(efficiency):
@@ -70,7 +81,9 @@ def test_bench_tests_equal_the_transcription(hm4, table2, found, gear):
 @pytest.mark.parametrize("found", PARAMETER_SETS)
 @pytest.mark.parametrize("engine_speed", SPEEDS)
 def test_poles_are_masked(hm4, found, engine_speed):
-    points = OperatingPoints(GRID, np.full(GRID.shape, engine_speed), np.full(GRID.shape, 200.0))
+    points = OperatingPoints(
+        GRID, np.full(GRID.shape, engine_speed), np.full(GRID.shape, 200.0)
+    )
     hydraulic = published.hydraulic_efficiency(hm4, found, points)
     found_at = published.efficiencies(hm4, GRID, hydraulic)
     bare = found_at.total
@@ -85,7 +98,9 @@ def test_poles_are_masked(hm4, found, engine_speed):
     assert 0.3 < answered.mean() < 1.0  # the mask reaches from eps = 0 to the pole
     # Between the two a share a_1 > 1 of the engine power contradicts power that circulates
     # (e_H < 0), also where eta_total happens to fall into (0, 1).
-    beyond = (found_at.engine_share > 1.0) & (found_at.split_ratio < 0.0) & (GRID != 0.0)
+    beyond = (
+        (found_at.engine_share > 1.0) & (found_at.split_ratio < 0.0) & (GRID != 0.0)
+    )
     assert ((bare[beyond] > 0.0) & (bare[beyond] < 1.0)).any()
     assert np.isnan(served[beyond]).all()
 
@@ -109,7 +124,9 @@ def test_leakage_that_turns_the_motor_is_refused(hm4):
 
 def test_no_watts_and_no_effects_without_a_balance(hm4):
     model = hmcvt.EfficiencyModel(hm4, IDENTIFIED, "published")
-    with pytest.raises(hmcvt.InputError, match="breakdown of watts needs formulation power_bal"):
+    with pytest.raises(
+        hmcvt.InputError, match="breakdown of watts needs formulation power_bal"
+    ):
         model.breakdown(0.5, 100.0, 100.0)
     with pytest.raises(hmcvt.InputError, match="effects act in the power balance only"):
         replace(model, effects=(Effect(),))

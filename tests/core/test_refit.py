@@ -37,7 +37,9 @@ def campaign(unit, count, seed, stroke=None, noise=NOISE):
     rng = np.random.default_rng(seed)
     ratio = rng.uniform(-1.0, 1.0, count) if stroke is None else np.full(count, stroke)
     speed, torque = rng.uniform(80.0, 220.0, count), rng.uniform(80.0, 300.0, count)
-    efficiency = unit.efficiency(ratio, speed, torque) * (1 + noise * rng.standard_normal(count))
+    efficiency = unit.efficiency(ratio, speed, torque) * (
+        1 + noise * rng.standard_normal(count)
+    )
     return hmcvt.BenchSamples(ratio, speed, torque, efficiency)
 
 
@@ -49,7 +51,9 @@ def spoiled(samples, rows, by):
 
 def error(model, truth):
     """Largest over the working range."""
-    grid = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(80, 220, 5), np.linspace(80, 300, 5))
+    grid = np.meshgrid(
+        np.linspace(-1, 1, 9), np.linspace(80, 220, 5), np.linspace(80, 300, 5)
+    )
     return np.abs(model.efficiency(*grid) - truth.efficiency(*grid)).max()
 
 
@@ -64,15 +68,19 @@ def test_wear_is_followed_however_sure_the_model_in_service_was(request, name):
     assert found.largest_change > 0.04 and 0.01 < found.drift < found.largest_change
 
 
-@pytest.mark.parametrize(("rows", "by"), [([7], -0.30), ([3], 0.05), ([2, 9, 17], [-0.3, 0.2, 0.1]),
-                                          ([5, 6, 7], -0.2)])
+@pytest.mark.parametrize(
+    ("rows", "by"),
+    [([7], -0.30), ([3], 0.05), ([2, 9, 17], [-0.3, 0.2, 0.1]), ([5, 6, 7], -0.2)],
+)
 def test_bad_samples_are_named_and_do_not_count(known, rows, by):
     samples = campaign(worn(known), 20, seed=2)
     clean = refit(samples, known, known)
     found = refit(spoiled(samples, rows, by), known, known)
     assert found.set_aside == tuple(rows)
-    assert any(text.startswith(f"sample {rows[0]} is set aside: it reads ")
-               for text in found.warnings)
+    assert any(
+        text.startswith(f"sample {rows[0]} is set aside: it reads ")
+        for text in found.warnings
+    )
     assert not found.refused
     # Never more than a point worse than the worse of the two.
     worst = max(error(clean.model, worn(known)), error(known, worn(known)))
@@ -80,11 +88,16 @@ def test_bad_samples_are_named_and_do_not_count(known, rows, by):
 
 
 def test_a_campaign_without_a_majority_is_refused(known):
-    samples = spoiled(campaign(known, 20, seed=3), range(1, 9),
-                      np.array([-0.3, 0.2, -0.25, 0.15, -0.35, 0.22, -0.2, 0.18]))
+    samples = spoiled(
+        campaign(known, 20, seed=3),
+        range(1, 9),
+        np.array([-0.3, 0.2, -0.25, 0.15, -0.35, 0.22, -0.2, 0.18]),
+    )
     found = refit(samples, known, known)
     assert found.set_aside == tuple(range(1, 9))
-    assert found.refused.startswith("8 of 20 samples disagree with the others, more than a third")
+    assert found.refused.startswith(
+        "8 of 20 samples disagree with the others, more than a third"
+    )
 
 
 @pytest.mark.parametrize("name", ["new", "known"])
@@ -106,9 +119,14 @@ def test_what_is_kept_keeps_its_errors(new):
     assert found.model.domain.engine_speed[1] > 200.0
 
 
-@pytest.mark.parametrize(("rows", "where"), [([0], "1 samples at 1 distinct working point "),
-                                             ([0] * 4, "4 samples at 1 distinct working point "),
-                                             ([0, 1, 0, 1], "4 samples at 2 distinct working poi")])
+@pytest.mark.parametrize(
+    ("rows", "where"),
+    [
+        ([0], "1 samples at 1 distinct working point "),
+        ([0] * 4, "4 samples at 1 distinct working point "),
+        ([0, 1, 0, 1], "4 samples at 2 distinct working poi"),
+    ],
+)
 def test_fewer_points_than_parameters_are_refused(new, rows, where):
     with pytest.raises(hmcvt.IdentificationError, match=where):
         refit(campaign(new, 5, seed=0).select(rows), new, new)
@@ -119,8 +137,9 @@ def test_copies_of_a_bad_sample_have_one_vote(known):
     found = refit(samples.select([*range(20), *[0] * 19]), known, known)
     assert set(found.set_aside) == {1, *range(21, 40)}
     alone = refit(samples, known, known)
-    np.testing.assert_allclose(found.model.parameters.to_array(),
-                               alone.model.parameters.to_array(), rtol=1e-3)
+    np.testing.assert_allclose(
+        found.model.parameters.to_array(), alone.model.parameters.to_array(), rtol=1e-3
+    )
 
 
 def test_drift_is_told_and_bounded(new):
@@ -164,35 +183,50 @@ COARSE = 0.011  # relative, about that of the paper's bench
 def nearest(new, samples):
     """The nearest parameters; the search from afar is `identify`'s."""
     scaled, _ = Problem(new, samples).finish(to_scaled(new.parameters.to_array())[None])
-    return replace(new, parameters=hmcvt.HydraulicParameters(*from_scaled(scaled).tolist()))
+    return replace(
+        new, parameters=hmcvt.HydraulicParameters(*from_scaled(scaled).tolist())
+    )
 
 
 def compare(new, samples, in_service=None):
     found, fold = nearest(new, samples), folds(samples, seed=0)
-    others = [nearest(new, samples.select(fold != part)) for part in range(fold.max() + 1)]
+    others = [
+        nearest(new, samples.select(fold != part)) for part in range(fold.max() + 1)
+    ]
     return cross_validate(samples, found, in_service or found, fold, others)
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 23, 10_000])
 def test_every_sample_is_left_out_once_and_every_fold_spans_the_ratios(count):
     ratio = np.random.default_rng(1).permutation(np.linspace(-1.0, 1.0, count))
-    samples = hmcvt.BenchSamples(ratio, *(np.full(count, value) for value in (150.0, 200.0, 0.8)))
+    samples = hmcvt.BenchSamples(
+        ratio, *(np.full(count, value) for value in (150.0, 200.0, 0.8))
+    )
     fold = folds(samples, seed=3)
     sizes = np.bincount(fold)
     assert len(sizes) == min(count, FOLDS) and sizes.max() - sizes.min() <= 1
     if count >= 20:
-        assert all(ratio[fold == part].min() < -0.6 and ratio[fold == part].max() > 0.3
-                   for part in range(FOLDS))
+        assert all(
+            ratio[fold == part].min() < -0.6 and ratio[fold == part].max() > 0.3
+            for part in range(FOLDS)
+        )
     np.testing.assert_array_equal(fold, folds(samples, seed=3))
 
 
 def test_errors_are_those_of_models_that_have_not_seen_the_sample(new):
     samples = campaign(new, 5, seed=0, noise=COARSE)
     found = compare(new, samples, new)
-    others = [nearest(new, samples.select(np.delete(np.arange(5), i))) for i in range(5)]
-    errors = [abs(model.efficiency(s.displacement_ratio, s.engine_speed, s.load_torque)[0]
-                  / s.efficiency[0] - 1.0)
-              for model, s in ((others[i], samples.select([i])) for i in range(5))]
+    others = [
+        nearest(new, samples.select(np.delete(np.arange(5), i))) for i in range(5)
+    ]
+    errors = [
+        abs(
+            model.efficiency(s.displacement_ratio, s.engine_speed, s.load_torque)[0]
+            / s.efficiency[0]
+            - 1.0
+        )
+        for model, s in ((others[i], samples.select([i])) for i in range(5))
+    ]
     assert found.error_refit == pytest.approx(np.mean(errors), rel=1e-4)
 
 
@@ -212,7 +246,7 @@ def test_refit_is_not_worse_than_the_true_model_for_noise_alone(new, seed):
 @pytest.mark.parametrize(("count", "part"), [(5, 0.2), (8, 0.125), (40, 0.2)])
 def test_refit_to_spoiled_samples_is_worse(new, count, part):
     samples = campaign(new, count, seed=2, noise=COARSE)
-    rows = 1 + np.random.default_rng(0).permutation(count)[:round(part * count)]
+    rows = 1 + np.random.default_rng(0).permutation(count)[: round(part * count)]
     found = compare(new, spoiled(samples, rows, -0.3), new)
     assert found.error_refit > 1.3 * found.error_in_service
     assert found.worse
@@ -222,8 +256,11 @@ def test_no_answer_counts_as_no_power_out(new):
     leaking = replace(new, parameters=replace(new.parameters, leakage=1e-8))
     samples = campaign(new, 6, seed=4, noise=COARSE)
     predicted = leaking.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque)
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque
+    )
     stalled = np.isnan(predicted)
     assert stalled.any() and not stalled.all()
     errors = np.where(stalled, 1.0, np.abs(predicted / samples.efficiency - 1.0))
-    assert compare(new, samples, leaking).error_in_service == pytest.approx(errors.mean())
+    assert compare(new, samples, leaking).error_in_service == pytest.approx(
+        errors.mean()
+    )

@@ -12,8 +12,11 @@ from scipy.interpolate import RegularGridInterpolator
 
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 
-AXES = (np.linspace(-1.0, 1.0, 41), np.linspace(*ENGINE_SPEED_LIMITS, 31),
-        np.linspace(50.0, 400.0, 31))
+AXES = (
+    np.linspace(-1.0, 1.0, 41),
+    np.linspace(*ENGINE_SPEED_LIMITS, 31),
+    np.linspace(50.0, 400.0, 31),
+)
 POINT = (0.5, 146.6, 200.0)
 
 
@@ -38,7 +41,10 @@ def table(model):
 
 
 def test_lookup(model, table):
-    assert times_faster(lambda: model.efficiency(*POINT), lambda: table(POINT), calls=200) > 15.0
+    assert (
+        times_faster(lambda: model.efficiency(*POINT), lambda: table(POINT), calls=200)
+        > 15.0
+    )
 
 
 def test_batch(model, table):
@@ -49,7 +55,9 @@ def test_batch(model, table):
 
 
 # 0.15 ms and 1 ms are 60 and 400 lookups of 2.5 us: more than one takes.
-@pytest.mark.parametrize(("hold", "lookups"), [("engine_speed", 60), ("output_speed", 400)])
+@pytest.mark.parametrize(
+    ("hold", "lookups"), [("engine_speed", 60), ("output_speed", 400)]
+)
 def test_optimum(model, hold, lookups):
     now = {"displacement_ratio": 0.3} if hold == "output_speed" else {}
 
@@ -57,5 +65,11 @@ def test_optimum(model, hold, lookups):
         for _ in range(2 * lookups):
             model.efficiency(*POINT)
 
-    assert times_faster(lambda: model.optimal_displacement_ratio(*POINT[1:], hold=hold, **now),
-                        look_up, calls=20) > 1.0
+    assert (
+        times_faster(
+            lambda: model.optimal_displacement_ratio(*POINT[1:], hold=hold, **now),
+            look_up,
+            calls=20,
+        )
+        > 1.0
+    )

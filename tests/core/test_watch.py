@@ -28,10 +28,15 @@ def test_a_gap_that_opens_is_noticed_sized_and_dated(gap):
         found = [watched(MODEL, stream(MODEL, seed, gap, size)) for seed in range(5)]
         assert all(each.open and each.noticed > OPENS for each in found), size
         delays.append(np.median([each.noticed - OPENS for each in found]))
-        assert np.median([each.size for each in found]) == pytest.approx(-size, rel=0.15)
+        assert np.median([each.size for each in found]) == pytest.approx(
+            -size, rel=0.15
+        )
         held += sum(each.interval[0] <= -size <= each.interval[1] for each in found)
         # An interval holds where it opened; a large gap is dated to two samples.
-        dated = sum(each.since_interval[0] <= OPENS + 1 <= each.since_interval[1] for each in found)
+        dated = sum(
+            each.since_interval[0] <= OPENS + 1 <= each.since_interval[1]
+            for each in found
+        )
         assert dated >= 4
     assert delays == sorted(delays, reverse=True) and delays[0] < 50 and delays[-1] < 7
     assert held >= 13  # of 20
@@ -53,7 +58,9 @@ def test_a_model_that_states_no_errors_is_allowed_more():
 def test_samples_count_in_the_order_of_their_stamps_and_may_come_in_parts():
     samples = replace(stream(MODEL, 1, "step", 0.02), stamp=10.0 + np.arange(300.0))
     found = hmcvt.watch(MODEL, samples, noise=NOISE)
-    assert hmcvt.watch(MODEL, samples.select(np.arange(300)[::-1]), noise=NOISE) == found
+    assert (
+        hmcvt.watch(MODEL, samples.select(np.arange(300)[::-1]), noise=NOISE) == found
+    )
     assert abs(found.since - OPENS - 1) <= 2 and found.since_stamp == 9.0 + found.since
     parts = hmcvt.Watch(MODEL, NOISE)
     for i in range(0, 300, 7):
@@ -66,8 +73,12 @@ def test_samples_without_an_answer_are_counted_and_left_out():
     load = samples.load_torque.copy()
     stroke, speed = samples.displacement_ratio.copy(), samples.engine_speed.copy()
     load[5], stroke[5], speed[5] = 5000.0, -1.0, 20.0
-    found = watched(MODEL, replace(samples, load_torque=load, displacement_ratio=stroke,
-                                   engine_speed=speed))
+    found = watched(
+        MODEL,
+        replace(
+            samples, load_torque=load, displacement_ratio=stroke, engine_speed=speed
+        ),
+    )
     assert (found.samples, found.without_answer, found.open) == (30, 1, False)
 
 

@@ -30,13 +30,25 @@ def random_points(seed, n=96, temperature=False):
 
 
 def factorial_points(levels=(5, 5, 4)):
-    axes = (np.linspace(-0.9, 0.9, levels[0]), np.linspace(80.0, 225.0, levels[1]),
-            np.linspace(100.0, 320.0, levels[2]))
-    return OperatingPoints(*(axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")))
+    axes = (
+        np.linspace(-0.9, 0.9, levels[0]),
+        np.linspace(80.0, 225.0, levels[1]),
+        np.linspace(100.0, 320.0, levels[2]),
+    )
+    return OperatingPoints(
+        *(axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+    )
 
 
-def measure(points, effects=(), seed=0, noise=NOISE, speed_noise=SPEED_NOISE, loss=None,
-            pressure_noise=None):
+def measure(
+    points,
+    effects=(),
+    seed=0,
+    noise=NOISE,
+    speed_noise=SPEED_NOISE,
+    loss=None,
+    pressure_noise=None,
+):
     """What a bench reads at points; `loss(points)` is taken from the efficiency besides.
 
     Noise: of the efficiency, of the speed as a part of it, of the pressure in Pa; None: not read.
@@ -51,12 +63,17 @@ def measure(points, effects=(), seed=0, noise=NOISE, speed_noise=SPEED_NOISE, lo
     pressure = pressure + (pressure_noise or 0.0) * rng.standard_normal(speed.shape)
     carried = np.isfinite(efficiency)
     return hmcvt.BenchSamples(
-        points.displacement_ratio[carried], points.engine_speed[carried],
-        points.load_torque[carried], efficiency[carried],
+        points.displacement_ratio[carried],
+        points.engine_speed[carried],
+        points.load_torque[carried],
+        efficiency[carried],
         output_speed=None if speed_noise is None else speed[carried],
-        oil_temperature=None if points.oil_temperature is None
+        oil_temperature=None
+        if points.oil_temperature is None
         else points.oil_temperature[carried],
-        pressure=None if pressure_noise is None else pressure[carried], source="simulated")
+        pressure=None if pressure_noise is None else pressure[carried],
+        source="simulated",
+    )
 
 
 def campaign(effects=(), seed=0, n=96, temperature=False, **bench):
@@ -65,11 +82,22 @@ def campaign(effects=(), seed=0, n=96, temperature=False, **bench):
 
 def joined(first, second):
     """Samples of two campaigns with the same columns."""
-    names = ("displacement_ratio", "engine_speed", "load_torque", "efficiency", "output_speed",
-             "oil_temperature")
-    return hmcvt.BenchSamples(**{
-        name: None if getattr(first, name) is None
-        else np.concatenate([getattr(first, name), getattr(second, name)]) for name in names})
+    names = (
+        "displacement_ratio",
+        "engine_speed",
+        "load_torque",
+        "efficiency",
+        "output_speed",
+        "oil_temperature",
+    )
+    return hmcvt.BenchSamples(
+        **{
+            name: None
+            if getattr(first, name) is None
+            else np.concatenate([getattr(first, name), getattr(second, name)])
+            for name in names
+        }
+    )
 
 
 def with_column(samples, **columns):
@@ -95,7 +123,11 @@ CASES = {
     "planetary mesh": {"effects": (PlanetaryMesh(0.06),), "n": 48},
     "leakage": {"effects": (PressureLeakage(2e-11),), "n": 48},
     "charge pump": {"effects": (ChargePump(8.0),), "n": 64},
-    "charge pump without speed": {"effects": (ChargePump(8.0),), "speed_noise": None, "n": 48},
+    "charge pump without speed": {
+        "effects": (ChargePump(8.0),),
+        "speed_noise": None,
+        "n": 48,
+    },
     "band": {"loss": band_loss, "n": 64},
     "oil": {"effects": (OilTemperature(1.0),), "temperature": True, "n": 32},
     "two": {"effects": (Churning(15.0), PressureLeakage(4e-11))},

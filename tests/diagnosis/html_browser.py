@@ -16,9 +16,16 @@ import pytest
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--disable-dev-shm-usage", "--enable-logging=stderr",
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--enable-logging=stderr",
 )
 _SECONDS = 100
 
@@ -72,13 +79,28 @@ def browse(body: str, scratch: Path) -> tuple[Any, list[str]]:
     page.write_text(f'<!DOCTYPE html><meta charset="utf-8">{body}', encoding="utf-8")
     program = next((found for name in _NAMES if (found := shutil.which(name))), None)
     if program is None:
-        pytest.fail("these tests look at the page in a real browser and found none: "
-                    "apt-get install chromium")
-    command = [program, *_FLAGS, f"--user-data-dir={scratch / 'profile'}",
-               "--window-size=1400,2000", "--dump-dom", page.as_uri()]
+        pytest.fail(
+            "these tests look at the page in a real browser and found none: "
+            "apt-get install chromium"
+        )
+    command = [
+        program,
+        *_FLAGS,
+        f"--user-data-dir={scratch / 'profile'}",
+        "--window-size=1400,2000",
+        "--dump-dom",
+        page.as_uri(),
+    ]
     # A session of its own, so that its helpers end with it.
-    browser = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                               encoding="utf-8", errors="replace", start_new_session=True)
+    browser = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+        start_new_session=True,
+    )
     try:
         document, errors = browser.communicate(timeout=_SECONDS)
     except subprocess.TimeoutExpired:
@@ -89,7 +111,8 @@ def browse(body: str, scratch: Path) -> tuple[Any, list[str]]:
     answer = re.search(r"<pre>(.+?)</pre>", document, re.DOTALL)
     assert answer is not None, "the script of the page gave nothing"
     return json.loads(html.unescape(answer[1])), [
-        line for line in errors.splitlines() if "CONSOLE" in line]
+        line for line in errors.splitlines() if "CONSOLE" in line
+    ]
 
 
 class Layout(NamedTuple):
@@ -99,14 +122,19 @@ class Layout(NamedTuple):
     console: list[str]
 
 
-def laid_out(pages: Mapping[str, str], scratch: Path, widths: tuple[int, ...] = (1280, 390)
-             ) -> Layout:
+def laid_out(
+    pages: Mapping[str, str], scratch: Path, widths: tuple[int, ...] = (1280, 390)
+) -> Layout:
     """Lay pages out at widths, all in one browser."""
     frames = "".join(
         f'<iframe name="{name}@{width}" style="border:0;width:{width}px;height:2000px" '
-        f'srcdoc="{html.escape(page)}"></iframe>' for name, page in pages.items()
-        for width in widths)
-    return Layout(*browse(f"<script>{_MEASURE}</script><body>{frames}<pre></pre></body>", scratch))
+        f'srcdoc="{html.escape(page)}"></iframe>'
+        for name, page in pages.items()
+        for width in widths
+    )
+    return Layout(
+        *browse(f"<script>{_MEASURE}</script><body>{frames}<pre></pre></body>", scratch)
+    )
 
 
 def clicked(page: str, scratch: Path, script: str) -> dict[str, Any]:
@@ -115,5 +143,7 @@ def clicked(page: str, scratch: Path, script: str) -> dict[str, Any]:
         f'<iframe srcdoc="{html.escape(page)}"></iframe><pre></pre><script>window.onload = () => {{'
         " const page = document.querySelector('iframe').contentDocument;"
         " document.querySelector('pre').textContent = JSON.stringify((() => "
-        f"{{ {script} }})()); }};</script>", scratch)[0]
+        f"{{ {script} }})()); }};</script>",
+        scratch,
+    )[0]
     return found

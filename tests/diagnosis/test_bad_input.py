@@ -31,20 +31,29 @@ def test_fewer_samples_than_can_tell(n):
 def test_all_samples_at_one_point():
     rng = np.random.default_rng(0)
     same = SAMPLES.select(np.zeros(20, dtype=int))
-    read = with_column(same, efficiency=same.efficiency + 0.002 * rng.standard_normal(20))
+    read = with_column(
+        same, efficiency=same.efficiency + 0.002 * rng.standard_normal(20)
+    )
     with pytest.raises(hmcvt.InputError, match="1 distinct operating point"):
         hmcvt.diagnose(BASE, read, noise=NOISE)
     with pytest.raises(hmcvt.InputError, match=r"1 samples \(rows that differ\)"):
         hmcvt.diagnose(BASE, same, noise=NOISE)
 
 
-@pytest.mark.parametrize(("column", "value", "effects"), [
-    ("displacement_ratio", 0.0, ()), ("oil_temperature", 60.0, ()),
-    ("load_torque", 200.0, (ChargePump(8.0),))])
+@pytest.mark.parametrize(
+    ("column", "value", "effects"),
+    [
+        ("displacement_ratio", 0.0, ()),
+        ("oil_temperature", 60.0, ()),
+        ("load_torque", 200.0, (ChargePump(8.0),)),
+    ],
+)
 def test_a_constant_column(column, value, effects):
     """The plan itself holds one axis still; nothing else is wrong."""
-    points = {name: getattr(QUIET, name)[:16] for name in (
-        "displacement_ratio", "engine_speed", "load_torque")}
+    points = {
+        name: getattr(QUIET, name)[:16]
+        for name in ("displacement_ratio", "engine_speed", "load_torque")
+    }
     n = 16
     oil = np.full(n, value) if column == "oil_temperature" else None
     if column in points:
@@ -52,8 +61,11 @@ def test_a_constant_column(column, value, effects):
     truth = hmcvt.EfficiencyModel(BASE.stage, BASE.parameters, effects=effects)
     noise = np.random.default_rng(3).standard_normal((2, n))
     read = hmcvt.BenchSamples(
-        **points, efficiency=truth.efficiency(**points) + NOISE * noise[0],
-        output_speed=truth.output_speed(**points) * (1.0 + 0.001 * noise[1]), oil_temperature=oil)
+        **points,
+        efficiency=truth.efficiency(**points) + NOISE * noise[0],
+        output_speed=truth.output_speed(**points) * (1.0 + 0.001 * noise[1]),
+        oil_temperature=oil,
+    )
     found = _sane(hmcvt.diagnose(BASE, read, noise=NOISE))
     if not effects:
         assert found.verdict == "no_gap"
@@ -62,9 +74,13 @@ def test_a_constant_column(column, value, effects):
         assert cause.effect != "oil_temperature"
 
 
-@pytest.mark.parametrize("noise", [0, 0.0, -0.003, float("nan"), float("inf"), 1.12, "much"])
+@pytest.mark.parametrize(
+    "noise", [0, 0.0, -0.003, float("nan"), float("inf"), 1.12, "much"]
+)
 def test_noise_and_formulation_that_cannot_be(noise):
-    published = hmcvt.EfficiencyModel(BASE.stage, BASE.parameters, formulation="published")
+    published = hmcvt.EfficiencyModel(
+        BASE.stage, BASE.parameters, formulation="published"
+    )
     for act in (hmcvt.diagnose, hmcvt.separable):
         with pytest.raises(hmcvt.InputError, match=r"noise"):
             act(BASE, SAMPLES, noise=noise)
@@ -74,14 +90,19 @@ def test_noise_and_formulation_that_cannot_be(noise):
 
 def test_samples_the_model_cannot_carry():
     """Two points beyond stall among good ones, and then too many."""
-    odd = with_column(QUIET, load_torque=np.where(np.arange(24) < 2, 4000.0, QUIET.load_torque))
+    odd = with_column(
+        QUIET, load_torque=np.where(np.arange(24) < 2, 4000.0, QUIET.load_torque)
+    )
     found = _sane(hmcvt.diagnose(BASE, odd, noise=NOISE))
     assert (found.verdict, found.gap.samples) == ("no_gap", 22)
-    assert found.notes[0].startswith("1 samples ask for a load that the model cannot carry and "
-                                     "were left out: sample 2 (displacement ratio")
+    assert found.notes[0].startswith(
+        "1 samples ask for a load that the model cannot carry and "
+        "were left out: sample 2 (displacement ratio"
+    )
     assert found.notes[1].startswith("sample 1 (displacement ratio"), "it fits nothing"
     assert f"efficiency {odd.efficiency[0]:.4g}, stands alone" in found.notes[1]
     most = with_column(QUIET, load_torque=np.full(24, 4900.0))
-    with pytest.raises(hmcvt.InputError, match=r"14 of 24 samples ask .* check load_torque"):
+    with pytest.raises(
+        hmcvt.InputError, match=r"14 of 24 samples ask .* check load_torque"
+    ):
         hmcvt.diagnose(BASE, most, noise=NOISE)
-

@@ -12,16 +12,31 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import words
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
-from hmcvt_core.physics.effects.hydraulic import OrificeLeakage, PressureLeakage, StrokeLeakage
+from hmcvt_core.physics.effects.hydraulic import (
+    OrificeLeakage,
+    PressureLeakage,
+    StrokeLeakage,
+)
 from hmcvt_core.physics.effects.mechanical import Churning, PlanetaryMesh
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
 
-from .campaigns import BAND, BASE, CASES, NOISE, band_loss, campaign, diagnosed, random_points
+from .campaigns import (
+    BAND,
+    BASE,
+    CASES,
+    NOISE,
+    band_loss,
+    campaign,
+    diagnosed,
+    random_points,
+)
 
-CLEAR = {"dead band": ("displacement_error", "actuator", 0.02),
-         "planetary mesh": ("planetary_mesh", "planetary", 0.06),
-         "leakage": ("pressure_leakage", "pump", None),
-         "oil": ("oil_temperature", "oil", 1.0)}
+CLEAR = {
+    "dead band": ("displacement_error", "actuator", 0.02),
+    "planetary mesh": ("planetary_mesh", "planetary", 0.06),
+    "leakage": ("pressure_leakage", "pump", None),
+    "oil": ("oil_temperature", "oil", 1.0),
+}
 SIMULATED = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
 SHIPPED = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
 every_case = pytest.mark.parametrize("name", CASES)
@@ -60,7 +75,9 @@ def test_a_clear_cause_is_found_with_the_size_of_the_truth(name):
 
 
 def test_an_implausible_size_is_said_to_be_so():
-    found = hmcvt.diagnose(BASE, campaign((PlanetaryMesh(0.19),), seed=1, n=32), noise=NOISE)
+    found = hmcvt.diagnose(
+        BASE, campaign((PlanetaryMesh(0.19),), seed=1, n=32), noise=NOISE
+    )
     entry = found.causes[0].parameters["loss"]
     assert found.causes[0].effect == "planetary_mesh"
     assert not entry["plausible"]
@@ -88,15 +105,20 @@ def test_a_loss_in_a_band_of_engine_speed_is_unexplained_and_placed():
     assert found.model is found.base, "nothing is added to a model on suspicion"
 
 
-@pytest.mark.parametrize("speed_noise", [0.001, None], ids=["with speed", "efficiency alone"])
+@pytest.mark.parametrize(
+    "speed_noise", [0.001, None], ids=["with speed", "efficiency alone"]
+)
 def test_a_large_gap_is_not_hidden_in_stall(speed_noise):
     """Were a refusal cheap, a refit would rather stall than miss by many deviations."""
-    samples = campaign((OrificeLeakage(1e-3),), n=24, noise=0.001, speed_noise=speed_noise)
+    samples = campaign(
+        (OrificeLeakage(1e-3),), n=24, noise=0.001, speed_noise=speed_noise
+    )
     found = hmcvt.diagnose(BASE, samples, noise=0.001)
     assert found.causes[0].effect == "orifice_leakage"
     for model, refused in ((found.base, 0.1), (found.model, 0.0)):
-        efficiency = model.efficiency(samples.displacement_ratio, samples.engine_speed,
-                                      samples.load_torque)
+        efficiency = model.efficiency(
+            samples.displacement_ratio, samples.engine_speed, samples.load_torque
+        )
         assert np.isnan(efficiency).mean() <= refused
 
 
@@ -104,17 +126,25 @@ def test_two_effects_are_named_together():
     found = diagnosed("two")
     assert found.verdict == "cause_found"
     assert {(cause.effect, cause.together_with) for cause in found.causes[:2]} == {
-        ("churning", "pressure_leakage"), ("pressure_leakage", "churning")}
+        ("churning", "pressure_leakage"),
+        ("pressure_leakage", "churning"),
+    }
     assert len(found.model.effects) == 2
 
 
-@pytest.mark.parametrize("other, stroke, exponent, noise, seed, gauge", [
-    # Beside the bare base model these orifices show in nothing: it has bent for the larger leak.
-    (OrificeLeakage(3e-4), 1e-10, 1.3, 0.003, 1, None),
-    (OrificeLeakage(2e-4), 1.5e-10, 1.3, 0.001, 1, None),
-    (OutputTorqueZero(6.7), 1.13e-10, 1.78, 0.001, 30, 5e4),  # at the edge of stall
-    (OutputTorqueZero(6.6), 1.125e-10, 1.3, 0.001, 2, 5e4)])  # a rival cannot carry some tests
-def test_what_stands_beside_a_large_effect_is_found(other, stroke, exponent, noise, seed, gauge):
+@pytest.mark.parametrize(
+    "other, stroke, exponent, noise, seed, gauge",
+    [
+        # Beside the bare base model these orifices show in nothing: it has bent for the larger leak.
+        (OrificeLeakage(3e-4), 1e-10, 1.3, 0.003, 1, None),
+        (OrificeLeakage(2e-4), 1.5e-10, 1.3, 0.001, 1, None),
+        (OutputTorqueZero(6.7), 1.13e-10, 1.78, 0.001, 30, 5e4),  # at the edge of stall
+        (OutputTorqueZero(6.6), 1.125e-10, 1.3, 0.001, 2, 5e4),
+    ],
+)  # a rival cannot carry some tests
+def test_what_stands_beside_a_large_effect_is_found(
+    other, stroke, exponent, noise, seed, gauge
+):
     truth = other, StrokeLeakage(stroke, exponent=exponent)
     samples = campaign(truth, seed=seed, noise=noise, pressure_noise=gauge)
     found = hmcvt.diagnose(BASE, samples, noise=noise)
@@ -126,7 +156,9 @@ def test_what_may_stand_in_for_one_of_two_says_so():
     found = diagnosed("a twin and another")
     assert found.verdict in ("cause_found", "ambiguous")
     assert "pressure_leakage" in {found.causes[0].effect, found.causes[0].together_with}
-    beside = [cause for cause in found.causes if cause.together_with == "pressure_leakage"]
+    beside = [
+        cause for cause in found.causes if cause.together_with == "pressure_leakage"
+    ]
     names = {cause.effect for cause in beside}
     assert "charge_pump" in names
     assert len(names) >= 2
@@ -152,7 +184,9 @@ def test_without_output_speed():
     assert not any("output_speed" in note for note in diagnosed("charge pump").notes)
 
 
-@pytest.mark.parametrize("name", ["planetary mesh", "leakage", "charge pump", "oil", "two"])
+@pytest.mark.parametrize(
+    "name", ["planetary mesh", "leakage", "charge pump", "oil", "two"]
+)
 def test_promised_shrinkage_is_met_on_fresh_points(name):
     found = diagnosed(name)
     points, truth = _fresh(CASES[name])
@@ -173,9 +207,12 @@ def test_residuals_are_of_samples_left_out():
     found = diagnosed("planetary mesh")
     samples = found.samples
     in_sample = samples.efficiency - found.model.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque)
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque
+    )
     assert len(found.residuals_after) == len(samples)
-    assert np.sqrt(np.mean(found.residuals_after**2)) >= 0.98 * np.sqrt(np.mean(in_sample**2))
+    assert np.sqrt(np.mean(found.residuals_after**2)) >= 0.98 * np.sqrt(
+        np.mean(in_sample**2)
+    )
     assert found.gap.rmse == pytest.approx(np.sqrt(np.mean(found.residuals_before**2)))
 
 
@@ -189,34 +226,83 @@ def _is_range(value):
 @every_case
 def test_json_of_the_contract(name):
     data = diagnosed(name).to_dict()
-    assert json.loads(json.dumps(data, allow_nan=False)) == data, "plain JSON types only"
-    assert pickle.loads(pickle.dumps(diagnosed(name))).to_dict() == data, "between processes"
-    assert data.keys() == {"gap", "where", "component", "verdict", "causes", "shrinkage",
-                           "sets", "delivered", "advice", "next_tests", "unlisted_probability",
-                           "notes"}
+    assert json.loads(json.dumps(data, allow_nan=False)) == data, (
+        "plain JSON types only"
+    )
+    assert pickle.loads(pickle.dumps(diagnosed(name))).to_dict() == data, (
+        "between processes"
+    )
+    assert data.keys() == {
+        "gap",
+        "where",
+        "component",
+        "verdict",
+        "causes",
+        "shrinkage",
+        "sets",
+        "delivered",
+        "advice",
+        "next_tests",
+        "unlisted_probability",
+        "notes",
+    }
     assert data["verdict"] in ("no_gap", "cause_found", "ambiguous", "unexplained")
     gap, shrinkage, causes = data["gap"], data["shrinkage"], data["causes"]
-    assert gap.keys() == {"samples", "rmse", "noise", "noise_stated", "noise_source", "p_value",
-                          "significant"}
+    assert gap.keys() == {
+        "samples",
+        "rmse",
+        "noise",
+        "noise_stated",
+        "noise_source",
+        "p_value",
+        "significant",
+    }
     assert gap["noise_stated"] == pytest.approx(NOISE)
     assert gap["significant"] is (data["verdict"] != "no_gap") is bool(causes)
     assert gap["significant"] is bool(data["where"])
     for region in data["where"]:
-        assert region.keys() == {*AXES, "mean_residual", "samples", "p_value", "channel"}
+        assert region.keys() == {
+            *AXES,
+            "mean_residual",
+            "samples",
+            "p_value",
+            "channel",
+        }
         assert all(_is_range(region[axis]) for axis in AXES)
     named = data["verdict"] in ("cause_found", "ambiguous")
     assert data["component"] == (causes[0]["component"] if named else None)
     for cause in causes:
         assert cause.keys() == {
-            "effect", "form", "component", "probability", "indistinguishable_from",
-            "together_with", "parameters", "gap_after", "shrinkage", "drift", "summary", "source",
-            "remedy"}
+            "effect",
+            "form",
+            "component",
+            "probability",
+            "indistinguishable_from",
+            "together_with",
+            "parameters",
+            "gap_after",
+            "shrinkage",
+            "drift",
+            "summary",
+            "source",
+            "remedy",
+        }
         assert cause["effect"] not in cause["indistinguishable_from"]
-        assert all("interval" not in entry or _is_range(entry["interval"])
-                   for entry in cause["parameters"].values())
-        assert cause["drift"].keys() == {"leakage", "motor_damping", "pump_damping", "gear_loss"}
+        assert all(
+            "interval" not in entry or _is_range(entry["interval"])
+            for entry in cause["parameters"].values()
+        )
+        assert cause["drift"].keys() == {
+            "leakage",
+            "motor_damping",
+            "pump_damping",
+            "gear_loss",
+        }
     sets = data["sets"]
-    assert all(each.keys() == {"effects", "probability", "gap_after", "shrinkage"} for each in sets)
+    assert all(
+        each.keys() == {"effects", "probability", "gap_after", "shrinkage"}
+        for each in sets
+    )
     order = [each["probability"] for each in sets]
     assert order == sorted(order, reverse=True)
     assert sum(order) + data["unlisted_probability"] <= 1.0 + 1e-9
@@ -224,8 +310,16 @@ def test_json_of_the_contract(name):
         assert causes[0]["effect"] in sets[0]["effects"]
     assert data["delivered"].keys() == {"rmse_before", "rmse_after"}
     advice = data["advice"]
-    assert advice.keys() == {"stop", "reason", "test", "measure", "alive", "no_gap_probability",
-                             "tests_expected", "notes"}
+    assert advice.keys() == {
+        "stop",
+        "reason",
+        "test",
+        "measure",
+        "alive",
+        "no_gap_probability",
+        "tests_expected",
+        "notes",
+    }
     assert advice["stop"] is (advice["reason"] is not None) is (advice["test"] is None)
     assert shrinkage.keys() == {"before", "after", "fraction", "interval", "on"}
     assert (shrinkage["fraction"] is None) is (shrinkage["interval"] is None)
@@ -260,10 +354,15 @@ def test_report_says_it_shortly_in_words(name):
             assert "ln 2 = 0.69 halves the choice" in text.replace("\n", " ")
 
 
-@pytest.mark.parametrize(("part", "verdict"), [(0.4, "cause_found"), (1.5, "unexplained")])
+@pytest.mark.parametrize(
+    ("part", "verdict"), [(0.4, "cause_found"), (1.5, "unexplained")]
+)
 def test_a_small_loss_beside_a_set_is_what_its_forms_miss(part, verdict):
-    found = hmcvt.diagnose(BASE, campaign(
-        (PlanetaryMesh(0.12),), seed=1, loss=lambda at: part * band_loss(at)), noise=NOISE)
+    found = hmcvt.diagnose(
+        BASE,
+        campaign((PlanetaryMesh(0.12),), seed=1, loss=lambda at: part * band_loss(at)),
+        noise=NOISE,
+    )
     assert (found.verdict, found.causes[0].effect) == (verdict, "planetary_mesh")
     assert any("smaller loss" in note for note in found.notes) == (part < 1.0)
 
@@ -271,7 +370,9 @@ def test_a_small_loss_beside_a_set_is_what_its_forms_miss(part, verdict):
 def test_a_channel_that_no_effect_explains_counts_as_unlisted():
     some = SIMULATED.select(np.arange(48))
     slip = 1.0 - 0.02 * (np.abs(some.displacement_ratio - 0.25) < 0.15)
-    found = hmcvt.diagnose(SHIPPED, replace(some, output_speed=slip * some.output_speed))
+    found = hmcvt.diagnose(
+        SHIPPED, replace(some, output_speed=slip * some.output_speed)
+    )
     assert found.verdict == "unexplained" and found.unlisted > 0.95
     # The charge pump of these tests shows beside it, in the efficiency.
     assert "output_speed" in {region.channel for region in found.where}
@@ -296,9 +397,21 @@ def test_regions_hold_where_the_gap_is_large():
         place = np.stack([getattr(found.samples, axis) for axis in AXES])
         mean, _ = found.gap_at(*place)
         large = np.abs(mean) > np.sqrt(np.mean(mean**2))
-        told = np.any([np.all([(low <= row) & (row <= high) for row, (low, high) in zip(
-            place, (region.limits[axis] for axis in AXES), strict=True)], axis=0)
-            for region in found.where], axis=0)
+        told = np.any(
+            [
+                np.all(
+                    [
+                        (low <= row) & (row <= high)
+                        for row, (low, high) in zip(
+                            place, (region.limits[axis] for axis in AXES), strict=True
+                        )
+                    ],
+                    axis=0,
+                )
+                for region in found.where
+            ],
+            axis=0,
+        )
         f1 = 2.0 * np.sum(told & large) / (np.sum(told) + np.sum(large))
         everything = 2.0 * np.sum(large) / (len(large) + np.sum(large))
         assert f1 > max(0.6, everything + 0.1)
@@ -306,7 +419,9 @@ def test_regions_hold_where_the_gap_is_large():
 
 def test_a_base_that_is_a_little_off_is_no_cause():
     def off(points):
-        return 0.004 * np.sin(2.0 * points.displacement_ratio + points.engine_speed / 60.0)
+        return 0.004 * np.sin(
+            2.0 * points.displacement_ratio + points.engine_speed / 60.0
+        )
 
     found = hmcvt.diagnose(BASE, campaign(seed=5, n=200, loss=off), noise=NOISE)
     assert found.verdict in ("no_gap", "unexplained")
@@ -314,7 +429,9 @@ def test_a_base_that_is_a_little_off_is_no_cause():
 
 
 def test_an_effect_with_the_wrong_sign_is_unlisted():
-    found = hmcvt.diagnose(BASE, campaign((PressureLeakage(-1.2e-11),), 2, 48), noise=NOISE)
+    found = hmcvt.diagnose(
+        BASE, campaign((PressureLeakage(-1.2e-11),), 2, 48), noise=NOISE
+    )
     assert found.verdict == "unexplained"
 
 
@@ -326,12 +443,17 @@ def test_the_next_test_is_asked_for_and_its_end_is_told():
     limited = hmcvt.next_test(BASE, few, noise=NOISE, possible=plan)
     assert limited.tests[0].point["engine_speed"] in plan.engine_speed
     in_bar = replace(few, pressure=1e-5 * BASE.readings_at(few.points)[2])
-    assert "the unit of the pressure" in hmcvt.next_test(BASE, in_bar, noise=NOISE).notes[0]
+    assert (
+        "the unit of the pressure"
+        in hmcvt.next_test(BASE, in_bar, noise=NOISE).notes[0]
+    )
     quiet = hmcvt.next_test(BASE, campaign(seed=1, n=48), noise=NOISE)
     assert (quiet.stop, quiet.reason) == (True, "no gap worth a test")
     assert diagnosed("planetary mesh").advice.reason == "settled"
     pump = diagnosed("charge pump").advice
-    assert pump.reason == "cannot be settled by tests" and "shaft torque" in pump.measure
+    assert (
+        pump.reason == "cannot be settled by tests" and "shaft torque" in pump.measure
+    )
 
 
 def test_what_an_improbable_cause_cannot_carry_may_be_tested(table2):
@@ -353,17 +475,22 @@ def test_few_samples_do_not_settle_on_one_of_two_causes(n):
 
 def test_noise_that_nobody_stated_is_told_as_what_it_looks_like():
     found = hmcvt.diagnose(SHIPPED, replace(SIMULATED, efficiency_std=None))
-    note, = (note for note in found.notes if "noise" in note)
-    stated = re.fullmatch(r"nobody stated the noise; it looks like ([\d.]+) points, 0\.\d\d times "
-                          r"what is assumed: --noise ([\d.]+) states that", note)
+    (note,) = (note for note in found.notes if "noise" in note)
+    stated = re.fullmatch(
+        r"nobody stated the noise; it looks like ([\d.]+) points, 0\.\d\d times "
+        r"what is assumed: --noise ([\d.]+) states that",
+        note,
+    )
     assert 0.35 < float(stated[1]) < 0.5
     assert float(stated[2]) == pytest.approx(float(stated[1]) / 100.0)
 
 
 def test_the_papers_own_tests_rest_on_the_noise(table2):
-    assumed, stated = (hmcvt.diagnose(SHIPPED, table2, noise=noise) for noise in (None, 0.0085))
+    assumed, stated = (
+        hmcvt.diagnose(SHIPPED, table2, noise=noise) for noise in (None, 0.0085)
+    )
     assert assumed.verdict == "no_gap"
-    note, = (note for note in assumed.notes if "nobody stated the noise" in note)
+    (note,) = (note for note in assumed.notes if "nobody stated the noise" in note)
     assert stated.gap.p_value == pytest.approx(0.008, abs=2e-3)
     assert f"--noise 0.0085 gives p = {stated.gap.p_value:.2g}" in note
     assert not any("nobody stated" in note for note in stated.notes)
@@ -376,11 +503,17 @@ def test_rows_in_another_order_and_wrong_base_parameters_change_nothing():
     wrong = replace(BASE, parameters=hmcvt.HydraulicParameters(4e-12, 0.03, 0.5))
     samples, told = campaign(seed=1, **CASES["planetary mesh"]), []
     order = np.random.default_rng(3).permutation(len(samples))
-    found = hmcvt.diagnose(wrong, samples.select(order), noise=NOISE, progress=told.append)
+    found = hmcvt.diagnose(
+        wrong, samples.select(order), noise=NOISE, progress=told.append
+    )
     before = diagnosed("planetary mesh")
     assert found.verdict == before.verdict
-    assert found.causes[0].probability == pytest.approx(before.causes[0].probability, abs=1e-5)
-    assert found.base.parameters.leakage == pytest.approx(before.base.parameters.leakage, rel=1e-4)
+    assert found.causes[0].probability == pytest.approx(
+        before.causes[0].probability, abs=1e-5
+    )
+    assert found.base.parameters.leakage == pytest.approx(
+        before.base.parameters.leakage, rel=1e-4
+    )
     assert [int(text.split()[1]) for text in told] == [1, 2, 3]
 
 
@@ -392,18 +525,29 @@ def test_the_simulated_bench_gives_these_numbers():
     assert found.gap.rmse == pytest.approx(0.0058035, rel=2e-3)
     assert found.gap.noise == pytest.approx(0.0044768, rel=2e-3)
     probability = {each.effects: each.probability for each in found.sets[:4]}
-    assert probability == pytest.approx({
-        ("charge_pump",): 0.337, ("bearing_drag",): 0.266, ("clutch_drag",): 0.152,
-        ("torque_sensor",): 0.049}, abs=5e-3)
+    assert probability == pytest.approx(
+        {
+            ("charge_pump",): 0.337,
+            ("bearing_drag",): 0.266,
+            ("clutch_drag",): 0.152,
+            ("torque_sensor",): 0.049,
+        },
+        abs=5e-3,
+    )
     assert found.unlisted == pytest.approx(0.144, abs=5e-3)
     assert found.shrinkage.fraction == pytest.approx(0.891, abs=2e-3)
     assert found.shrinkage.interval == pytest.approx((0.54, 1.0), abs=1e-2)
     assert found.delivered.rmse_after == pytest.approx(0.00464, rel=5e-3)
     assert found.lost_power == pytest.approx(1340.0, rel=1e-2)
     entry = found.causes[0].parameters["torque"]
-    assert (entry["value"], *entry["interval"]) == pytest.approx((5.80, 4.31, 7.29), rel=1e-2)
+    assert (entry["value"], *entry["interval"]) == pytest.approx(
+        (5.80, 4.31, 7.29), rel=1e-2
+    )
     drift = found.causes[0].drift["pump_damping"]
     assert [*drift.values()] == pytest.approx([0.10713, 0.08798, 7.12], rel=5e-3)
     first = found.where[0]
-    assert [*first.limits["engine_speed"], first.mean_residual, first.samples] == pytest.approx(
-        [80.804, 147.117, -0.007130, 12], rel=1e-3)
+    assert [
+        *first.limits["engine_speed"],
+        first.mean_residual,
+        first.samples,
+    ] == pytest.approx([80.804, 147.117, -0.007130, 12], rel=1e-3)

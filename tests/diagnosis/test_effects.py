@@ -19,14 +19,37 @@ from hmcvt_core.transmission.ranges import OperatingPoints
 from .campaigns import BASE, NOISE, campaign, random_points
 
 # Design, section 7.
-NAMES = {"charge_pump", "churning", "clutch_drag", "gear_mesh", "planetary_mesh",
-         "pressure_leakage", "pressure_friction", "compressibility", "displacement_error",
-         "oil_temperature", "torque_sensor"}
-COMPONENTS = {"pump", "motor", "gears", "clutches", "planetary", "actuator", "oil", "sensor"}
+NAMES = {
+    "charge_pump",
+    "churning",
+    "clutch_drag",
+    "gear_mesh",
+    "planetary_mesh",
+    "pressure_leakage",
+    "pressure_friction",
+    "compressibility",
+    "displacement_error",
+    "oil_temperature",
+    "torque_sensor",
+}
+COMPONENTS = {
+    "pump",
+    "motor",
+    "gears",
+    "clutches",
+    "planetary",
+    "actuator",
+    "oil",
+    "sensor",
+}
 KINDS = library()
 POINTS = random_points(11, 60, temperature=True)
-STANDING = OperatingPoints(np.array([0.0, 0.0, 0.003, -0.003]), np.full(4, 120.0),
-                           np.array([80.0, 300.0, 150.0, 150.0]), np.full(4, 70.0))
+STANDING = OperatingPoints(
+    np.array([0.0, 0.0, 0.003, -0.003]),
+    np.full(4, 120.0),
+    np.array([80.0, 300.0, 150.0, 150.0]),
+    np.full(4, 70.0),
+)
 
 
 def _label(kind):
@@ -35,22 +58,37 @@ def _label(kind):
 
 def _at(kind, part=1.0):
     """Every form of a kind at a part of its typical size."""
-    return [form.with_values({item.name: part * item.typical for item in form.sizes()})
-            for form in forms_of(kind())]
+    return [
+        form.with_values({item.name: part * item.typical for item in form.sizes()})
+        for form in forms_of(kind())
+    ]
 
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=_label)
 losses = pytest.mark.parametrize(
-    "kind", [kind for kind in KINDS if kind.sizes()[0].low >= 0.0
-             and kind.component not in ("sensor", "actuator")
-             and kind.name != "oil_temperature"], ids=_label)  # hot oil damps less
+    "kind",
+    [
+        kind
+        for kind in KINDS
+        if kind.sizes()[0].low >= 0.0
+        and kind.component not in ("sensor", "actuator")
+        and kind.name != "oil_temperature"
+    ],
+    ids=_label,
+)  # hot oil damps less
 
 
 def test_the_names_of_the_contract_are_there():
     names = {kind.name for kind in KINDS}
     assert names >= NAMES
-    assert names >= {"bearing_drag", "orifice_leakage", "stroke_leakage", "output_churning",
-                     "port_pressure_drop", "pressure_sensor"}, "named as further ones"
+    assert names >= {
+        "bearing_drag",
+        "orifice_leakage",
+        "stroke_leakage",
+        "output_churning",
+        "port_pressure_drop",
+        "pressure_sensor",
+    }, "named as further ones"
     assert len({(kind.name, kind.form) for kind in KINDS}) == len(KINDS)
 
 
@@ -77,15 +115,18 @@ def test_size_zero_changes_nothing(kind):
     for effect in forms_of(kind()):
         for points in (POINTS, STANDING):
             model = replace(BASE, effects=(effect,))
-            np.testing.assert_allclose(model.solution_at(points), BASE.solution_at(points),
-                                       rtol=1e-9)
+            np.testing.assert_allclose(
+                model.solution_at(points), BASE.solution_at(points), rtol=1e-9
+            )
 
 
 @every_kind
 def test_typical_size_shows_in_what_the_bench_reads(kind):
     for effect in _at(kind):
-        readings, base = (model.readings_at(POINTS)
-                          for model in (replace(BASE, effects=(effect,)), BASE))
+        readings, base = (
+            model.readings_at(POINTS)
+            for model in (replace(BASE, effects=(effect,)), BASE)
+        )
         shown = np.abs(readings - base) / [[1e-3], [0.1], [2e5]]
         assert np.nanmax(shown) > 1.0
 
@@ -100,8 +141,12 @@ def test_watts_close_with_the_effect_on(kind, part):
             lost = sum(watts.losses.values())
             solved = np.isfinite(watts.input_power)
             assert solved.mean() > 0.5
-            np.testing.assert_allclose((watts.input_power - watts.output_power)[solved],
-                                       lost[solved], rtol=1e-9, atol=1e-6)
+            np.testing.assert_allclose(
+                (watts.input_power - watts.output_power)[solved],
+                lost[solved],
+                rtol=1e-9,
+                atol=1e-6,
+            )
 
 
 @losses
@@ -109,7 +154,7 @@ def test_watts_close_with_the_effect_on(kind, part):
 def test_losses_take_power(kind, extreme):
     bare = BASE.breakdown(*POINTS).input_power
     for form in forms_of(kind()):
-        item, = form.sizes()
+        (item,) = form.sizes()
         effect = form.with_values({item.name: item.high if extreme else item.typical})
         model = replace(BASE, effects=(effect,))
         efficiency = model.solution_at(POINTS).efficiency
@@ -121,27 +166,43 @@ def test_losses_take_power(kind, extreme):
 
 
 def test_walther_gives_the_grade_of_the_oil():
-    np.testing.assert_allclose(np.exp(walther_log_viscosity(np.array([40.0, 100.0]))),
-                               [46.0, 6.8], rtol=1e-9)
+    np.testing.assert_allclose(
+        np.exp(walther_log_viscosity(np.array([40.0, 100.0]))), [46.0, 6.8], rtol=1e-9
+    )
     assert (np.diff(walther_log_viscosity(np.linspace(-40.0, 150.0, 50))) < 0.0).all()
 
 
 def test_films_follow_the_oil_with_a_power_of_their_own():
     warm = POINTS._replace(oil_temperature=np.full_like(POINTS.engine_speed, 90.0))
     ratio = OilTemperature(1.0).viscosity_ratio(warm.oil_temperature)[0]
-    thin = replace(BASE.parameters, leakage=BASE.parameters.leakage / ratio, **{
-        name: getattr(BASE.parameters, name) * ratio**0.67
-        for name in ("motor_damping", "pump_damping")})
+    thin = replace(
+        BASE.parameters,
+        leakage=BASE.parameters.leakage / ratio,
+        **{
+            name: getattr(BASE.parameters, name) * ratio**0.67
+            for name in ("motor_damping", "pump_damping")
+        },
+    )
     np.testing.assert_allclose(
-        replace(BASE, effects=(OilTemperature(1.0, film_exponent=0.67),)).readings_at(warm)[0],
-        replace(BASE, parameters=thin).readings_at(POINTS)[0], rtol=1e-9)
+        replace(BASE, effects=(OilTemperature(1.0, film_exponent=0.67),)).readings_at(
+            warm
+        )[0],
+        replace(BASE, parameters=thin).readings_at(POINTS)[0],
+        rtol=1e-9,
+    )
 
 
 def test_effects_add_up_in_one_model():
-    both, alone = (BalanceSolver(BASE.stage, BASE.parameters, effects).flow(POINTS)[1]
-                   for effects in ((ChargePump(5.0), Churning(5.0)), (ChargePump(5.0),)))
-    churned = 5.0 * (POINTS.engine_speed / 150.0) ** Churning().exponent * POINTS.engine_speed
-    np.testing.assert_allclose(both.engine_power - alone.engine_power, churned, rtol=1e-9)
+    both, alone = (
+        BalanceSolver(BASE.stage, BASE.parameters, effects).flow(POINTS)[1]
+        for effects in ((ChargePump(5.0), Churning(5.0)), (ChargePump(5.0),))
+    )
+    churned = (
+        5.0 * (POINTS.engine_speed / 150.0) ** Churning().exponent * POINTS.engine_speed
+    )
+    np.testing.assert_allclose(
+        both.engine_power - alone.engine_power, churned, rtol=1e-9
+    )
 
 
 def _diagnose_an_effect_of_the_users_own():
@@ -156,7 +217,9 @@ def _diagnose_an_effect_of_the_users_own():
         summary = "a shaft resonance takes torque near 150 rad/s"
         source = "written in a test"
 
-        torque: float = size("N m", 8.0, 0.0, 60.0, "drag torque on the engine at resonance")
+        torque: float = size(
+            "N m", 8.0, 0.0, 60.0, "drag torque on the engine at resonance"
+        )
 
         def engine_drag(self, state):
             return self.torque * np.exp(-(((state.engine_speed - 150.0) / 15.0) ** 2))

@@ -15,13 +15,18 @@ CERTAIN = 1e8
 
 def _problem(seed, n=7, p=3, channels=2):
     rng = np.random.default_rng(seed)
-    return (rng.standard_normal((channels, n, p)), rng.standard_normal((channels, n)),
-            np.exp(rng.uniform(-1.0, 1.0, p)))
+    return (
+        rng.standard_normal((channels, n, p)),
+        rng.standard_normal((channels, n)),
+        np.exp(rng.uniform(-1.0, 1.0, p)),
+    )
 
 
 def _weigh(columns, target, spread, trust=CERTAIN, signs=None):
     trusts = np.full(columns.shape[0], trust)
-    return evidence(gram(columns, target)[None], target.shape[1], spread[None], trusts, signs)
+    return evidence(
+        gram(columns, target)[None], target.shape[1], spread[None], trusts, signs
+    )
 
 
 def _as_size(*problem, index, sign=1.0):
@@ -44,7 +49,9 @@ def test_log_evidence_is_that_of_the_dense_normal(channels, p):
         columns, target, spread = _problem(seed, p=p, channels=channels)
         found = _weigh(columns, target, spread)
         # What `evidence` leaves out is common to every hypothesis.
-        log = found.log[0] + 0.5 * channels * (CERTAIN - target.shape[1] * np.log(2.0 * np.pi))
+        log = found.log[0] + 0.5 * channels * (
+            CERTAIN - target.shape[1] * np.log(2.0 * np.pi)
+        )
         assert log == pytest.approx(_dense(columns, target, spread), abs=1e-4)
 
 
@@ -54,8 +61,9 @@ def test_posterior_is_that_of_the_dense_normal():
     flat, prior = columns.reshape(-1, 3), np.diag(spread**2)
     gain = prior @ flat.T @ np.linalg.inv(flat @ prior @ flat.T + np.eye(len(flat)))
     np.testing.assert_allclose(found.mean[0], gain @ target.ravel(), rtol=1e-6)
-    np.testing.assert_allclose(found.covariance[0], prior - gain @ flat @ prior, rtol=1e-5,
-                               atol=1e-8)
+    np.testing.assert_allclose(
+        found.covariance[0], prior - gain @ flat @ prior, rtol=1e-5, atol=1e-8
+    )
     np.testing.assert_allclose(found.noise, 1.0, atol=1e-6)
 
 
@@ -64,7 +72,9 @@ def test_noise_follows_the_data_when_the_statement_is_worth_little():
     n = 600
     columns = rng.standard_normal((2, n, 2))
     coefficients = np.array([1.0, -2.0])
-    target = columns @ coefficients + np.array([[2.0], [0.5]]) * rng.standard_normal((2, n))
+    target = columns @ coefficients + np.array([[2.0], [0.5]]) * rng.standard_normal(
+        (2, n)
+    )
     found = _weigh(columns, target, np.array([5.0, 5.0]), trust=1.0)
     np.testing.assert_allclose(np.sqrt(found.noise[0]), [2.0, 0.5], rtol=0.1)
     np.testing.assert_allclose(found.mean[0], coefficients, atol=0.2)
@@ -77,8 +87,12 @@ def test_log_evidence_changes_with_the_weight_of_a_sample_by_its_likelihood():
 
     def weighed(step):
         root = np.sqrt(np.append(1.0 + step, np.ones(29)))
-        return evidence(gram(columns * root[:, None], target * root)[None],
-                        np.array([[30.0 + step]]), spread[None], trust)
+        return evidence(
+            gram(columns * root[:, None], target * root)[None],
+            np.array([[30.0 + step]]),
+            spread[None],
+            trust,
+        )
 
     here = Linear(columns, target, spread, spread, *(each[0] for each in weighed(0.0)))
     slope = (weighed(0.01).log[0] - weighed(-0.01).log[0]) / 0.02
@@ -94,12 +108,24 @@ def test_prior_of_a_size_is_none_at_zero_and_has_one_sign(index, sign):
 
         def density(value, columns=columns, target=target, spread=spread, rest=rest):
             part = value / spread[index]
-            prior = part**2 * np.exp(-0.5 * part**2) / (spread[index] * np.sqrt(2.0 * np.pi))
-            return prior * np.exp(_dense(columns[..., rest], target, spread[rest],
-                                         mean=columns[0, :, index] * value))
+            prior = (
+                part**2
+                * np.exp(-0.5 * part**2)
+                / (spread[index] * np.sqrt(2.0 * np.pi))
+            )
+            return prior * np.exp(
+                _dense(
+                    columns[..., rest],
+                    target,
+                    spread[rest],
+                    mean=columns[0, :, index] * value,
+                )
+            )
 
-        halves = [quad(density, *ends, epsabs=0.0, epsrel=1e-9, limit=200)[0] for ends in (
-            (-12.0 * spread[index], 0.0), (0.0, 12.0 * spread[index]))]
+        halves = [
+            quad(density, *ends, epsabs=0.0, epsrel=1e-9, limit=200)[0]
+            for ends in ((-12.0 * spread[index], 0.0), (0.0, 12.0 * spread[index]))
+        ]
         one = {1.0: 2.0 * halves[1], -1.0: 2.0 * halves[0], 0.0: sum(halves)}[sign]
         expected = np.log(one / np.exp(_dense(columns, target, spread)))
         factor = _as_size(columns, target, spread, index=index, sign=sign)
@@ -111,8 +137,13 @@ def test_other_priors_are_weighed_as_if_from_the_start():
     found, own = _weigh(columns, target, spread), slice(2, 4)
     signs = np.array([np.nan, np.nan, 1.0, 0.0])
     others = np.array([[0.3, 2.0], [4.0, 0.1]])
-    gains = respread(found.mean[0, own], found.covariance[0, own, own], spread[own], others,
-                     signs[own])
+    gains = respread(
+        found.mean[0, own],
+        found.covariance[0, own, own],
+        spread[own],
+        others,
+        signs[own],
+    )
     for other, gain in zip(others, gains, strict=True):
         direct = _weigh(columns, target, np.append(spread[:2], other), signs=signs)
         assert found.log[0] + gain == pytest.approx(direct.log[0], abs=1e-5)
@@ -120,10 +151,14 @@ def test_other_priors_are_weighed_as_if_from_the_start():
 
 @pytest.mark.parametrize("far", [40.0, 1e6])
 def test_one_sided_stays_finite_far_on_the_wrong_side(far):
-    factor = _as_size(np.ones((1, 50, 1)), np.full((1, 50), -far), np.array([10.0]), index=0)
+    factor = _as_size(
+        np.ones((1, 50, 1)), np.full((1, 50), -far), np.array([10.0]), index=0
+    )
     assert -1e15 < factor < -1000.0
 
 
 def test_a_point_that_was_read_makes_another_surer():
     told = Foretold(np.zeros((1, 2)), np.ones((1, 2, 1)), np.eye(1))
-    assert told.measured(0).spread.ravel() == pytest.approx([0.5, 0.5])  # 1 - 1 / (1 + 1)
+    assert told.measured(0).spread.ravel() == pytest.approx(
+        [0.5, 0.5]
+    )  # 1 - 1 / (1 + 1)

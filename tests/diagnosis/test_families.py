@@ -19,91 +19,158 @@ from .campaigns import BASE, measure, random_points
 
 
 def _as_effect(**hooks):
-    return type("Published", (Effect,), {
-        name: lambda self, *given, f=function: f(*given) for name, function in hooks.items()})()
+    return type(
+        "Published",
+        (Effect,),
+        {
+            name: lambda self, *given, f=function: f(*given)
+            for name, function in hooks.items()
+        },
+    )()
 
 
 def _clutch(peak, fall, feed, against=0.0):
     """Shear of a full film, then a wetted radius that shrinks [Yuan et al. 2007]; late rise."""
+
     def torque(state):
         slip = state.output_speed - against * state.engine_speed
-        flow = (state.engine_speed / 150.0) ** feed  # of a pump on the engine, or held (0)
+        flow = (
+            state.engine_speed / 150.0
+        ) ** feed  # of a pump on the engine, or held (0)
         x = np.abs(slip) / (peak * flow)
         film = flow * x / (1.0 + x**4) ** (fall / 4.0)
-        return 6.0 * np.sign(slip) * (film + 0.02 * (slip / 300.0) ** 2)  # [Pan & Zhou 2019]
-    return _as_effect(output_drag=torque, engine_drag=lambda state: -against * torque(state))
+        return (
+            6.0 * np.sign(slip) * (film + 0.02 * (slip / 300.0) ** 2)
+        )  # [Pan & Zhou 2019]
+
+    return _as_effect(
+        output_drag=torque, engine_drag=lambda state: -against * torque(state)
+    )
 
 
 def _mesh(part):
     """Further part lost in a pair, of torque / 250 N m and speed / 150 rad/s."""
+
     def loss(power, speed):
         turning = np.maximum(np.abs(speed), 1.0)
-        return 0.002 * np.clip(part(np.abs(power) / turning / 250.0 + 0.004, turning / 150.0),
-                               0.0, 10.0)
+        return 0.002 * np.clip(
+            part(np.abs(power) / turning / 250.0 + 0.004, turning / 150.0), 0.0, 10.0
+        )
+
     return _as_effect(gear_loss=loss)
 
 
 def _benedict_kelley(decades, power):
     """log10 of load / speed^power, above a floor where the film is full."""
-    return _mesh(lambda t, w: np.logaddexp(
-        0.0, 4.0 * (decades + np.log10(t) - power * np.log10(w))) / 4.0)
+    return _mesh(
+        lambda t, w: (
+            np.logaddexp(0.0, 4.0 * (decades + np.log10(t) - power * np.log10(w))) / 4.0
+        )
+    )
 
 
 def _leak(part):
     """Leakage of part(dp / 20 MPa, stroke), at most one."""
-    return _as_effect(leakage_flow=lambda state: 3e-12 * state.pressure * part(
-        np.abs(state.pressure) / 20e6, np.abs(state.displacement_ratio)))
+    return _as_effect(
+        leakage_flow=lambda state: (
+            3e-12
+            * state.pressure
+            * part(np.abs(state.pressure) / 20e6, np.abs(state.displacement_ratio))
+        )
+    )
 
 
 def _eccentric(pump, motor, lifted):
     """1.5 e^2, e = the side force / that which lifts the piston to the wall, at most 1."""
-    return _leak(lambda p, x: 1.5 * (pump * np.minimum(1.0, p * x / lifted) ** 2
-                                     + motor * np.minimum(1.0, p / lifted) ** 2))
+    return _leak(
+        lambda p, x: (
+            1.5
+            * (
+                pump * np.minimum(1.0, p * x / lifted) ** 2
+                + motor * np.minimum(1.0, p / lifted) ** 2
+            )
+        )
+    )
 
 
 def _row_mesh(part):
     """Part of the rolling power lost, of sun torque / 250 N m and rolling speed / 150 rad/s."""
-    return _as_effect(planetary_loss=lambda state: 0.02 * np.clip(
-        part(np.abs(state.sun_torque) / 250.0 + 0.004, np.abs(state.sun_speed) / 150.0 + 0.007),
-        0.0, 10.0))
+    return _as_effect(
+        planetary_loss=lambda state: (
+            0.02
+            * np.clip(
+                part(
+                    np.abs(state.sun_torque) / 250.0 + 0.004,
+                    np.abs(state.sun_speed) / 150.0 + 0.007,
+                ),
+                0.0,
+                10.0,
+            )
+        )
+    )
 
 
 def _air(share, exponent, stiffening):
     """Both units squeeze oil with a share of air at 1 atm, above 2 MPa of charge pressure."""
+
     def flow(state):
         p, x = np.abs(state.pressure), state.displacement_ratio
         left = (1.013e5 / (2e6 + np.array([0.0 * p, p]))) ** (1.0 / exponent)
-        squeezed = np.log1p(stiffening * p / 1.5e9) / stiffening if stiffening else p / 1.5e9
+        squeezed = (
+            np.log1p(stiffening * p / 1.5e9) / stiffening if stiffening else p / 1.5e9
+        )
         squeezed = np.sign(state.pressure) * (squeezed + share * (left[0] - left[1]))
         motor = (1.0 - 0.5 * np.sign(state.motor_speed)) * np.abs(state.motor_speed)
         volume = (0.5 + (1.0 + x) / 2.0) * state.pump_speed + motor
         return squeezed * state.displacement * volume
+
     return _as_effect(leakage_flow=flow)
 
 
 PUBLISHED = {
-    "clutch_drag": [_clutch(peak, fall, feed, against) for peak in (60.0, 110.0, 160.0)
-                    for fall in (1.4, 2.2) for feed in (0.0, 0.5, 1.0)
-                    for against in (0.0, 0.5, 0.8)],
+    "clutch_drag": [
+        _clutch(peak, fall, feed, against)
+        for peak in (60.0, 110.0, 160.0)
+        for fall in (1.4, 2.2)
+        for feed in (0.0, 0.5, 1.0)
+        for against in (0.0, 0.5, 0.8)
+    ],
     "gear_mesh": [
         _mesh(lambda t, w: t**0.2 * w**-0.2),  # ISO/TR 14179-2, Niemann, Schlenk
         _mesh(lambda t, w: t**-0.4 * w**-0.7),  # ISO/TR 14179-1
         _mesh(lambda t, w: t),  # teeth that bend
         _mesh(lambda t, w: 0.4 + np.exp(-w / 0.5 * t**-0.13)),  # mixed film
-        *(_benedict_kelley(decades, power) for decades in (0.8, 1.4, 2.0) for power in (2, 3))],
+        *(
+            _benedict_kelley(decades, power)
+            for decades in (0.8, 1.4, 2.0)
+            for power in (2, 3)
+        ),
+    ],
     "pressure_leakage": [
-        *(_eccentric(pump, motor, lifted) for lifted in (1.0, 2.0)
-          for pump, motor in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))),
-        _leak(lambda p, x: (1.0 + 0.3 * p) ** 3 - 1.0), _leak(lambda p, x: p**0.8)],
+        *(
+            _eccentric(pump, motor, lifted)
+            for lifted in (1.0, 2.0)
+            for pump, motor in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
+        ),
+        _leak(lambda p, x: (1.0 + 0.3 * p) ** 3 - 1.0),
+        _leak(lambda p, x: p**0.8),
+    ],
     "planetary_mesh": [
         _row_mesh(lambda t, w: t**0.2 * w**-0.2),  # as of pairs: ISO/TR 14179-2
         _row_mesh(lambda t, w: t**-0.4 * w**-0.7),  # ISO/TR 14179-1
-        _row_mesh(lambda t, w: t), _row_mesh(lambda t, w: 1.0 + 0.0 * t)],
-    "compressibility": [_air(share, exponent, stiffening) for share in (0.005, 0.02, 0.06)
-                        for exponent in (1.0, 1.4) for stiffening in (0.0, 10.0)],
+        _row_mesh(lambda t, w: t),
+        _row_mesh(lambda t, w: 1.0 + 0.0 * t),
+    ],
+    "compressibility": [
+        _air(share, exponent, stiffening)
+        for share in (0.005, 0.02, 0.06)
+        for exponent in (1.0, 1.4)
+        for stiffening in (0.0, 10.0)
+    ],
     "displacement_error": [
         _as_effect(stroke_lag=lambda state, p=p: 0.01 * np.tanh(state.pressure / p))
-        for p in (3e6, 8e6, 40e6)],
+        for p in (3e6, 8e6, 40e6)
+    ],
 }
 
 
@@ -112,14 +179,18 @@ def left():
     """By name, the part of each published form that its family leaves, and what it shows."""
     points = random_points(5)
     motor = BalanceSolver(BASE.stage, BASE.parameters).flow(points)[1].state.motor_speed
-    moving = np.abs(motor) > 25.0  # no friction holds it: a jump would be all that one sees
+    moving = (
+        np.abs(motor) > 25.0
+    )  # no friction holds it: a jump would be all that one sees
     bench = observe(measure(points.map(lambda row: row[moving])), 0.004)
     system = Transmission(BASE)
-    base = np.append(to_scaled(BASE.parameters.to_array()), np.zeros(len(system.base) - 3))
+    base = np.append(
+        to_scaled(BASE.parameters.to_array()), np.zeros(len(system.base) - 3)
+    )
     fit = linearise(Hypothesis(system), bench, base, np.ones(2))
 
     def predicted(*effects):
-        read = system.predict(base, effects, bench.points)[:len(bench.channels)]
+        read = system.predict(base, effects, bench.points)[: len(bench.channels)]
         return read / bench.deviation
 
     def signature(effect):
@@ -127,21 +198,29 @@ def left():
 
     found = {}
     for name, published in PUBLISHED.items():
-        forms = [form.with_values({form.sizes()[0].name: 0.1 * form.sizes()[0].typical})
-                 for kind in system.library if kind.name == name for form in forms_of(kind)]
+        forms = [
+            form.with_values({form.sizes()[0].name: 0.1 * form.sizes()[0].typical})
+            for kind in system.library
+            if kind.name == name
+            for form in forms_of(kind)
+        ]
         family = np.array([signature(form) for form in forms])
         family /= np.linalg.norm(family, axis=1)[:, None]
         found[name] = []
         for effect in published:
             shown = signature(effect)
             level = np.linalg.norm(shown)
-            found[name].append((float(np.sqrt(1.0 - ((family @ shown).max() / level) ** 2)), level))
+            found[name].append(
+                (float(np.sqrt(1.0 - ((family @ shown).max() / level) ** 2)), level)
+            )
     return found
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_a_family_spans_the_literature(left, name):
-    parts = np.array([part for part, level in left[name] if level > 3.0])  # what can be seen
+    parts = np.array(
+        [part for part, level in left[name] if level > 3.0]
+    )  # what can be seen
     assert len(parts) >= 2
     assert parts.mean() < 0.2
     assert parts.max() < 0.45

@@ -21,8 +21,17 @@ from hmcvt_core.report import html
 from .campaigns import BASE, NOISE, campaign
 from .html_browser import Layout, clicked, laid_out
 
-PAGES = ("no_gap", "cause_found", "ambiguous", "pair", "unexplained", "holdout", "hostile", "bare",
-         "one_stroke")
+PAGES = (
+    "no_gap",
+    "cause_found",
+    "ambiguous",
+    "pair",
+    "unexplained",
+    "holdout",
+    "hostile",
+    "bare",
+    "one_stroke",
+)
 LINK = "{http://www.w3.org/1999/xlink}href"
 LEAST_LETTER = 9.0  # px, font size of the smallest text in a figure
 HOSTILE = '<img src=x onerror=alert(1)> "quoted" & \x00\x1b \u202e \udcff'
@@ -37,15 +46,26 @@ def diagnosis(name: str) -> Diagnosis:
     clear = replace(first, indistinguishable_from=())
     if name == "no_gap":
         return replace(
-            found, verdict=name, causes=(), where=(), next_tests=(),
-            gap=replace(found.gap, p_value=0.3, significant=False), residuals_after=(
-                found.residuals_before))
+            found,
+            verdict=name,
+            causes=(),
+            where=(),
+            next_tests=(),
+            gap=replace(found.gap, p_value=0.3, significant=False),
+            residuals_after=(found.residuals_before),
+        )
     if name == "cause_found":
         alone = CauseSet((first.effect,), 0.97, first.gap_after, first.shrinkage)
-        return replace(found, verdict=name, causes=(clear,), sets=(alone,), next_tests=())
+        return replace(
+            found, verdict=name, causes=(clear,), sets=(alone,), next_tests=()
+        )
     if name == "pair":
-        pair = (replace(clear, together_with=second.effect),
-                replace(second, together_with=first.effect, indistinguishable_from=("churning",)))
+        pair = (
+            replace(clear, together_with=second.effect),
+            replace(
+                second, together_with=first.effect, indistinguishable_from=("churning",)
+            ),
+        )
         both = CauseSet((first.effect, second.effect), 0.6, first.gap_after, None)
         return replace(found, causes=(*pair, *others), sets=(both, *found.sets[:2]))
     if name == "unexplained":
@@ -53,33 +73,63 @@ def diagnosis(name: str) -> Diagnosis:
     if name == "one_stroke":
         return replace(one_stroke(diagnosis("pair")), verdict="cause_found")
     if name == "holdout":
-        return replace(found, shrinkage=replace(found.shrinkage, on="holdout"),
-                       warnings=("The ratio at stroke 0 is 1.31, the file says 1.20",),
-                       judged=found.samples.select(np.arange(30)),
-                       residuals_before=found.residuals_before[:30],
-                       residuals_after=found.residuals_after[:30])
+        return replace(
+            found,
+            shrinkage=replace(found.shrinkage, on="holdout"),
+            warnings=("The ratio at stroke 0 is 1.31, the file says 1.20",),
+            judged=found.samples.select(np.arange(30)),
+            residuals_before=found.residuals_before[:30],
+            residuals_after=found.residuals_after[:30],
+        )
     return {"hostile": hostile, "bare": bare}[name](found)
 
 
 def hostile(found: Diagnosis) -> Diagnosis:
     """Every text that comes from outside is markup, and every number that can be is missing."""
     bad = replace(
-        found.causes[0], effect=HOSTILE, form=HOSTILE, summary=HOSTILE, source=HOSTILE,
-        remedy=HOSTILE, component=HOSTILE, indistinguishable_from=(HOSTILE,),
-        together_with=HOSTILE, shrinkage=None,
-        parameters={HOSTILE: {"value": float("nan"), "unit": HOSTILE, "meaning": HOSTILE,
-                              "interval": [float("-inf"), float("inf")], "plausible": False}},
-        drift={HOSTILE: {"without_effect": 0.0, "with_effect": 1e-30,
-                         "standard_errors": float("inf")}})
+        found.causes[0],
+        effect=HOSTILE,
+        form=HOSTILE,
+        summary=HOSTILE,
+        source=HOSTILE,
+        remedy=HOSTILE,
+        component=HOSTILE,
+        indistinguishable_from=(HOSTILE,),
+        together_with=HOSTILE,
+        shrinkage=None,
+        parameters={
+            HOSTILE: {
+                "value": float("nan"),
+                "unit": HOSTILE,
+                "meaning": HOSTILE,
+                "interval": [float("-inf"), float("inf")],
+                "plausible": False,
+            }
+        },
+        drift={
+            HOSTILE: {
+                "without_effect": 0.0,
+                "with_effect": 1e-30,
+                "standard_errors": float("inf"),
+            }
+        },
+    )
     point = {"displacement_ratio": 0.5, "engine_speed": 150.0, "load_torque": 300.0}
-    tests = (NextTest(None, (HOSTILE, HOSTILE), 0.0, HOSTILE),
-             NextTest(point, (HOSTILE, HOSTILE), 3.0, HOSTILE),
-             NextTest(None, ("churning", "charge_pump"), 0.0, None))
+    tests = (
+        NextTest(None, (HOSTILE, HOSTILE), 0.0, HOSTILE),
+        NextTest(point, (HOSTILE, HOSTILE), 3.0, HOSTILE),
+        NextTest(None, ("churning", "charge_pump"), 0.0, None),
+    )
     return replace(
-        found, samples=replace(found.samples, source=HOSTILE), causes=(bad, *found.causes[1:]),
-        sets=(replace(found.sets[0], effects=(HOSTILE,), shrinkage=None),), warnings=(HOSTILE,),
-        next_tests=tests, notes=(HOSTILE,),
-        shrinkage=replace(found.shrinkage, interval=None))
+        found,
+        samples=replace(found.samples, source=HOSTILE),
+        causes=(bad, *found.causes[1:]),
+        sets=(replace(found.sets[0], effects=(HOSTILE,), shrinkage=None),),
+        warnings=(HOSTILE,),
+        next_tests=tests,
+        notes=(HOSTILE,),
+        shrinkage=replace(found.shrinkage, interval=None),
+    )
 
 
 def bare(found: Diagnosis) -> Diagnosis:
@@ -87,27 +137,43 @@ def bare(found: Diagnosis) -> Diagnosis:
     stalled = replace(found.base, parameters=hmcvt.HydraulicParameters(9e-9, 0.1, 0.1))
     nothing = np.full(4, np.nan)
     return replace(
-        found, residuals=np.full(len(found.samples), np.nan),
-        judged=found.samples.select(np.arange(4)), where=(), causes=(), next_tests=(), notes=(),
+        found,
+        residuals=np.full(len(found.samples), np.nan),
+        judged=found.samples.select(np.arange(4)),
+        where=(),
+        causes=(),
+        next_tests=(),
+        notes=(),
         base=stalled,
-        shrinkage=ShrinkageSummary(0.01, 0.01, None, None, "holdout"), residuals_before=nothing,
-        residuals_after=nothing)
+        shrinkage=ShrinkageSummary(0.01, 0.01, None, None, "holdout"),
+        residuals_before=nothing,
+        residuals_after=nothing,
+    )
 
 
 def many(found: Diagnosis) -> Diagnosis:
     """More samples than can be drawn one by one; the outcome is that of fewer."""
     samples = campaign((ChargePump(6.0),), 3, 10_000)
     errors = samples.efficiency - found.base.efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque)
-    return replace(found, samples=samples, residuals=errors, judged=samples,
-                   residuals_before=errors, residuals_after=errors / 5.0)
+        samples.displacement_ratio, samples.engine_speed, samples.load_torque
+    )
+    return replace(
+        found,
+        samples=samples,
+        residuals=errors,
+        judged=samples,
+        residuals_before=errors,
+        residuals_after=errors / 5.0,
+    )
 
 
 def one_stroke(found: Diagnosis) -> Diagnosis:
     """A campaign at one displacement ratio: an axis without extent."""
     same = np.full(len(found.samples), 0.5)
-    where = tuple(replace(region, limits={**region.limits, "displacement_ratio": (0.5, 0.5)})
-                  for region in found.where)
+    where = tuple(
+        replace(region, limits={**region.limits, "displacement_ratio": (0.5, 0.5)})
+        for region in found.where
+    )
     samples = replace(found.samples, displacement_ratio=same)
     return replace(found, samples=samples, judged=samples, where=where)
 
@@ -137,10 +203,19 @@ def test_is_well_formed_loads_nothing_and_runs_its_own_script_alone(name: str) -
     items = list(parsed(name).iter())
     names = [item.get("id") for item in items if item.get("id")]
     assert len(names) == len(set(names)) > 100
-    titles = [item.get("aria-labelledby") for item in items if item.get("role") == "img"]
+    titles = [
+        item.get("aria-labelledby") for item in items if item.get("role") == "img"
+    ]
     assert len(titles) >= 5 and set(titles) <= set(names)
     assert not {item.tag.rsplit("}")[-1] for item in items} & {
-        "link", "img", "iframe", "object", "embed", "image", "base"}
+        "link",
+        "img",
+        "iframe",
+        "object",
+        "embed",
+        "image",
+        "base",
+    }
     scripts = [item.text for item in items if item.tag.rsplit("}")[-1] == "script"]
     digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
     assert len(scripts) == 1 and f"script-src 'sha256-{digest}'" in page(name)
@@ -156,79 +231,120 @@ def test_is_well_formed_loads_nothing_and_runs_its_own_script_alone(name: str) -
 
 @pytest.mark.parametrize("name", PAGES)
 def test_shows_no_missing_number_as_code_does(name: str) -> None:
-    shown = text(name) + " ".join(value for item in parsed(name).iter() for value in
-                                  item.attrib.values())
+    shown = text(name) + " ".join(
+        value for item in parsed(name).iter() for value in item.attrib.values()
+    )
     assert re.findall(r"\b(?:nan|NaN|None|inf|Infinity|True|False)\b", shown) == []
     labels = re.findall(r"<(?:text|h4|dt|title)[^>]*>([^<]*)", page(name))
     assert len(labels) > 50 and [label for label in labels if "_" in label] == []
 
 
 def test_escapes_every_text_from_outside() -> None:
-    assert not re.search(r"<img|[\x00-\x08\x0b-\x1f\u202a-\u202e\ud800-\udfff]", page("hostile"))
+    assert not re.search(
+        r"<img|[\x00-\x08\x0b-\x1f\u202a-\u202e\ud800-\udfff]", page("hostile")
+    )
     # Title, heading and data; warning; sets; cause; sizes; tests; notes.
     assert text("hostile").count("<img src=x onerror=alert(1)>") >= 14
     assert "<img src=x" in parsed("hostile").findtext("head/title")
 
 
-@pytest.mark.parametrize(("name", "badge", "first"), [
-    ("no_gap", "No gap", "Bench and model agree: nothing to look for."),
-    ("cause_found", "Cause found", "Probably "), ("one_stroke", "Cause found", "Probably "),
-    ("pair", "Ambiguous", "Perhaps "), ("unexplained", "Unexplained", "Something unlisted, "),
-    ("holdout", "Ambiguous", "The readings do not fit this machine")])
-def test_says_the_sentence_for_the_mechanic_first(name: str, badge: str, first: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "badge", "first"),
+    [
+        ("no_gap", "No gap", "Bench and model agree: nothing to look for."),
+        ("cause_found", "Cause found", "Probably "),
+        ("one_stroke", "Cause found", "Probably "),
+        ("pair", "Ambiguous", "Perhaps "),
+        ("unexplained", "Unexplained", "Something unlisted, "),
+        ("holdout", "Ambiguous", "The readings do not fit this machine"),
+    ],
+)
+def test_says_the_sentence_for_the_mechanic_first(
+    name: str, badge: str, first: str
+) -> None:
     found = diagnosis(name)
-    told = [" ".join(" ".join(item.itertext()).split())
-            for item in parsed(name).find("body/header")]
+    told = [
+        " ".join(" ".join(item.itertext()).split())
+        for item in parsed(name).find("body/header")
+    ]
     assert told[:3] == ["Model against bench: simulated", badge, words.mechanic(found)]
     assert told[2].startswith(first) and len(told[2].split()) <= 25
     grounds = told[3 + len(found.warnings)]
     assert grounds.startswith(f"The grounds {words.verdict(found)}")
-    assert told[3:3 + len(found.warnings)] == [f"{each}." for each in found.warnings]
+    assert told[3 : 3 + len(found.warnings)] == [f"{each}." for each in found.warnings]
 
 
 def test_sets_of_causes_stand_in_a_table_with_the_unlisted() -> None:
     found = diagnosis("pair")
     first = found.sets[0]
-    rows = [[" ".join(cell.itertext()).strip() for cell in row]
-            for row in parsed("pair").iter("tr")]
-    assert [words.named(first.effects), "60 %", words.amount(found, first.gap_after),
-            words.NOTHING] in rows
-    assert ["something unlisted", words.probability(found.unlisted), *2 * [words.NOTHING]] in rows
+    rows = [
+        [" ".join(cell.itertext()).strip() for cell in row]
+        for row in parsed("pair").iter("tr")
+    ]
+    assert [
+        words.named(first.effects),
+        "60 %",
+        words.amount(found, first.gap_after),
+        words.NOTHING,
+    ] in rows
+    assert [
+        "something unlisted",
+        words.probability(found.unlisted),
+        *2 * [words.NOTHING],
+    ] in rows
 
 
 def test_figures_of_the_page_are_those_of_the_diagnosis() -> None:
     found = diagnosis("ambiguous")
     limits = np.array(found.where[0].limits["engine_speed"])
     assert found.shrinkage.fraction is not None
-    for told in (f"{100 * found.shrinkage.before:.2f} points",
-                 f"{100 * found.gap.noise:.2f} points", f"{100 * found.shrinkage.fraction:.0f} %",
-                 "{:.0f} to {:.0f}".format(*limits * 30.0 / np.pi),
-                 "{:.1f} to {:.1f}".format(*limits), found.causes[0].source,
-                 found.model.fingerprint):
+    for told in (
+        f"{100 * found.shrinkage.before:.2f} points",
+        f"{100 * found.gap.noise:.2f} points",
+        f"{100 * found.shrinkage.fraction:.0f} %",
+        "{:.0f} to {:.0f}".format(*limits * 30.0 / np.pi),
+        "{:.1f} to {:.1f}".format(*limits),
+        found.causes[0].source,
+        found.model.fingerprint,
+    ):
         assert told in text("ambiguous")
     for number, values in enumerate((found.residuals_before, found.residuals_after)):
         rms = 100.0 * np.sqrt(np.mean(values**2))
         assert f": {rms:.2f} points rms" in figure("ambiguous", f"residuals-{number}")
 
 
-@pytest.mark.parametrize("view", ["displacement-ratio-engine-speed",
-                                  "displacement-ratio-load-torque", "engine-speed-load-torque"])
+@pytest.mark.parametrize(
+    "view",
+    [
+        "displacement-ratio-engine-speed",
+        "displacement-ratio-load-torque",
+        "engine-speed-load-torque",
+    ],
+)
 def test_map_shows_every_sample_on_its_side_and_tells_it(view: str) -> None:
     found, drawn = diagnosis("ambiguous"), figure("ambiguous", f"map-{view}")
     told = re.findall(r"N·m: (\S+) points</title>", drawn)
     errors = 100.0 * found.residuals_before
-    assert sorted(float(each.replace(words.MINUS, "-")) for each in told) == pytest.approx(
-        np.sort(errors), abs=0.0051)
-    for kind, expected in (("below", errors < -2 * 100 * found.gap.noise),
-                           ("above", errors > 2 * 100 * found.gap.noise),
-                           ("within", np.abs(errors) <= 2 * 100 * found.gap.noise)):
-        marks = re.search(rf'<g id="map-{view}-{kind}">(.*?)</g>\s*(?:</g>\s*)?<g id', drawn)
+    assert sorted(
+        float(each.replace(words.MINUS, "-")) for each in told
+    ) == pytest.approx(np.sort(errors), abs=0.0051)
+    for kind, expected in (
+        ("below", errors < -2 * 100 * found.gap.noise),
+        ("above", errors > 2 * 100 * found.gap.noise),
+        ("within", np.abs(errors) <= 2 * 100 * found.gap.noise),
+    ):
+        marks = re.search(
+            rf'<g id="map-{view}-{kind}">(.*?)</g>\s*(?:</g>\s*)?<g id', drawn
+        )
         count = 0 if marks is None else marks[1].count("<title>")
         assert count == expected.sum(), kind
 
 
 def test_the_script_sorts_the_table_and_finds_a_test_everywhere(tmp_path: Path) -> None:
-    seen = clicked(page("cause_found"), tmp_path, """
+    seen = clicked(
+        page("cause_found"),
+        tmp_path,
+        """
         const rows = () => [...page.querySelectorAll('#residual-table tbody tr')];
         const first = page.querySelector('#residual-table th:nth-child(3)');
         const speeds = () => rows().map(row => parseFloat(row.cells[2].textContent));
@@ -237,8 +353,11 @@ def test_the_script_sorts_the_table_and_finds_a_test_everywhere(tmp_path: Path) 
         mark.dispatchEvent(new MouseEvent('click', {bubbles: true}));
         const hit = rows().filter(row => row.classList.contains('hit'));
         return {up: up, down: down, hit: hit.map(row => row.dataset.test),
-                marks: page.querySelectorAll('svg .hit').length, name: mark.dataset.test};""")
-    assert seen["up"] == sorted(seen["up"]) and seen["down"] == sorted(seen["up"], reverse=True)
+                marks: page.querySelectorAll('svg .hit').length, name: mark.dataset.test};""",
+    )
+    assert seen["up"] == sorted(seen["up"]) and seen["down"] == sorted(
+        seen["up"], reverse=True
+    )
     assert len(seen["up"]) == len(diagnosis("cause_found").samples)
     # In the three maps and in the residuals before and after.
     assert seen["hit"] == [seen["name"]] and seen["marks"] == 5
@@ -247,14 +366,21 @@ def test_the_script_sorts_the_table_and_finds_a_test_everywhere(tmp_path: Path) 
 def test_of_many_samples_an_even_part_is_drawn_on_a_page_of_moderate_size() -> None:
     for drawn in ("map-displacement-ratio-load-torque", "residuals-1"):
         assert 200 < figure("unexplained", drawn).count(" points</title>") <= 400
-    assert text("unexplained").count("A part of the samples is drawn, evenly picked.") == 2
+    assert (
+        text("unexplained").count("A part of the samples is drawn, evenly picked.") == 2
+    )
     assert "evenly picked" not in text("ambiguous")
     assert len(page("unexplained")) < 1_000_000
 
 
-def test_next_tests_come_in_both_units_of_speed_and_implausible_sizes_are_tagged() -> None:
+def test_next_tests_come_in_both_units_of_speed_and_implausible_sizes_are_tagged() -> (
+    None
+):
     assert re.search(r"0\.50 1432 150\.0 300 3\b", text("hostile"))
-    assert "A channel that is not logged yet : tells churning from charge pump." in text("hostile")
+    assert (
+        "A channel that is not logged yet : tells churning from charge pump."
+        in text("hostile")
+    )
     assert "implausible size" in text("hostile")
     assert "implausible size" not in text("cause_found")
 
@@ -262,28 +388,40 @@ def test_next_tests_come_in_both_units_of_speed_and_implausible_sizes_are_tagged
 def test_every_cause_says_what_it_is_not_told_from() -> None:
     causes = diagnosis("ambiguous").causes
     assert causes[0].indistinguishable_from, "this campaign is meant to leave twins"
-    articles = [" ".join(" ".join(item.itertext()).split()) for item in
-                parsed("ambiguous").iter("article")]
+    articles = [
+        " ".join(" ".join(item.itertext()).split())
+        for item in parsed("ambiguous").iter("article")
+    ]
     assert len(articles) == len(causes)
     for article, cause in zip(articles, causes, strict=True):
         twins = [words.plain(twin) for twin in cause.indistinguishable_from]
         assert article.startswith(words.plain(cause.effect))
-        assert (f"Not told from {words.listed(twins)}, by these data" in article) == bool(twins)
+        assert (
+            f"Not told from {words.listed(twins)}, by these data" in article
+        ) == bool(twins)
     assert "Not told from" not in text("cause_found")
 
 
 def test_watts_stack_up_to_the_loss_of_the_model_and_stalls_are_named() -> None:
     found = diagnosis("cause_found")
-    rows = re.findall(r'<td>([a-z ]+)</td>\s*<td class="number">(\d+)</td>\s*<td class="number">'
-                      r"(\d+)</td>", page("cause_found"))
+    rows = re.findall(
+        r'<td>([a-z ]+)</td>\s*<td class="number">(\d+)</td>\s*<td class="number">'
+        r"(\d+)</td>",
+        page("cause_found"),
+    )
     losses = {part: (int(before), int(after)) for part, before, after in rows}
     strokes = np.linspace(-1.0, 1.0, 201)
     for place, model in enumerate((found.base, found.model)):
-        parts = model.breakdown(strokes, float(np.median(found.samples.engine_speed)),
-                                float(np.median(found.samples.load_torque)))
+        parts = model.breakdown(
+            strokes,
+            float(np.median(found.samples.engine_speed)),
+            float(np.median(found.samples.load_torque)),
+        )
         lost = np.mean(parts.input_power - parts.output_power)
         assert losses["total"][place] == pytest.approx(lost, abs=0.51)
-        assert losses["leakage"][place] == pytest.approx(np.mean(parts.losses["leakage"]), abs=0.51)
+        assert losses["leakage"][place] == pytest.approx(
+            np.mean(parts.losses["leakage"]), abs=0.51
+        )
     assert losses["charge pump"][0] == 0 < losses["charge pump"][1]
     assert "charge pump: " in figure("cause_found", "watts-1")
     assert "no answer" in figure("bare", "watts-0")
@@ -311,8 +449,12 @@ def test_fits_a_screen_and_a_phone_without_overlaps(layout: Layout) -> None:
         assert seen["smallest"] >= LEAST_LETTER, name
 
 
-def test_measures_see_a_broken_page_and_nothing_else_is_complained_of(layout: Layout) -> None:
+def test_measures_see_a_broken_page_and_nothing_else_is_complained_of(
+    layout: Layout,
+) -> None:
     seen = layout.pages["broken@390"]
     assert seen["scroll"] > 390 and seen["crossing"] and seen["clipped"]
-    assert "Content-Security-Policy" in page("hostile") and "default-src 'none'" in page("hostile")
+    assert "Content-Security-Policy" in page(
+        "hostile"
+    ) and "default-src 'none'" in page("hostile")
     assert layout.console and all("127.0.0.1:9" in line for line in layout.console)

@@ -19,8 +19,11 @@ from .campaigns import BASE, campaign, fitted, with_column
 SYSTEM = Transmission(BASE)
 TRUE = to_scaled(BASE.parameters.to_array())
 SMALL = 1e-5  # stated noise: small enough for priors not to matter
-KINDS = {f"{kind.name} {kind.form}".strip(): forms_of(kind) for kind in SYSTEM.library
-         if kind.name != "pressure_sensor"}  # where it is read: test_pressure.py
+KINDS = {
+    f"{kind.name} {kind.form}".strip(): forms_of(kind)
+    for kind in SYSTEM.library
+    if kind.name != "pressure_sensor"
+}  # where it is read: test_pressure.py
 
 
 def _typical(form):
@@ -28,29 +31,41 @@ def _typical(form):
 
 
 def _exact(effects, noise=SMALL, n=40, **plan):
-    return observe(campaign(effects, seed=5, n=n, noise=0.0, speed_noise=0.0, **plan), noise)
+    return observe(
+        campaign(effects, seed=5, n=n, noise=0.0, speed_noise=0.0, **plan), noise
+    )
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_refit_finds_every_effect(name):
-    for form in KINDS[name][::max(1, len(KINDS[name]) - 1)][:2]:
+    for form in KINDS[name][:: max(1, len(KINDS[name]) - 1)][:2]:
         observed = _exact([_typical(form)], temperature=True)
         found = refit(Hypothesis(SYSTEM, (form,)), observed)
         np.testing.assert_allclose(found.sizes, 1.0, rtol=0.02)
         np.testing.assert_allclose(found.base, [*TRUE, 0.0], rtol=0.01, atol=2e-2)
-        assert found.effects[0].values() == pytest.approx(_typical(form).values(), rel=0.02)
+        assert found.effects[0].values() == pytest.approx(
+            _typical(form).values(), rel=0.02
+        )
 
 
 def test_shapes_are_fitted_between_the_values_of_their_grid():
     truth = GearMesh(0.006, load_exponent=0.5, speed_exponent=0.2)
-    start = refit(Hypothesis(SYSTEM, (ChargePump(), GearMesh())), _exact([ChargePump(4.0), truth]))
+    start = refit(
+        Hypothesis(SYSTEM, (ChargePump(), GearMesh())), _exact([ChargePump(4.0), truth])
+    )
     found = freed(start)
     assert found.effects[1].values() == pytest.approx(truth.values(), rel=0.05)
     assert found.sizes == pytest.approx([1.0, 1.5], rel=0.05)
-    beyond = freed(refit(Hypothesis(SYSTEM, (Churning(),)), _exact([Churning(8.0, exponent=3.0)])))
+    beyond = freed(
+        refit(Hypothesis(SYSTEM, (Churning(),)), _exact([Churning(8.0, exponent=3.0)]))
+    )
     assert beyond.effects[0].exponent == 2.0
-    pistons = freed(refit(Hypothesis(SYSTEM, (PistonLeakage(motor_part=1.0),)), _exact([
-        PistonLeakage(3e-11, motor_part=0.0)])))
+    pistons = freed(
+        refit(
+            Hypothesis(SYSTEM, (PistonLeakage(motor_part=1.0),)),
+            _exact([PistonLeakage(3e-11, motor_part=0.0)]),
+        )
+    )
     assert pistons.effects[0].motor_part == 1.0  # a switch
     again = freed(found)
     np.testing.assert_allclose(again.theta, found.theta, rtol=1e-2, atol=1e-4)
@@ -64,18 +79,27 @@ def test_sizes_stay_within_their_bounds():
     alone = refit(Hypothesis(SYSTEM), _exact([EngineTorqueZero(-12.0)]))
     np.testing.assert_allclose(below.base, alone.base, rtol=2e-2)
     beyond = refit(hypothesis, _exact([ChargePump(60.0)]))
-    limit, = ChargePump.sizes()
+    (limit,) = ChargePump.sizes()
     assert beyond.effects[0].torque == pytest.approx(limit.high)
 
 
 def test_base_parameters_stay_physical():
     # A meter that reads too little on top of a pump without damping: less than none is asked for.
-    tight = replace(BASE, parameters=HydraulicParameters(2e-11, 0.12, 0.0),
-                    effects=(EngineTorqueZero(-10.0),))
+    tight = replace(
+        BASE,
+        parameters=HydraulicParameters(2e-11, 0.12, 0.0),
+        effects=(EngineTorqueZero(-10.0),),
+    )
     samples = campaign(noise=0.0)
-    readings = np.minimum(tight.efficiency(samples.displacement_ratio, samples.engine_speed,
-                                           samples.load_torque), 1.0)
-    found = refit(Hypothesis(SYSTEM), observe(replace(samples, efficiency=readings), 0.003))
+    readings = np.minimum(
+        tight.efficiency(
+            samples.displacement_ratio, samples.engine_speed, samples.load_torque
+        ),
+        1.0,
+    )
+    found = refit(
+        Hypothesis(SYSTEM), observe(replace(samples, efficiency=readings), 0.003)
+    )
     assert found.base[2] == 0.0
     assert found.base[1] >= 0.0
 
@@ -87,13 +111,21 @@ def test_a_refit_is_where_the_penalised_squares_are_least_and_its_jacobian_their
     away = found.theta - hypothesis.prior_mean
     slope = np.einsum("cn,cnp,c->p", found.whitened, found.jacobian, 1.0 / found.noise)
     slope[:4] -= away[:4] / SYSTEM.base.spread**2
-    curvature = np.einsum("cnp,cnp,c->p", found.jacobian, found.jacobian, 1.0 / found.noise)
-    assert np.abs(slope / np.sqrt(curvature + 1.0)).max() < 0.05, "standard deviations off"
+    curvature = np.einsum(
+        "cnp,cnp,c->p", found.jacobian, found.jacobian, 1.0 / found.noise
+    )
+    assert np.abs(slope / np.sqrt(curvature + 1.0)).max() < 0.05, (
+        "standard deviations off"
+    )
     trust, squares = observed.trust, np.sum(found.whitened**2, axis=1)
-    np.testing.assert_allclose(found.noise, (trust + squares) / (trust + 40 - 5 / 2), rtol=2e-2)
+    np.testing.assert_allclose(
+        found.noise, (trust + squares) / (trust + 40 - 5 / 2), rtol=2e-2
+    )
     step = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3])
-    moved, here = (hypothesis.predict(theta, observed.points, observed.channels)
-                   for theta in (found.theta + step, found.theta))
+    moved, here = (
+        hypothesis.predict(theta, observed.points, observed.channels)
+        for theta in (found.theta + step, found.theta)
+    )
     change = (moved - here) / observed.deviation
     np.testing.assert_allclose(change, found.jacobian @ step, atol=2e-3)
     np.testing.assert_allclose(found.target, found.whitened + found.jacobian @ away)
@@ -105,7 +137,9 @@ def test_a_refit_is_where_the_penalised_squares_are_least_and_its_jacobian_their
 
 def test_gears_are_known_within_a_tolerance_as_are_gauges_where_they_are_read():
     observed = _exact((), noise=0.003)
-    worse, here = (SYSTEM.predict(np.append(TRUE, loss), (), observed.points) for loss in (1.0, 0))
+    worse, here = (
+        SYSTEM.predict(np.append(TRUE, loss), (), observed.points) for loss in (1.0, 0)
+    )
     lost = 1.0 - worse[0] / here[0]  # over two to five pairs in a path
     assert (lost > 0.0006 * 2).all() and (lost < 0.0006 * 5).all()
     gauged = Transmission(BASE, pressure=True)
@@ -117,24 +151,39 @@ def test_gears_are_known_within_a_tolerance_as_are_gauges_where_they_are_read():
 
 def test_readings_turn_where_the_motor_comes_to_rest():
     stroke = np.linspace(-0.9, 0.9, 181)
-    points = {"displacement_ratio": stroke, "engine_speed": np.full(181, 150.0),
-              "load_torque": np.full(181, 300.0)}
+    points = {
+        "displacement_ratio": stroke,
+        "engine_speed": np.full(181, 150.0),
+        "load_torque": np.full(181, 300.0),
+    }
     hypothesis, theta = Hypothesis(SYSTEM), np.append(TRUE, 0.0)
     _, speed, pressure = here = hypothesis.predict(theta, points)
     turning = hypothesis.turning(theta, points, CHANNELS, here)
     assert (turning[0] == 0.0).all()  # the noise of what is served is as stated
     standing = np.abs(speed / 150.0 - BASE.stage.mechanical_speed_ratio) < 0.005
-    assert standing.any() and turning[2][standing].max() > 0.005 * pressure[standing].max()
-    assert (turning[2][np.abs(stroke - stroke[standing].mean()) > 0.1] < 1e-3 * 2e7).all()
+    assert (
+        standing.any() and turning[2][standing].max() > 0.005 * pressure[standing].max()
+    )
+    assert (
+        turning[2][np.abs(stroke - stroke[standing].mean()) > 0.1] < 1e-3 * 2e7
+    ).all()
 
 
 def test_what_is_handed_over_meets_what_is_served():
     # Speed and efficiency ask for different leakages; the likeliest refit gives one of them up.
     samples, leaky = campaign(seed=2, n=40), HydraulicParameters(2.6e-11, 0.12, 0.2)
-    fit = fitted(with_column(samples, efficiency=replace(BASE, parameters=leaky).efficiency(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque)), 0.001)
-    likeliest, served = (np.mean(each.whitened**2, axis=1)
-                         for each in (fit, fit.delivered(np.ones(2))))
+    fit = fitted(
+        with_column(
+            samples,
+            efficiency=replace(BASE, parameters=leaky).efficiency(
+                samples.displacement_ratio, samples.engine_speed, samples.load_torque
+            ),
+        ),
+        0.001,
+    )
+    likeliest, served = (
+        np.mean(each.whitened**2, axis=1) for each in (fit, fit.delivered(np.ones(2)))
+    )
     assert likeliest[1] < 1.5 and served[0] < 0.3 * likeliest[0]
 
 

@@ -33,15 +33,20 @@ def test_lone_slips_are_left_out_and_a_narrow_gap_is_not():
     slipped = quiet.efficiency.copy()
     slipped[::100] -= 0.05
     base, notes = admitted(
-        Transmission(BASE), observe(with_column(quiet, efficiency=slipped), NOISE))
-    assert notes[0].startswith("30 samples stand alone against their neighbours and were left out: "
-                               "sample 1 (")
+        Transmission(BASE), observe(with_column(quiet, efficiency=slipped), NOISE)
+    )
+    assert notes[0].startswith(
+        "30 samples stand alone against their neighbours and were left out: sample 1 ("
+    )
     assert notes[0].endswith("and others")
-    assert notes[1:] == ["1000 of 2970 samples are weighed, evenly spread over the operating "
-                         "points"]
+    assert notes[1:] == [
+        "1000 of 2970 samples are weighed, evenly spread over the operating points"
+    ]
     assert len(base.observed) == LARGE and not (base.observed.number % 100 == 0).any()
     narrow = quiet.efficiency - 0.05 * (np.abs(quiet.engine_speed - 150.0) < 1.0)
-    _, notes = admitted(Transmission(BASE), observe(with_column(quiet, efficiency=narrow), NOISE))
+    _, notes = admitted(
+        Transmission(BASE), observe(with_column(quiet, efficiency=narrow), NOISE)
+    )
     assert "alone" not in notes[0]
 
 

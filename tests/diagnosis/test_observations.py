@@ -21,9 +21,11 @@ def test_points_set_again_by_a_real_bench_are_repeats(seed):
     rng = np.random.default_rng(seed)
     exact = campaign(seed=seed, n=10, noise=0.0).select(np.repeat(np.arange(10), 4))
     samples = with_column(  # as closely as a bench sets them
-        exact, engine_speed=exact.engine_speed + 0.05 * rng.standard_normal(40),
+        exact,
+        engine_speed=exact.engine_speed + 0.05 * rng.standard_normal(40),
         load_torque=exact.load_torque + 0.05 * rng.standard_normal(40),
-        efficiency=exact.efficiency + 0.004 * rng.standard_normal(40))
+        efficiency=exact.efficiency + 0.004 * rng.standard_normal(40),
+    )
     groups = _groups(samples)
     np.testing.assert_array_equal([len(set(part)) for part in groups.reshape(10, 4)], 1)
     observed = observe(samples)
@@ -42,10 +44,16 @@ def test_other_points_are_no_repeats():
 
 def test_a_slow_sweep_is_no_single_point():
     samples = campaign(seed=1, n=1000)
-    sweep = with_column(samples, engine_speed=np.sort(samples.engine_speed),
-                        displacement_ratio=np.full(1000, 0.1), load_torque=np.full(1000, 200.0))
+    sweep = with_column(
+        samples,
+        engine_speed=np.sort(samples.engine_speed),
+        displacement_ratio=np.full(1000, 0.1),
+        load_torque=np.full(1000, 200.0),
+    )
     groups = _groups(sweep)
-    width = max(float(np.ptp(sweep.engine_speed[groups == i])) for i in np.unique(groups))
+    width = max(
+        float(np.ptp(sweep.engine_speed[groups == i])) for i in np.unique(groups)
+    )
     assert width <= 2.0 * 0.002 * float(np.ptp(sweep.engine_speed)) * 1.001
 
 
@@ -55,7 +63,9 @@ def test_pure_error_is_the_pooled_deviation():
     deviation, free = pure_error(group, measured)
     assert free == 5.0
     assert deviation == pytest.approx(np.sqrt((2.0 + 6.0 + 2.0) / 5.0))
-    assert pure_error(group[:6], measured[:6]) is None, "four degrees of freedom are too few"
+    assert pure_error(group[:6], measured[:6]) is None, (
+        "four degrees of freedom are too few"
+    )
     assert pure_error(group, np.ones(8)) is None, "filled in, not read"
 
 
@@ -68,18 +78,31 @@ def test_where_the_noise_comes_from():
     assert column.deviation[0].max() == 0.01
     np.testing.assert_allclose(assumed.deviation[0], 0.0112 * samples.efficiency)
     np.testing.assert_allclose(assumed.deviation[1], 0.001 * samples.output_speed)
-    of_power, of_speed = given.unit_loss  # what is lost of the speed is lost of the power too
+    of_power, of_speed = (
+        given.unit_loss
+    )  # what is lost of the speed is lost of the power too
     np.testing.assert_allclose(of_power, [[1.0 / 0.003] * 20, [0.0] * 20])
-    np.testing.assert_allclose(of_speed, [samples.efficiency / 0.003, [1.0 / 0.001] * 20])
+    np.testing.assert_allclose(
+        of_speed, [samples.efficiency / 0.003, [1.0 / 0.001] * 20]
+    )
     assert [item.noise_source for item in (given, column, assumed)] == [
-        "given", "column efficiency_std", "assumed, 1.12 % (paper, eq. (3))"]
+        "given",
+        "column efficiency_std",
+        "assumed, 1.12 % (paper, eq. (3))",
+    ]
     assert [item.assumed for item in (given, column, assumed)] == [False, False, True]
     assert [item.trust[0] for item in (given, column, assumed)] == [8.0, 8.0, 1.0]
     few = np.arange(15)
-    assert [observe(item.select(few), noise).trust.tolist() for item, noise in (
-        (stated, None), (samples, None))] == [[30.0, 1.0], [3.0, 1.0]]
+    assert [
+        observe(item.select(few), noise).trust.tolist()
+        for item, noise in ((stated, None), (samples, None))
+    ] == [[30.0, 1.0], [3.0, 1.0]]
     again = assumed.stating(0.004)
-    assert (again.usual_noise, again.assumed, again.trust[0]) == (pytest.approx(0.004), False, 8.0)
+    assert (again.usual_noise, again.assumed, again.trust[0]) == (
+        pytest.approx(0.004),
+        False,
+        8.0,
+    )
 
 
 def test_copies_are_dropped_and_repeated_readings_kept():
@@ -87,11 +110,18 @@ def test_copies_are_dropped_and_repeated_readings_kept():
     thrice = hmcvt.diagnose(BASE, quiet.select(np.tile(np.arange(12), 3)))
     once = hmcvt.diagnose(BASE, quiet)
     assert thrice.gap == once.gap
-    assert "24 of 36 rows copy another one in every column and were left out" in thrice.notes
+    assert (
+        "24 of 36 rows copy another one in every column and were left out"
+        in thrice.notes
+    )
     assert thrice.notes[1:] == once.notes
     # The first of each stays, and a column that nobody uses can tell rows apart.
-    twice = with_column(quiet.select(np.repeat(np.arange(12), 2)), extra={"run": [
-        "a", "a", *["a", "b"] * 11]})
+    twice = with_column(
+        quiet.select(np.repeat(np.arange(12), 2)),
+        extra={"run": ["a", "a", *["a", "b"] * 11]},
+    )
     found = hmcvt.diagnose(BASE, twice)
-    assert "1 of 24 rows copy another one in every column and were left out" in found.notes
+    assert (
+        "1 of 24 rows copy another one in every column and were left out" in found.notes
+    )
     assert found.samples.extra["run"][:3] == ("a", "a", "b")

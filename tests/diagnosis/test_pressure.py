@@ -22,49 +22,79 @@ def test_the_pressure_is_that_of_the_flow_and_of_the_load():
     points = random_points(3, 200)
     efficiency, speed, pressure = BASE.readings_at(points)
     units, leakage = STAGE.pump_motor, BASE.parameters.leakage
-    np.testing.assert_allclose([efficiency, speed], BASE.solution_at(points)[:2], rtol=1e-9)
+    np.testing.assert_allclose(
+        [efficiency, speed], BASE.solution_at(points)[:2], rtol=1e-9
+    )
     # Eq. (13): what the motor does not take leaks.
     motor = (speed - STAGE.mechanical_speed_ratio * points.engine_speed) / abs(
-        STAGE.motor_speed_ratio)
+        STAGE.motor_speed_ratio
+    )
     pumped = points.displacement_ratio * points.engine_speed / STAGE.pump.ratio
     np.testing.assert_allclose(
-        pressure, (pumped - motor) * units.motor_displacement / leakage, rtol=1e-6)
+        pressure, (pumped - motor) * units.motor_displacement / leakage, rtol=1e-6
+    )
     # Eq. (14) where the motor drives, with the pairs between it and the output.
     driving = motor > 1.0
-    torque = (points.load_torque * points.engine_speed / speed * abs(STAGE.motor_speed_ratio)
-              / (STAGE.output.efficiency * STAGE.motor.efficiency))
+    torque = (
+        points.load_torque
+        * points.engine_speed
+        / speed
+        * abs(STAGE.motor_speed_ratio)
+        / (STAGE.output.efficiency * STAGE.motor.efficiency)
+    )
     friction = pressure * units.motor_displacement * units.motor_friction
     np.testing.assert_allclose(
         (pressure * units.motor_displacement - friction)[driving],
-        (torque + BASE.parameters.motor_damping * motor)[driving], rtol=1e-9)
+        (torque + BASE.parameters.motor_damping * motor)[driving],
+        rtol=1e-9,
+    )
 
 
-@pytest.mark.parametrize("read", [("efficiency",), ("efficiency", "pressure"),
-                                  ("efficiency", "output_speed", "pressure")])
+@pytest.mark.parametrize(
+    "read",
+    [
+        ("efficiency",),
+        ("efficiency", "pressure"),
+        ("efficiency", "output_speed", "pressure"),
+    ],
+)
 def test_any_of_the_channels_may_be_read(read):
     samples = campaign(n=40, seed=2, noise=1e-6, speed_noise=1e-6, pressure_noise=1.0)
-    observed = observe(with_column(samples, **{
-        name: None for name in ("output_speed", "pressure") if name not in read}), NOISE)
+    observed = observe(
+        with_column(
+            samples,
+            **{name: None for name in ("output_speed", "pressure") if name not in read},
+        ),
+        NOISE,
+    )
     system = Transmission(BASE)
     truth = np.array([np.log10(2e-11), 0.12, 0.2, *np.zeros(len(system.base) - 3)])
     predicted = system.predict(truth, (), observed.points)
     assert predicted.shape == (len(CHANNELS), 40)
     assert [item.name for item in observed.channels] == list(read)
-    whitened = linearise(Hypothesis(system), observed, truth, np.ones(len(read))).whitened
+    whitened = linearise(
+        Hypothesis(system), observed, truth, np.ones(len(read))
+    ).whitened
     assert whitened.shape == (len(read), 40)
     assert np.abs(whitened).max() < 0.01
 
 
 def test_pressure_tells_friction_of_the_motor_where_speed_is_not_read():
-    samples = campaign((PressureFrictionFull(0.04),), 1, speed_noise=None, pressure_noise=GAUGE)
+    samples = campaign(
+        (PressureFrictionFull(0.04),), 1, speed_noise=None, pressure_noise=GAUGE
+    )
     found = hmcvt.diagnose(BASE, samples, noise=NOISE)
     assert found.causes[0].effect == "pressure_friction"
     assert found.causes[0].probability > 0.95
-    assert found.causes[0].parameters["coefficient"]["value"] == pytest.approx(0.04, rel=0.15)
+    assert found.causes[0].parameters["coefficient"]["value"] == pytest.approx(
+        0.04, rel=0.15
+    )
 
 
 def test_the_refit_bears_a_gauge_within_its_class():
-    samples = campaign((PressureGain(0.01), PressureZero(-1e5)), seed=4, pressure_noise=GAUGE)
+    samples = campaign(
+        (PressureGain(0.01), PressureZero(-1e5)), seed=4, pressure_noise=GAUGE
+    )
     fit = refit(Hypothesis(Transmission(BASE, pressure=True)), observe(samples, NOISE))
     assert np.sqrt(np.mean(fit.whitened[2] ** 2)) < 1.0
     np.testing.assert_allclose(fit.base[-2:], [1.0, -1.0], atol=0.5)
@@ -85,4 +115,5 @@ def test_a_motor_of_another_size_is_told():
     for factor, words in ((1.3, "1.3"), (1e-5, "1e-05")):  # bar
         wrong = replace(samples, pressure=factor * samples.pressure)
         assert pressure_remark(BASE, wrong).startswith(
-            f"the pressure is {words} times that of a motor of 55 cm3/r under this load: check")
+            f"the pressure is {words} times that of a motor of 55 cm3/r under this load: check"
+        )

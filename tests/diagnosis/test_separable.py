@@ -25,7 +25,9 @@ def _common(*found):
     return [item.separation[np.ix_(i, i)] for item, i in zip(found, index, strict=True)]
 
 
-@pytest.mark.parametrize("speed_noise", [0.001, None], ids=["with speed", "efficiency alone"])
+@pytest.mark.parametrize(
+    "speed_noise", [0.001, None], ids=["with speed", "efficiency alone"]
+)
 def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
     found = _matrix(campaign(seed=1, speed_noise=speed_noise))
     k = len(found.effects)
@@ -35,7 +37,10 @@ def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
     assert (found.separation <= found.detectability[:, None] * (1.0 + 1e-9)).all()
     np.testing.assert_allclose(np.diag(found.separation), found.detectability)
     # Twins cannot be told apart.
-    for one, other in (("charge_pump", "torque_sensor"), ("charge_pump", "bearing_drag")):
+    for one, other in (
+        ("charge_pump", "torque_sensor"),
+        ("charge_pump", "bearing_drag"),
+    ):
         i, j = found.effects.index(one), found.effects.index(other)
         assert found.separation[i, j] < 0.02 * found.detectability[i]
         assert other in found.twins(one)
@@ -44,8 +49,10 @@ def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
 
 def test_more_samples_and_another_channel_never_lower_it():
     samples = measure(random_points(3, 48), noise=0.0)
-    found = [_matrix(with_column(samples.select(np.arange(12)), output_speed=None)),
-             *(_matrix(samples.select(np.arange(n))) for n in (12, 24, 48))]
+    found = [
+        _matrix(with_column(samples.select(np.arange(12)), output_speed=None)),
+        *(_matrix(samples.select(np.arange(n))) for n in (12, 24, 48)),
+    ]
     for few, more in pairwise(found):
         before, after = _common(few, more)
         assert (after >= before * (1.0 - 1e-6) - 1e-6).all()
@@ -90,9 +97,14 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
         seen = found.detectability[found.effects.index(name)]
         assert seen >= 9.0
         assert item["told_by_output_speed"] == [
-            other for other in item["indistinguishable_from"] if other not in both.twins(name)]
+            other
+            for other in item["indistinguishable_from"]
+            if other not in both.twins(name)
+        ]
     visible = np.flatnonzero(found.detectability >= 9.0)
-    assert [found.effects[i] for i in visible if found.twins(found.effects[i])] == list(confused)
+    assert [found.effects[i] for i in visible if found.twins(found.effects[i])] == list(
+        confused
+    )
     text = found.report()
     assert "reading the output speed too tells it from" in text
     assert max(map(len, text.splitlines())) <= 100
@@ -117,11 +129,16 @@ def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same()
     lossy = replace(BASE, parameters=hmcvt.HydraulicParameters(2e-11, 2.0, 2.5))
     system = Transmission(lossy)
     base = np.array([np.log10(2e-11), 2.0, 2.5, 0.0])
-    measured = {name: values for name, values in random_points(1, 60)._asdict().items()
-                if values is not None}
+    measured = {
+        name: values
+        for name, values in random_points(1, 60)._asdict().items()
+        if values is not None
+    }
     possible = system.candidates(measured, base)
     efficiency = system.predict(base, (), possible)[0]
     assert 0 < len(efficiency) < 9 * 6 * 6
     assert efficiency.min() >= 0.01
     assert possible["engine_speed"].min() == pytest.approx(750.0 * np.pi / 30.0)
-    assert (possible["engine_speed"] * possible["load_torque"]).min() >= 4e3 * (1.0 - 1e-9)
+    assert (possible["engine_speed"] * possible["load_torque"]).min() >= 4e3 * (
+        1.0 - 1e-9
+    )

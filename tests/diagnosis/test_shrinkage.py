@@ -20,7 +20,9 @@ def _observed(samples, trust=1e8):
 
 
 def _linear(observed, columns, target, spread, signs=np.nan):
-    linear, = weigh(observed, columns, target, spread[None], np.broadcast_to(signs, spread.shape))
+    (linear,) = weigh(
+        observed, columns, target, spread[None], np.broadcast_to(signs, spread.shape)
+    )
     return linear
 
 
@@ -35,7 +37,9 @@ def test_every_sample_is_left_out_once(n):
 
 def test_repeated_points_are_left_out_together():
     points = random_points(2, 20)
-    thrice = type(points)(*(None if axis is None else np.repeat(axis, 3) for axis in points))
+    thrice = type(points)(
+        *(None if axis is None else np.repeat(axis, 3) for axis in points)
+    )
     observed = _observed(measure(thrice, seed=2))
     group = replicate_groups(observed.axes, observed.points)
     assert len(np.unique(group)) == 20
@@ -53,38 +57,79 @@ def test_folds_follow_the_seed_and_are_dealt_anew_where_that_matters():
     assert len(deals(_observed(campaign(seed=1, n=12)), 0)) == 1, "every sample alone"
 
 
-@pytest.mark.parametrize(("before", "after", "noise", "expected"), [
-    (np.array([0.02, -0.02] * 10), np.array([-0.01, 0.01] * 10), 0.005, 0.8),
-    (np.full(4, 0.02), np.full(4, 0.01), [0.0, 0.01, 0.0, 0.01], 1.0 - 0.5e-4 / 3.5e-4),
-    (np.full(30, 0.02), np.full(30, 1e-4), 0.005, 1.0),
-    (np.full(30, 0.02), np.full(30, 0.03), 0.005, 1.0 - 8.75 / 3.75),
-    (np.full(30, 0.02), np.full(30, 0.9), 0.005, -10.0),
-], ids=["above noise", "noise of each sample", "no more than all", "worse", "much worse"])
+@pytest.mark.parametrize(
+    ("before", "after", "noise", "expected"),
+    [
+        (np.array([0.02, -0.02] * 10), np.array([-0.01, 0.01] * 10), 0.005, 0.8),
+        (
+            np.full(4, 0.02),
+            np.full(4, 0.01),
+            [0.0, 0.01, 0.0, 0.01],
+            1.0 - 0.5e-4 / 3.5e-4,
+        ),
+        (np.full(30, 0.02), np.full(30, 1e-4), 0.005, 1.0),
+        (np.full(30, 0.02), np.full(30, 0.03), 0.005, 1.0 - 8.75 / 3.75),
+        (np.full(30, 0.02), np.full(30, 0.9), 0.005, -10.0),
+    ],
+    ids=[
+        "above noise",
+        "noise of each sample",
+        "no more than all",
+        "worse",
+        "much worse",
+    ],
+)
 def test_fraction(before, after, noise, expected):
     found = shrinkage(before, after, np.array(noise), "holdout", seed=0)
-    gap = [max(np.mean(errors**2 - np.square(noise)), 0.0) ** 0.5 for errors in (before, after)]
+    gap = [
+        max(np.mean(errors**2 - np.square(noise)), 0.0) ** 0.5
+        for errors in (before, after)
+    ]
     assert [found.before, found.after] == pytest.approx(gap)
     assert found.fraction == pytest.approx(expected)
     assert found.on == "holdout"
     if np.ndim(noise) == 0:
-        assert found.interval == pytest.approx((expected, expected)), "all samples say the same"
+        assert found.interval == pytest.approx((expected, expected)), (
+            "all samples say the same"
+        )
 
 
-@pytest.mark.parametrize(("before", "real"), [(0.02, False), (0.004, True)],
-                         ids=["not significant", "below the noise"])
+@pytest.mark.parametrize(
+    ("before", "real"),
+    [(0.02, False), (0.004, True)],
+    ids=["not significant", "below the noise"],
+)
 def test_without_a_gap_there_is_no_fraction(before, real):
-    found = shrinkage(np.full(20, before), np.full(20, 0.001), np.array(0.005),
-                      "cross-validation", seed=0, real=real)
+    found = shrinkage(
+        np.full(20, before),
+        np.full(20, 0.001),
+        np.array(0.005),
+        "cross-validation",
+        seed=0,
+        real=real,
+    )
     assert found.fraction is None
     assert found.interval is None
 
 
 def test_a_gap_is_at_least_what_all_channels_foretell():
-    found = shrinkage(np.full(20, 0.004), np.full(20, 0.001), np.array(0.005), "cross-validation",
-                      seed=0, least=np.array([4e-6, 1e-6]))
-    assert (found.before, found.after, found.fraction) == pytest.approx((0.002, 0.001, 0.75))
-    seen = shrinkage(np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, least=np.array([0, 1e-4]))
-    assert seen.after == pytest.approx((1e-4 * 0.005**2 / 0.04**2) ** 0.5), "hardly hidden"
+    found = shrinkage(
+        np.full(20, 0.004),
+        np.full(20, 0.001),
+        np.array(0.005),
+        "cross-validation",
+        seed=0,
+        least=np.array([4e-6, 1e-6]),
+    )
+    assert (found.before, found.after, found.fraction) == pytest.approx(
+        (0.002, 0.001, 0.75)
+    )
+    seen = shrinkage(
+        np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, least=np.array([0, 1e-4])
+    )
+    assert seen.after == pytest.approx((1e-4 * 0.005**2 / 0.04**2) ** 0.5), (
+        "hardly hidden"
+    )
 
 
 def _problem(seed=0, n=30, p=3):
@@ -98,11 +143,15 @@ def test_errors_are_those_of_a_fit_to_the_others():
     columns, target = _problem()
     spread = np.array([1.0, 2.0, 3.0])
     parts = deals(observed, 0)[0]
-    errors = cross_validated_errors(_linear(observed, columns, target, spread), observed, [parts])
+    errors = cross_validated_errors(
+        _linear(observed, columns, target, spread), observed, [parts]
+    )
     for part in parts:
         others = np.setdiff1d(np.arange(30), part)
         own = columns[0, others]
-        mean = np.linalg.solve(own.T @ own + np.diag(spread**-2.0), own.T @ target[0, others])
+        mean = np.linalg.solve(
+            own.T @ own + np.diag(spread**-2.0), own.T @ target[0, others]
+        )
         expected = (target[0, part] - columns[0, part] @ mean) * 0.01
         np.testing.assert_allclose(errors[part], expected, rtol=1e-5, atol=1e-9)
 
@@ -111,7 +160,9 @@ def test_several_deals_are_averaged_in_squares_with_the_sign_of_the_mean():
     observed = _observed(campaign(n=30, seed=1))
     model = _linear(observed, *_problem(), np.ones(3))
     dealt = deals(observed, 0)
-    each = np.stack([cross_validated_errors(model, observed, [parts]) for parts in dealt])
+    each = np.stack(
+        [cross_validated_errors(model, observed, [parts]) for parts in dealt]
+    )
     errors = cross_validated_errors(model, observed, dealt)
     np.testing.assert_allclose(errors**2, np.mean(each**2, axis=0))
     np.testing.assert_array_equal(np.sign(errors), np.sign(each.mean(axis=0)))
@@ -123,7 +174,10 @@ def test_a_size_that_goes_negative_is_held_at_zero():
     columns = rng.standard_normal((1, 30, 2))
     target = columns @ np.array([1.0, -3.0])
     held, without = (
-        cross_validated_errors(linear, observed, deals(observed, 0)[:1]) for linear in (
+        cross_validated_errors(linear, observed, deals(observed, 0)[:1])
+        for linear in (
             _linear(observed, columns, target, np.ones(2), signs=[np.nan, 1.0]),
-            _linear(observed, columns[..., :1], target, np.ones(1))))
+            _linear(observed, columns[..., :1], target, np.ones(1)),
+        )
+    )
     np.testing.assert_allclose(held, without, rtol=1e-5)

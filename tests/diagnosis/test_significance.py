@@ -37,7 +37,9 @@ def test_p_values_without_a_gap_are_uniform(without_gap):
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
 def test_noise_stated_wrongly_raises_no_alarm(factor, without_gap):
-    p = np.array([_search(samples, factor * NOISE).p_value for samples in CAMPAIGNS[::3]])
+    p = np.array(
+        [_search(samples, factor * NOISE).p_value for samples in CAMPAIGNS[::3]]
+    )
     assert np.sum(p <= LEVEL) < 3
     assert np.median(np.abs(p - without_gap[::3])) < 0.2, "nor does it hide much"
 
@@ -67,8 +69,15 @@ def test_few_samples_far_off_the_noise_stated_are_a_gap():
 
 def test_a_bench_twice_as_noisy_as_assumed_raises_no_alarm():
     """Few samples of which nobody stated the noise."""
-    alarms = [_search(campaign(seed=500 + seed, n=8 + seed % 5, noise=0.016, speed_noise=None),
-                      None, 99).p_value <= 0.02 for seed in range(12)]
+    alarms = [
+        _search(
+            campaign(seed=500 + seed, n=8 + seed % 5, noise=0.016, speed_noise=None),
+            None,
+            99,
+        ).p_value
+        <= 0.02
+        for seed in range(12)
+    ]
     assert np.sum(alarms) <= 1
 
 
@@ -89,25 +98,36 @@ def test_uneven_noise_is_taken_as_it_is_seen_where_nobody_states_it():
 def test_one_test_made_many_times_does_not_pass_for_uneven_noise():
     """Once every other point was interpolated, and its noise called nil."""
     few = random_points(1, 24)
-    crowd = [np.append(getattr(few, name), np.full(30, value)) for name, value in (
-        ("displacement_ratio", -1.0), ("engine_speed", 78.5), ("load_torque", 424.5))]
+    crowd = [
+        np.append(getattr(few, name), np.full(30, value))
+        for name, value in (
+            ("displacement_ratio", -1.0),
+            ("engine_speed", 78.5),
+            ("load_torque", 424.5),
+        )
+    ]
     fit = fitted(measure(OperatingPoints(*crowd), (PressureLeakage(3e-12, 2.0),), 1))
     np.testing.assert_array_equal(uneven_noise(fit), 1.0)
 
 
 def test_the_p_values_follow_the_statistics_and_the_seed():
-    found, again, other = (_search(CAMPAIGNS[0], replicates=99, seed=seed) for seed in (3, 3, 4))
+    found, again, other = (
+        _search(CAMPAIGNS[0], replicates=99, seed=seed) for seed in (3, 3, 4)
+    )
     assert found.p_value == again.p_value
     np.testing.assert_array_equal(found.region_p, again.region_p)
     assert (found.region_p != other.region_p).any()
 
 
-PLACES = {name: observe(samples).place for name, samples in {
-    "random 96": campaign(seed=1),
-    "random 24": campaign(seed=2, n=24),
-    "factorial 100": measure(factorial_points()),
-    "five samples": campaign(seed=3, n=5),
-}.items()}
+PLACES = {
+    name: observe(samples).place
+    for name, samples in {
+        "random 96": campaign(seed=1),
+        "random 24": campaign(seed=2, n=24),
+        "factorial 100": measure(factorial_points()),
+        "five samples": campaign(seed=3, n=5),
+    }.items()
+}
 stroke, _, load = PLACES["random 96"]
 
 
@@ -119,7 +139,9 @@ def test_regions_differ_hold_enough_and_leave_enough_outside(place):
     least = 4 if n >= 32 else max(1, n // 8)
     assert inside.min() == least
     assert n - inside.max() >= least
-    within = (place[None] >= boxes.low[..., None]) & (place[None] <= boxes.high[..., None])
+    within = (place[None] >= boxes.low[..., None]) & (
+        place[None] <= boxes.high[..., None]
+    )
     np.testing.assert_array_equal(within.all(axis=1), boxes.members)
 
 
@@ -139,16 +161,22 @@ def test_regions_give_way_to_better_ones():
     members, everywhere = np.zeros((3, 12), bool), np.arange(12) < 8
     for row, (first, last) in zip(members, [(1, 7), (0, 4), (4, 8)], strict=True):
         row[first:last] = True
-    assert sorted(covering(members, everywhere, 5)) == [1, 2], "the first one alone is the best"
+    assert sorted(covering(members, everywhere, 5)) == [1, 2], (
+        "the first one alone is the best"
+    )
     assert len(covering(members, everywhere, 1)) == 1
 
 
 def test_smooth_functions_are_orthonormal_legendre_products():
     rng = np.random.default_rng(0)
-    place = np.concatenate([rng.uniform(2.0, 5.0, (2, 40_000)), [[2.0], [2.0]], [[5.0], [5.0]]], 1)
+    place = np.concatenate(
+        [rng.uniform(2.0, 5.0, (2, 40_000)), [[2.0], [2.0]], [[5.0], [5.0]]], 1
+    )
     values, degree = smooth_functions(place, 2)
     assert degree.tolist() == [0, 1, 1, 2, 2, 2]
     np.testing.assert_allclose(values.T @ values / len(values), np.eye(6), atol=0.05)
     x = scaled_to_extent(place)[0]
     assert (x.min(), x.max()) == (-1.0, 1.0)
-    np.testing.assert_allclose(values[:, -1], np.sqrt(5.0) * (1.5 * x**2 - 0.5), atol=1e-12)
+    np.testing.assert_allclose(
+        values[:, -1], np.sqrt(5.0) * (1.5 * x**2 - 0.5), atol=1e-12
+    )

@@ -24,5 +24,7 @@ def alone(logs, tmp_path_factory):
 def identified(logs, tmp_path_factory):
     """The same without diagnosis, which takes nearly all the time."""
     out = tmp_path_factory.mktemp("identified")
-    assert run("fleet", logs, "--out", out, "--processes", "1", "--no-diagnose").code == 0
+    assert (
+        run("fleet", logs, "--out", out, "--processes", "1", "--no-diagnose").code == 0
+    )
     return out

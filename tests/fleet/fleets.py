@@ -17,22 +17,32 @@ from cli.running import COMMAND, ROOT, Done
 from hmcvt_core import data_path, load_stage
 from hmcvt_core.fleet.run import Settings, study
 
-WORK = partial(study, Settings((load_stage(data_path("params/transmission.yaml")),),
-                               diagnosed=False))
+WORK = partial(
+    study,
+    Settings((load_stage(data_path("params/transmission.yaml")),), diagnosed=False),
+)
 
 
 def make_fleet(folder, logs, samples):
     """Make logs with the script that docs/fleet.md names."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["", str(folder), f"--logs={logs}", f"--samples={samples}"])
+        patch.setattr(
+            sys, "argv", ["", str(folder), f"--logs={logs}", f"--samples={samples}"]
+        )
         runpy.run_path(str(ROOT / "examples" / "make_fleet.py"), run_name="__main__")
     return folder / "logs"
 
 
 def start(*arguments, **options):
     """Start the command as a process of its own."""
-    return subprocess.Popen([*COMMAND, *map(str, arguments)], cwd=ROOT, text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)],
+        cwd=ROOT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        **options,
+    )
 
 
 def finish(running):
@@ -61,7 +71,10 @@ def workers(parent):
     found = []
     for folder in Path("/proc").iterdir():
         with contextlib.suppress(OSError):  # gone meanwhile
-            if folder.name.isdigit() and b"spawn_main" in (folder / "cmdline").read_bytes():
+            if (
+                folder.name.isdigit()
+                and b"spawn_main" in (folder / "cmdline").read_bytes()
+            ):
                 status = (folder / "stat").read_text().rpartition(")")[2].split()
                 if status[0] != "Z" and status[1] == str(parent):
                     found.append(int(folder.name))

@@ -23,30 +23,52 @@ pytestmark = pytest.mark.slow
 def cluster():
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1",
-            dashboard_address=None) as found:
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+    ) as found:
         yield found
 
 
-def test_cluster_gives_the_digits_of_one_process(hmcvt, cluster, logs, identified, tmp_path):
-    done = hmcvt("fleet", logs, "--out", tmp_path, "--no-diagnose", "--scheduler",
-                 cluster.scheduler_address)
+def test_cluster_gives_the_digits_of_one_process(
+    hmcvt, cluster, logs, identified, tmp_path
+):
+    done = hmcvt(
+        "fleet",
+        logs,
+        "--out",
+        tmp_path,
+        "--no-diagnose",
+        "--scheduler",
+        cluster.scheduler_address,
+    )
     assert done.code == 0, done
     assert results(tmp_path) == results(identified)
 
 
 def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
     monkeypatch.setattr(executors, "__version__", "0.0")
-    with pytest.raises(InputError, match=r"tcp://\S+: \S+ \S+ needs hmcvt 0.0, there is "), \
-            on_cluster(cluster.scheduler_address):
+    with (
+        pytest.raises(
+            InputError, match=r"tcp://\S+: \S+ \S+ needs hmcvt 0.0, there is "
+        ),
+        on_cluster(cluster.scheduler_address),
+    ):
         pass
 
 
-def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs, monkeypatch):
+def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(
+    cluster, logs, monkeypatch
+):
     monkeypatch.setattr(executors, "_AHEAD", 4)
     samples = read_bench(logs / "00000.csv")
-    outcomes = study_all(WORK, ((str(number), samples) for number in count()),
-                         on_cluster(cluster.scheduler_address))
+    outcomes = study_all(
+        WORK,
+        ((str(number), samples) for number in count()),
+        on_cluster(cluster.scheduler_address),
+    )
     with cluster.get_client() as client:
         victim = next(iter(client.run(os.getpid).values()))
     in_hand = {str(number) for number in range(4)} - {next(outcomes)[0]}
@@ -58,7 +80,9 @@ def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(cluster, logs,
             break
     assert not in_hand
     cluster.close()
-    with pytest.raises(HmcvtError, match="the Dask scheduler is lost; finished logs are kept"):
+    with pytest.raises(
+        HmcvtError, match="the Dask scheduler is lost; finished logs are kept"
+    ):
         list(outcomes)
 
 

@@ -30,8 +30,12 @@ def kill(process):
 
 def test_log_that_kills_its_worker_twice_is_broken(tasks):
     # The first log comes first and, alone at the end, again.
-    found, first = {}, threading.Thread(
-        target=lambda: kill(wait_for(multiprocessing.active_children)[0]))
+    found, first = (
+        {},
+        threading.Thread(
+            target=lambda: kill(wait_for(multiprocessing.active_children)[0])
+        ),
+    )
     first.start()
     for name, outcome in study_all(WORK, iter(tasks), Processes(1)):
         found[name] = outcome
@@ -61,7 +65,9 @@ def test_logs_are_read_as_there_is_room(tasks):
     def watched():
         for task in 2 * tasks:
             read.append(task)
-            assert len(read) - len(told) <= 5  # two by two in hand, one that waits for being told
+            assert (
+                len(read) - len(told) <= 5
+            )  # two by two in hand, one that waits for being told
             yield task
 
     for name, _ in study_all(len, watched(), Processes(2)):
@@ -72,7 +78,9 @@ def test_logs_are_read_as_there_is_room(tasks):
 def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
     many, out = tmp_path / "many", tmp_path / "out"
     many.mkdir()
-    for name in (f"{number}-{path.name}" for path in logs.glob("*.csv") for number in range(2)):
+    for name in (
+        f"{number}-{path.name}" for path in logs.glob("*.csv") for number in range(2)
+    ):
         shutil.copy(logs / name[2:], many / name)
     arguments = ("fleet", many, "--out", out, "--no-diagnose", "--processes")
     running = start(*arguments, "1", start_new_session=True)
@@ -81,7 +89,9 @@ def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
     os.killpg(running.pid, signal.SIGINT)  # as a terminal does
     done = finish(running)
     assert done.code == 130 and done.out == ""
-    assert done.err.endswith("hmcvt: error: interrupted\n") and "Traceback" not in done.err
+    assert (
+        done.err.endswith("hmcvt: error: interrupted\n") and "Traceback" not in done.err
+    )
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     kept = len(list(out.glob("*.json")))
     assert 1 <= kept < len(list(many.iterdir()))
@@ -90,12 +100,16 @@ def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
     # As of the logs, but for their names.
     assert results(out) == {
         f"{number}-{name}": text.replace(f"{name[:5]}.csv", f"{number}-{name[:5]}.csv")
-        for name, text in results(identified).items() for number in range(2)}
+        for name, text in results(identified).items()
+        for number in range(2)
+    }
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
-    running = start("fleet", logs, "--out", tmp_path, "--processes", "2", start_new_session=True)
+    running = start(
+        "fleet", logs, "--out", tmp_path, "--processes", "2", start_new_session=True
+    )
     pids = wait_for(lambda: workers(running.pid))  # which are about to start
     (os.kill if how == signal.SIGKILL else os.killpg)(running.pid, how)
     done = finish(running)
@@ -103,11 +117,15 @@ def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
     wait_for(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids))
     # A worker whose run is killed while it starts has no input to read and says so.
     # Python itself tells, as ignored, where the signal met a file half open.
-    assert how == signal.SIGKILL or (done.err.endswith("hmcvt: error: interrupted\n") and
-                                     "Traceback" not in done.err.partition("Exception ignored")[0])
+    assert how == signal.SIGKILL or (
+        done.err.endswith("hmcvt: error: interrupted\n")
+        and "Traceback" not in done.err.partition("Exception ignored")[0]
+    )
 
 
-def test_workers_are_given_one_thread_and_no_module_of_the_folder(tmp_path, monkeypatch):
+def test_workers_are_given_one_thread_and_no_module_of_the_folder(
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
     monkeypatch.chdir(tmp_path)

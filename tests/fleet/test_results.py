@@ -25,8 +25,14 @@ def test_log_gives_what_identify_and_diagnose_give(hmcvt, logs, alone):
     identified = hmcvt("identify", log, "--json").json
     del identified["held_back"]
     assert result["identification"] == identified
-    assert result["diagnosis"] == hmcvt("diagnose", log, "--params", parameters, "--json").json
-    assert (result["log"], result["log_sha256"]) == ("00002.csv", core.read_bench(log).sha256)
+    assert (
+        result["diagnosis"]
+        == hmcvt("diagnose", log, "--params", parameters, "--json").json
+    )
+    assert (result["log"], result["log_sha256"]) == (
+        "00002.csv",
+        core.read_bench(log).sha256,
+    )
     model, entry = core.load_model(parameters), done.json["logs"][2]
     assert (entry["log"], model.provenance["data"]) == ("00002.csv", "00002.csv")
     assert model.parameters.leakage == entry["parameters"]["leakage"]["value"]
@@ -38,8 +44,14 @@ def test_finished_logs_are_skipped_and_the_table_stays(hmcvt, logs, alone):
     again = hmcvt("fleet", logs, "--out", out, "--processes", "2", "--json")
     first, second = done.json, again.json
     assert (again.code, again.err, len(before)) == (0, "", 6)
-    assert (first["counts"]["finished_now"], first["counts"]["finished_before"]) == (3, 0)
-    assert (second["counts"]["finished_now"], second["counts"]["finished_before"]) == (0, 3)
+    assert (first["counts"]["finished_now"], first["counts"]["finished_before"]) == (
+        3,
+        0,
+    )
+    assert (second["counts"]["finished_now"], second["counts"]["finished_before"]) == (
+        0,
+        3,
+    )
     assert {**first, "counts": None} == {**second, "counts": None}
     assert {path: path.stat().st_mtime_ns for path in before} == before
     text = hmcvt("fleet", logs, "--out", out).out
@@ -59,9 +71,13 @@ def quick(hmcvt, logs, identified, tmp_path):
 
     def run(*options):
         before = _marks(out)
-        done = hmcvt("fleet", folder, "--out", out, "--no-diagnose", "--processes", "1", *options)
+        done = hmcvt(
+            "fleet", folder, "--out", out, "--no-diagnose", "--processes", "1", *options
+        )
         assert done.code == 0, done
-        return sorted(name for name, mark in _marks(out).items() if before.get(name) != mark)
+        return sorted(
+            name for name, mark in _marks(out).items() if before.get(name) != mark
+        )
 
     return folder, out, run
 
@@ -94,22 +110,33 @@ def test_only_what_changed_is_done_again(quick, damage):
     assert run() == (NAMES if torn else NAMES[1:])
     assert run() == []
     if torn:
-        one, other = (json.loads((out / f"{name}.json").read_text()) for name in NAMES[:2])
+        one, other = (
+            json.loads((out / f"{name}.json").read_text()) for name in NAMES[:2]
+        )
         assert one["identification"] == other["identification"]
         # Of superseded parameter files none is left.
         assert sorted(path.stem for path in out.glob("*.yaml")) == NAMES
 
 
-@pytest.mark.parametrize("option", [
-    ("--seed", "1"), ("--transmission", "other.yaml"), ("--params", "based.yaml"),
-    ("--formulation", "published")], ids=" ".join)
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--seed", "1"),
+        ("--transmission", "other.yaml"),
+        ("--params", "based.yaml"),
+        ("--formulation", "published"),
+    ],
+    ids=" ".join,
+)
 def test_changed_setting_is_done_again(one, tmp_path, option):
     _, out, run = one
     stage = yaml.safe_load((ROOT / "params" / "transmission.yaml").read_text())
     stage["pump_motor"]["pump_friction"] = 0.02
     (tmp_path / "other.yaml").write_text(yaml.safe_dump(stage))
     base = core.load_model(ROOT / "params" / "hm4.yaml")
-    core.save_model(replace(base, effects=(EngineTorqueGain(gain=0.002),)), tmp_path / "based.yaml")
+    core.save_model(
+        replace(base, effects=(EngineTorqueGain(gain=0.002),)), tmp_path / "based.yaml"
+    )
     values = [tmp_path / word if word.endswith(".yaml") else word for word in option]
     assert run(*values) == NAMES[:1]
     assert run(*values) == []
@@ -126,9 +153,25 @@ def test_logs_of_several_stages(hmcvt, logs, tmp_path):
     head, *rows = (logs / "00000.csv").read_text().splitlines()
     staged = (f"{row},{'HM4' if i % 2 else 'HM3'}" for i, row in enumerate(rows))
     (tmp_path / "logs" / "a.csv").write_text("\n".join([f"{head},stage", *staged]))
-    assert hmcvt("fleet", tmp_path / "logs", "--out", tmp_path, "--no-diagnose", "--params",
-                 ROOT / "params" / "tractor.yaml").code == 0
-    assert list(core.load_model(tmp_path / "a.yaml").stages) == ["H0", "HM1", "HM2", "HM3", "HM4"]
+    assert (
+        hmcvt(
+            "fleet",
+            tmp_path / "logs",
+            "--out",
+            tmp_path,
+            "--no-diagnose",
+            "--params",
+            ROOT / "params" / "tractor.yaml",
+        ).code
+        == 0
+    )
+    assert list(core.load_model(tmp_path / "a.yaml").stages) == [
+        "H0",
+        "HM1",
+        "HM2",
+        "HM3",
+        "HM4",
+    ]
 
 
 def test_edited_parameter_file_is_kept_aside(one):

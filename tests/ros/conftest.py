@@ -25,7 +25,9 @@ else:
     # Read by the message classes when they are made: a field of the wrong type then raises.
     os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 50)  # the demonstration takes the others
+    os.environ["ROS_DOMAIN_ID"] = str(
+        1 + os.getpid() % 50
+    )  # the demonstration takes the others
 
     import rclpy
     from rclpy.context import Context
@@ -44,10 +46,13 @@ _numbers = itertools.count(1)
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     if CORE_ONLY:
-        terminalreporter.write_line("HMCVT_CORE_ONLY=1: the tests over ROS 2 were left out")
+        terminalreporter.write_line(
+            "HMCVT_CORE_ONLY=1: the tests over ROS 2 were left out"
+        )
 
 
 if not CORE_ONLY:
+
     class Client(BenchPlayer):
         """Waits longer for a reply: a refit has to wait while other tests want the cores."""
 
@@ -58,9 +63,20 @@ if not CORE_ONLY:
 class NodeUnderTest:
     """A node process and a client of it."""
 
-    def __init__(self, process: subprocess.Popen[bytes], log: Path, state: Path, namespace: str,
-                 connect: Callable[[str], BenchPlayer]) -> None:
-        self.process, self.log_file, self.state, self.namespace = process, log, state, namespace
+    def __init__(
+        self,
+        process: subprocess.Popen[bytes],
+        log: Path,
+        state: Path,
+        namespace: str,
+        connect: Callable[[str], BenchPlayer],
+    ) -> None:
+        self.process, self.log_file, self.state, self.namespace = (
+            process,
+            log,
+            state,
+            namespace,
+        )
         self.connect = connect
         self.player = connect(namespace)
 
@@ -78,7 +94,9 @@ class NodeUnderTest:
 
     def logged(self) -> int:
         """Rows in the bench log."""
-        lines = self.bench_file.read_bytes().count(b"\n") if self.bench_file.exists() else 0
+        lines = (
+            self.bench_file.read_bytes().count(b"\n") if self.bench_file.exists() else 0
+        )
         return max(lines - 1, 0)
 
     def value(self, key: str, part: str = "model") -> str:
@@ -88,7 +106,8 @@ class NodeUnderTest:
     def status(self, part: str = "model") -> dict[str, Any]:
         """The last diagnostics, with nothing in them before they come."""
         found: dict[str, Any] = self.player.statuses.get(
-            part, {"level": None, "message": "", "values": {}})
+            part, {"level": None, "message": "", "values": {}}
+        )
         return found
 
     def forget_status(self) -> None:
@@ -100,8 +119,14 @@ class NodeUnderTest:
         """Wait for a condition."""
         return self.player.wait_until(lambda: bool(condition()), timeout)
 
-    def reports(self, level: bytes, *words: str, part: str = "model",
-                send: OperatingPoint | None = None, timeout: float = 5.0) -> bool:
+    def reports(
+        self,
+        level: bytes,
+        *words: str,
+        part: str = "model",
+        send: OperatingPoint | None = None,
+        timeout: float = 5.0,
+    ) -> bool:
         """Wait for diagnostics with a level and words; from now on, where a point is sent."""
         if send is not None:
             self.forget_status()
@@ -110,7 +135,9 @@ class NodeUnderTest:
             if send is not None:
                 self.player.send_inputs(send)
             status = self.status(part)
-            return status["level"] == level and all(word in status["message"] for word in words)
+            return status["level"] == level and all(
+                word in status["message"] for word in words
+            )
 
         return self.comes(found, timeout)
 
@@ -125,8 +152,12 @@ class NodeUnderTest:
         """Set parameters, `__` for a dot; return the results."""
         client = AsyncParameterClient(self.player, f"{self.namespace}/hmcvt")
         assert client.wait_for_services(10.0)
-        future = client.set_parameters([Parameter(name.replace("__", "."), value=value)
-                                        for name, value in parameters.items()])
+        future = client.set_parameters(
+            [
+                Parameter(name.replace("__", "."), value=value)
+                for name, value in parameters.items()
+            ]
+        )
         assert self.comes(future.done, 10.0)
         return future.result().results
 
@@ -137,9 +168,16 @@ class NodeUnderTest:
             assert self.player.call("revert").success
         if self.logged():
             assert self.player.call("clear_samples").success
-        assert all(result.successful for result in self.set(**{
-            item.name.replace(".", "__"): item.default
-            for item in PARAMETERS if not item.read_only}))
+        assert all(
+            result.successful
+            for result in self.set(
+                **{
+                    item.name.replace(".", "__"): item.default
+                    for item in PARAMETERS
+                    if not item.read_only
+                }
+            )
+        )
         self.forget_status()
 
     def stop(self, number: int = signal.SIGINT) -> int:
@@ -159,14 +197,19 @@ class NodeUnderTest:
 
     def worker(self) -> int:
         """Process id of the worker: Python keeps another one, that clears up semaphores."""
-        found, = (pid for pid in self.children()
-                  if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text())
+        (found,) = (
+            pid
+            for pid in self.children()
+            if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()
+        )
         return found
 
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, str]:
-    os.environ.pop("OPENBLAS_NUM_THREADS", None)  # a node sets it itself, for its worker
+    os.environ.pop(
+        "OPENBLAS_NUM_THREADS", None
+    )  # a node sets it itself, for its worker
     os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros-log"))
     return os.environ
 
@@ -183,7 +226,9 @@ def context(environment: Mapping[str, str]) -> Iterator[Context]:
 def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
     """Make a client in a namespace."""
     with ExitStack() as opened:
-        yield lambda namespace: opened.enter_context(closing(Client(context, namespace)))
+        yield lambda namespace: opened.enter_context(
+            closing(Client(context, namespace))
+        )
 
 
 @pytest.fixture(scope="session")
@@ -198,17 +243,28 @@ def start_anywhere(
     """
     started = ExitStack()
 
-    def start(model_file: Path, state: Path | None = None, launcher: tuple[str, ...] = (),
-              **parameters: Any) -> NodeUnderTest:
+    def start(
+        model_file: Path,
+        state: Path | None = None,
+        launcher: tuple[str, ...] = (),
+        **parameters: Any,
+    ) -> NodeUnderTest:
         folder = tmp_path_factory.mktemp("node")
         state = state or folder / "state"
         namespace = f"/node{next(_numbers)}"
         given = {"model_file": model_file, "state_folder": state, **parameters}
         with (folder / "log").open("w") as log:
             process = subprocess.Popen(
-                [*launcher, *command(*(f"{name}:={value}" for name, value in given.items()),
-                                     arguments=("-r", f"__ns:={namespace}"))],
-                stdout=log, stderr=log)
+                [
+                    *launcher,
+                    *command(
+                        *(f"{name}:={value}" for name, value in given.items()),
+                        arguments=("-r", f"__ns:={namespace}"),
+                    ),
+                ],
+                stdout=log,
+                stderr=log,
+            )
         node = NodeUnderTest(process, folder / "log", state, namespace, connect)
         started.callback(node.kill)
         up = node.player.wait_for_node(running=lambda: process.poll() is None)
@@ -221,10 +277,11 @@ def start_anywhere(
 
 @pytest.fixture(scope="module")
 def start_node(
-    start_anywhere: Callable[..., NodeUnderTest]
+    start_anywhere: Callable[..., NodeUnderTest],
 ) -> Iterator[Callable[..., NodeUnderTest]]:
     """Start a node that lives as long as the module, as `start_anywhere` does."""
     with ExitStack() as started:
+
         def start(*arguments: Any, **parameters: Any) -> NodeUnderTest:
             node = start_anywhere(*arguments, **parameters)
             started.callback(node.kill)
@@ -240,7 +297,9 @@ def paper_file() -> Path:
 
 
 @pytest.fixture(scope="session")
-def shared_node(start_anywhere: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
+def shared_node(
+    start_anywhere: Callable[..., NodeUnderTest], paper_file: Path
+) -> NodeUnderTest:
     """The node that most tests use, one after the other."""
     return start_anywhere(paper_file)
 
@@ -263,6 +322,10 @@ def refused(
 
 
 @pytest.fixture(scope="session")
-def sim_node(start_anywhere: Callable[..., NodeUnderTest], paper_file: Path) -> NodeUnderTest:
+def sim_node(
+    start_anywhere: Callable[..., NodeUnderTest], paper_file: Path
+) -> NodeUnderTest:
     """A node that follows /clock."""
-    return start_anywhere(paper_file, use_sim_time=True, input_timeout=0.5, max_output_rate=50.0)
+    return start_anywhere(
+        paper_file, use_sim_time=True, input_timeout=0.5, max_output_rate=50.0
+    )

@@ -31,8 +31,11 @@ LOOPBACK = """<CycloneDDS><Domain>
     <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
     <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
-COMMON = (Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(100),
-          Policy.DataRepresentation(use_cdrv0_representation=True))
+COMMON = (
+    Policy.Reliability.Reliable(duration(seconds=1)),
+    Policy.History.KeepLast(100),
+    Policy.DataRepresentation(use_cdrv0_representation=True),
+)
 VOLATILE, LATCHED = Qos(*COMMON), Qos(*COMMON, Policy.Durability.TransientLocal)
 PATIENCE = 20.0
 
@@ -103,9 +106,14 @@ def end(kind, name, data, qos=VOLATILE):
     return kind(participant, Topic(participant, f"rt{namespace}/{name}", data), qos=qos)
 
 
-inputs = [end(DataWriter, name, Float64)
-          for name in ("displacement_ratio", "engine_speed", "load_torque")]
-outputs = [end(DataReader, name, Float64) for name in ("efficiency", "optimal_displacement_ratio")]
+inputs = [
+    end(DataWriter, name, Float64)
+    for name in ("displacement_ratio", "engine_speed", "load_torque")
+]
+outputs = [
+    end(DataReader, name, Float64)
+    for name in ("efficiency", "optimal_displacement_ratio")
+]
 samples = end(DataWriter, "bench_sample", JointState)
 latched = end(DataReader, "hmcvt/model", String, LATCHED)
 # The model in service, which the node has published before this client began.
@@ -114,5 +122,11 @@ answers = [ask(point, inputs, outputs) for point in given["points"]]
 until(samples.get_matched_subscriptions)
 samples.write(JointState(header=Header(), **given["sample"]))
 samples.wait_for_acks(duration(seconds=PATIENCE))
-json.dump({"model": model, "answers": answers,
-           "ros": any(name.startswith(("rclpy", "hmcvt")) for name in sys.modules)}, sys.stdout)
+json.dump(
+    {
+        "model": model,
+        "answers": answers,
+        "ros": any(name.startswith(("rclpy", "hmcvt")) for name in sys.modules),
+    },
+    sys.stdout,
+)

@@ -20,8 +20,16 @@ _LOOPBACK = """<General><AllowMulticast>false</AllowMulticast>
 def build(folder: Path) -> Path:
     """Compile a participant and return its path."""
     _run("idlc", SOURCES / "Float64.idl", folder=folder)
-    _run("cc", "-I.", SOURCES / "participant.c", "Float64.c", "-o", "participant",
-         "-lddsc", folder=folder)
+    _run(
+        "cc",
+        "-I.",
+        SOURCES / "participant.c",
+        "Float64.c",
+        "-o",
+        "participant",
+        "-lddsc",
+        folder=folder,
+    )
     return folder / "participant"
 
 
@@ -31,20 +39,61 @@ class Keystore:
     def __init__(self, folder: Path, domain: int) -> None:
         self._folder, self._domain = folder, domain
         self._key("ca.key")
-        self._openssl("req", "-x509", "-new", "-key", "ca.key", "-subj", "/CN=ca", "-days", "99",
-                      "-out", "ca.pem")
+        self._openssl(
+            "req",
+            "-x509",
+            "-new",
+            "-key",
+            "ca.key",
+            "-subj",
+            "/CN=ca",
+            "-days",
+            "99",
+            "-out",
+            "ca.pem",
+        )
         self._sign("governance", "governance.xml", domain=domain)
 
-    def enclave(self, name: str, publish: Iterable[str], subscribe: Iterable[str]) -> str:
+    def enclave(
+        self, name: str, publish: Iterable[str], subscribe: Iterable[str]
+    ) -> str:
         """Make an identity with permissions; return the settings of Cyclone DDS for it."""
         stem = name.strip("/")
         self._key(f"{stem}.key")
         subject = "/CN=" + name.replace("/", r"\/")
-        self._openssl("req", "-new", "-key", f"{stem}.key", "-subj", subject, "-out", f"{stem}.csr")
-        self._openssl("x509", "-req", "-in", f"{stem}.csr", "-CA", "ca.pem", "-CAkey", "ca.key",
-                      "-CAcreateserial", "-days", "99", "-out", f"{stem}.pem")
-        self._sign(stem, "permissions.xml", name=name, domain=self._domain,
-                   publish=_topics(publish), subscribe=_topics(subscribe))
+        self._openssl(
+            "req",
+            "-new",
+            "-key",
+            f"{stem}.key",
+            "-subj",
+            subject,
+            "-out",
+            f"{stem}.csr",
+        )
+        self._openssl(
+            "x509",
+            "-req",
+            "-in",
+            f"{stem}.csr",
+            "-CA",
+            "ca.pem",
+            "-CAkey",
+            "ca.key",
+            "-CAcreateserial",
+            "-days",
+            "99",
+            "-out",
+            f"{stem}.pem",
+        )
+        self._sign(
+            stem,
+            "permissions.xml",
+            name=name,
+            domain=self._domain,
+            publish=_topics(publish),
+            subscribe=_topics(subscribe),
+        )
         return settings(f"""<Security>
  <Authentication>{_library("authentication", "auth")}
   <IdentityCertificate>{self._uri(f"{stem}.pem")}</IdentityCertificate>
@@ -61,13 +110,26 @@ class Keystore:
         return f"file:{self._folder / name}"
 
     def _key(self, name: str) -> None:
-        self._openssl("ecparam", "-name", "prime256v1", "-genkey", "-noout", "-out", name)
+        self._openssl(
+            "ecparam", "-name", "prime256v1", "-genkey", "-noout", "-out", name
+        )
 
     def _sign(self, stem: str, template: str, **values: object) -> None:
         text = (SOURCES / template).read_text().format(**values)
         (self._folder / f"{stem}.xml").write_text(text)
-        self._openssl("smime", "-sign", "-text", "-in", f"{stem}.xml", "-out", f"{stem}.p7s",
-                      "-signer", "ca.pem", "-inkey", "ca.key")
+        self._openssl(
+            "smime",
+            "-sign",
+            "-text",
+            "-in",
+            f"{stem}.xml",
+            "-out",
+            f"{stem}.p7s",
+            "-signer",
+            "ca.pem",
+            "-inkey",
+            "ca.key",
+        )
 
     def _openssl(self, *arguments: str) -> None:
         _run("openssl", *arguments, folder=self._folder)
@@ -82,9 +144,13 @@ def rules(profile: ElementTree.Element) -> tuple[set[str], set[str]]:
     """What a profile of a policy in the namespace / may publish and subscribe, in DDS names."""
     publish, subscribe = {"ros_discovery_info"}, {"ros_discovery_info"}
     for group in profile:
-        verb, = group.attrib
+        (verb,) = group.attrib
         # A request goes the way of what is published, its reply the other way.
-        ends = (publish, subscribe) if verb in ("publish", "request") else (subscribe, publish)
+        ends = (
+            (publish, subscribe)
+            if verb in ("publish", "request")
+            else (subscribe, publish)
+        )
         for item in group:
             names = wire_names(item.tag, full(str(item.text), str(profile.get("node"))))
             for end, name in zip(ends, names, strict=False):
@@ -109,8 +175,10 @@ def _topics(names: Iterable[str]) -> str:
 
 
 def _library(function: str, name: str) -> str:
-    return (f'<Library initFunction="init_{function}" finalizeFunction="finalize_{function}" '
-            f'path="dds_security_{name}"/>')
+    return (
+        f'<Library initFunction="init_{function}" finalizeFunction="finalize_{function}" '
+        f'path="dds_security_{name}"/>'
+    )
 
 
 def _run(*command: str | Path, folder: Path) -> None:

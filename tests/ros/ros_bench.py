@@ -19,8 +19,18 @@ from examples.bench_player import bench_message as message
 from hmcvt_ros.inputs import OperatingPoint
 from hmcvt_ros.model_store import ModelStore
 
-__all__ = ["GOOD", "STALLED", "Shim", "adopted", "command", "file_limit", "message", "points",
-           "read_only", "send_table"]
+__all__ = [
+    "GOOD",
+    "STALLED",
+    "Shim",
+    "adopted",
+    "command",
+    "file_limit",
+    "message",
+    "points",
+    "read_only",
+    "send_table",
+]
 
 GOOD = OperatingPoint(displacement_ratio=0.5, engine_speed=100.0, load_torque=200.0)
 STALLED = OperatingPoint(displacement_ratio=-1.0, engine_speed=20.0, load_torque=5000.0)
@@ -29,20 +39,36 @@ STALLED = OperatingPoint(displacement_ratio=-1.0, engine_speed=20.0, load_torque
 def command(*parameters: str, arguments: tuple[str, ...] = ()) -> list[str]:
     """The command line of a node with parameters `name:=value` and more ROS arguments."""
     given = itertools.chain.from_iterable(("-p", parameter) for parameter in parameters)
-    return [sys.executable, "-m", "hmcvt_ros.efficiency_node", "--ros-args", *given, *arguments]
+    return [
+        sys.executable,
+        "-m",
+        "hmcvt_ros.efficiency_node",
+        "--ros-args",
+        *given,
+        *arguments,
+    ]
 
 
 def adopted(store: ModelStore, leakage: float) -> hmcvt.EfficiencyModel:
     """Write and adopt a refit of another leakage."""
     model, path = store.in_service.model, store.new_path()
-    hmcvt.save_model(replace(model, parameters=replace(model.parameters, leakage=leakage)), path)
+    hmcvt.save_model(
+        replace(model, parameters=replace(model.parameters, leakage=leakage)), path
+    )
     return store.adopt(path)
 
 
 def points(samples: hmcvt.BenchSamples) -> list[OperatingPoint]:
     """The operating points of bench samples."""
-    return [OperatingPoint(*map(float, values)) for values in zip(
-        samples.displacement_ratio, samples.engine_speed, samples.load_torque, strict=True)]
+    return [
+        OperatingPoint(*map(float, values))
+        for values in zip(
+            samples.displacement_ratio,
+            samples.engine_speed,
+            samples.load_torque,
+            strict=True,
+        )
+    ]
 
 
 def send_table(node: Any, samples: hmcvt.BenchSamples) -> None:
@@ -51,7 +77,8 @@ def send_table(node: Any, samples: hmcvt.BenchSamples) -> None:
     for i in range(len(samples)):
         node.player.send_sample(message(samples, i))
     assert node.player.wait_until(
-        lambda: node.logged() == before + len(samples), 10.0), (node.logged(), node.log)
+        lambda: node.logged() == before + len(samples), 10.0
+    ), (node.logged(), node.log)
 
 
 class Shim:
@@ -63,8 +90,19 @@ class Shim:
 
     def __init__(self, folder: Path) -> None:
         library, orders = folder / "shim.so", folder / "orders"
-        subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library,
-                        Path(__file__).with_name("shim.c"), "-ldl"], check=True)
+        subprocess.run(
+            [
+                "cc",
+                "-shared",
+                "-fPIC",
+                "-O1",
+                "-o",
+                library,
+                Path(__file__).with_name("shim.c"),
+                "-ldl",
+            ],
+            check=True,
+        )
         orders.write_bytes(bytes(24))
         with orders.open("r+b") as file:
             self._orders = mmap.mmap(file.fileno(), 24)
@@ -90,8 +128,10 @@ def file_limit(size: int, *processes: int) -> Iterator[None]:
     Without processes this one. Python ignores the signal that goes with it, so that writes fail.
     """
     assert processes or signal.getsignal(signal.SIGXFSZ) is signal.SIG_IGN
-    before = {process: resource.prlimit(process, resource.RLIMIT_FSIZE)
-              for process in processes or (0,)}
+    before = {
+        process: resource.prlimit(process, resource.RLIMIT_FSIZE)
+        for process in processes or (0,)
+    }
     for process, (_, hard) in before.items():
         resource.prlimit(process, resource.RLIMIT_FSIZE, (size, hard))
     try:

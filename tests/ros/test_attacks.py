@@ -25,7 +25,9 @@ from hmcvt_ros import qos
 from hmcvt_ros.outputs import ADVICE
 
 BAD_TYPE = Parameter(name="input_timeout", value=ParameterValue(type=99))
-GOOD_VALUE = Parameter(name="input_timeout", value=ParameterValue(type=3, double_value=0.4))
+GOOD_VALUE = Parameter(
+    name="input_timeout", value=ParameterValue(type=3, double_value=0.4)
+)
 LONG = "x" * 5_000_000
 
 
@@ -79,12 +81,17 @@ def flow(node, seconds):
 
 def test_parameter_of_an_unknown_type_is_refused(node):
     before = counted(node, "requests contained")
-    results = ask(node, srv.SetParameters, "set_parameters",
-                  parameters=[BAD_TYPE, GOOD_VALUE]).results
+    results = ask(
+        node, srv.SetParameters, "set_parameters", parameters=[BAD_TYPE, GOOD_VALUE]
+    ).results
     assert [result.successful for result in results] == [False, True]
     assert "99" in results[0].reason
-    result = ask(node, srv.SetParametersAtomically, "set_parameters_atomically",
-                 parameters=[GOOD_VALUE, BAD_TYPE]).result
+    result = ask(
+        node,
+        srv.SetParametersAtomically,
+        "set_parameters_atomically",
+        parameters=[GOOD_VALUE, BAD_TYPE],
+    ).result
     assert not result.successful and "99" in result.reason
     assert answers(node) and node.says("99 is not a valid")
     assert counted(node, "requests contained") == before + 2
@@ -92,32 +99,46 @@ def test_parameter_of_an_unknown_type_is_refused(node):
 
 def test_parameter_without_a_name_is_refused(node):
     for kind in range(10):
-        result, = ask(node, srv.SetParameters, "set_parameters", parameters=[Parameter(
-            name="", value=ParameterValue(type=kind, string_value="x"))]).results
+        (result,) = ask(
+            node,
+            srv.SetParameters,
+            "set_parameters",
+            parameters=[
+                Parameter(name="", value=ParameterValue(type=kind, string_value="x"))
+            ],
+        ).results
         assert not result.successful and result.reason == "a parameter without a name"
     assert "" not in ask(node, srv.ListParameters, "list_parameters").result.names
 
 
 def test_large_request_is_refused_and_holds_nothing_up(node):
     before, size = counted(node, "requests contained"), len(node.log)
-    text = Parameter(name="samples_file", value=ParameterValue(type=4, string_value=LONG))
+    text = Parameter(
+        name="samples_file", value=ParameterValue(type=4, string_value=LONG)
+    )
     many = ["input_timeout"] * 5000
     for kind, service, request in [
-            (srv.SetParameters, "set_parameters", {"parameters": [GOOD_VALUE] * 5000}),
-            (srv.SetParameters, "set_parameters", {"parameters": [text]})]:
+        (srv.SetParameters, "set_parameters", {"parameters": [GOOD_VALUE] * 5000}),
+        (srv.SetParameters, "set_parameters", {"parameters": [text]}),
+    ]:
         results = ask(node, kind, service, **request).results
         assert len(results) == len(request["parameters"])
         assert not any(result.successful for result in results)
         assert "allowed are" in results[0].reason
-    result = ask(node, srv.SetParametersAtomically, "set_parameters_atomically",
-                 parameters=[GOOD_VALUE] * 5000).result
+    result = ask(
+        node,
+        srv.SetParametersAtomically,
+        "set_parameters_atomically",
+        parameters=[GOOD_VALUE] * 5000,
+    ).result
     assert not result.successful and "5000 entries; allowed are 100" in result.reason
     for kind, service, request in [
-            (srv.GetParameters, "get_parameters", {"names": many}),
-            (srv.GetParameterTypes, "get_parameter_types", {"names": [LONG]}),
-            (srv.DescribeParameters, "describe_parameters", {"names": many}),
-            (srv.ListParameters, "list_parameters", {"prefixes": many}),
-            (GetTypeDescription, "get_type_description", {"type_name": LONG})]:
+        (srv.GetParameters, "get_parameters", {"names": many}),
+        (srv.GetParameterTypes, "get_parameter_types", {"names": [LONG]}),
+        (srv.DescribeParameters, "describe_parameters", {"names": many}),
+        (srv.ListParameters, "list_parameters", {"prefixes": many}),
+        (GetTypeDescription, "get_type_description", {"type_name": LONG}),
+    ]:
         ask(node, kind, service, **request)
     assert answers(node)
     assert counted(node, "requests contained") == before + 8
@@ -132,11 +153,17 @@ def test_refused_services_do_not_fill_the_log(node):
 
 
 def test_clock_of_the_ages_cannot_be_exchanged(node):
-    result, = node.set(use_sim_time=True)
+    (result,) = node.set(use_sim_time=True)
     assert not result.successful and "read-only" in result.reason
     for kind in (0, 1):  # to take a parameter away is a change too
-        result, = ask(node, srv.SetParameters, "set_parameters", parameters=[Parameter(
-            name="use_sim_time", value=ParameterValue(type=kind))]).results
+        (result,) = ask(
+            node,
+            srv.SetParameters,
+            "set_parameters",
+            parameters=[
+                Parameter(name="use_sim_time", value=ParameterValue(type=kind))
+            ],
+        ).results
         assert not result.successful
     assert answers(node)
 
@@ -158,19 +185,32 @@ def test_clock_of_no_time_is_ignored_and_told(sim_node):
 
 
 def test_broken_or_huge_message_is_refused(node):
-    ends = [node.player.create_publisher(JointState, f"{node.namespace}/{topic}", 10)
-            for topic in ("operating_point", "bench_sample")]
-    keys = (("inputs", "operating points refused, invalid"),
-            ("model", "bench samples refused, invalid"))
-    counts = [int(node.value(key, part)) for part, key in keys if node.comes(
-        lambda part=part: part in node.player.statuses)]
+    ends = [
+        node.player.create_publisher(JointState, f"{node.namespace}/{topic}", 10)
+        for topic in ("operating_point", "bench_sample")
+    ]
+    keys = (
+        ("inputs", "operating points refused, invalid"),
+        ("model", "bench samples refused, invalid"),
+    )
+    counts = [
+        int(node.value(key, part))
+        for part, key in keys
+        if node.comes(lambda part=part: part in node.player.statuses)
+    ]
     for end in ends:
         assert node.comes(end.get_subscription_count)
-        for sent in (JointState(name=["engine"] * 2000), b"\x00\x01\x00\x00" + 5 * b"\xff"):
+        for sent in (
+            JointState(name=["engine"] * 2000),
+            b"\x00\x01\x00\x00" + 5 * b"\xff",
+        ):
             end.publish(sent)
     for (part, key), before in zip(keys, counts, strict=True):
-        assert node.comes(lambda part=part, key=key, before=before: (
-            int(node.value(key, part)) == before + 2)), (node.value(key, part), before, node.log)
+        assert node.comes(
+            lambda part=part, key=key, before=before: (
+                int(node.value(key, part)) == before + 2
+            )
+        ), (node.value(key, part), before, node.log)
     assert answers(node)
     for end in ends:
         node.player.destroy_publisher(end)
@@ -209,7 +249,8 @@ def test_system_clock_that_is_set_does_no_harm(attacked, node):
         attacked[1].set_clock(seconds)
     flow(node, 0.3)
     jumps, sent, answered = (
-        new - old for new, old in zip(counted(node, *keys), before, strict=True))
+        new - old for new, old in zip(counted(node, *keys), before, strict=True)
+    )
     assert jumps == 3
     # The first two are no set yet, and a busy machine may lose one of those that are best effort.
     assert answered >= 3 * sent - 12 > 10
@@ -225,9 +266,14 @@ def reported(node, point, level, *words):
 def test_coasting_is_silence_and_no_trouble(node):
     before = counted(node, "points not answered, coasting")
     for torque in (0.9, 0.0, -250.0):
-        assert node.player.hold(GOOD._replace(load_torque=torque), patience=0.0).efficiency is None
+        assert (
+            node.player.hold(GOOD._replace(load_torque=torque), patience=0.0).efficiency
+            is None
+        )
     point = GOOD._replace(load_torque=-250.0)
-    assert reported(node, point, DiagnosticStatus.OK, "load_torque = -250 N m: coasting")
+    assert reported(
+        node, point, DiagnosticStatus.OK, "load_torque = -250 N m: coasting"
+    )
     assert node.value("load_torque state", "inputs") == "coasting"
     assert int(node.value("points not answered, coasting", "inputs")) > before
     assert answers(node)
@@ -240,8 +286,12 @@ def test_stroke_a_hair_beyond_one_is_taken_as_one(node, paper_file):
         assert found == model.efficiency(*GOOD._replace(displacement_ratio=limit))
     assert reported(node, GOOD._replace(displacement_ratio=1.001), DiagnosticStatus.OK)
     assert int(node.value("displacement_ratio taken as the limit", "inputs")) > 0
-    assert reported(node, GOOD._replace(displacement_ratio=1.03), DiagnosticStatus.ERROR,
-                    "displacement_ratio = 1.03 is outside -1 to 1")
+    assert reported(
+        node,
+        GOOD._replace(displacement_ratio=1.03),
+        DiagnosticStatus.ERROR,
+        "displacement_ratio = 1.03 is outside -1 to 1",
+    )
 
 
 def test_inputs_of_different_times_are_not_answered(node):
@@ -251,8 +301,12 @@ def test_inputs_of_different_times_are_not_answered(node):
     node.player.efficiencies.clear()
     stroke, *_ = node.player._inputs
     stroke.publish(Float64(data=0.5))
-    assert node.comes(lambda: "s older than displacement_ratio; max_input_skew = 0.1"
-                      in node.status("inputs")["message"]), node.status("inputs")
+    assert node.comes(
+        lambda: (
+            "s older than displacement_ratio; max_input_skew = 0.1"
+            in node.status("inputs")["message"]
+        )
+    ), node.status("inputs")
     assert node.status("inputs")["level"] == DiagnosticStatus.WARN
     assert int(node.value("points not answered, inputs apart", "inputs")) == before + 1
     assert node.player.efficiencies == []
@@ -266,17 +320,29 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
     model = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
     heard = []
     publisher = node.player.create_publisher(
-        JointState, f"{node.namespace}/operating_point", qos.INPUT)
+        JointState, f"{node.namespace}/operating_point", qos.INPUT
+    )
     speeds = []
-    ends = [node.player.create_subscription(JointState, "advice", heard.append, qos.OUTPUT),
-            node.player.create_subscription(
-                Float64, "optimal_engine_speed", lambda message: speeds.append(message.data),
-                qos.OUTPUT)]
-    assert node.comes(lambda: publisher.get_subscription_count() and node.player.count_publishers(
-        f"{node.namespace}/advice"))
+    ends = [
+        node.player.create_subscription(JointState, "advice", heard.append, qos.OUTPUT),
+        node.player.create_subscription(
+            Float64,
+            "optimal_engine_speed",
+            lambda message: speeds.append(message.data),
+            qos.OUTPUT,
+        ),
+    ]
+    assert node.comes(
+        lambda: (
+            publisher.get_subscription_count()
+            and node.player.count_publishers(f"{node.namespace}/advice")
+        )
+    )
 
     def advice(second, *changed):
-        message = bench_sample_to_message(*(changed or (0.5, 100.0, math.nan, 80.0, 250.0)))
+        message = bench_sample_to_message(
+            *(changed or (0.5, 100.0, math.nan, 80.0, 250.0))
+        )
         message.header.stamp.sec = second
         for _ in range(3):  # best effort
             publisher.publish(message)
@@ -289,21 +355,32 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
     found = advice(17)  # 250 N m x 80 rad/s at 100 rad/s: 200 N m
     assert found["efficiency"] == model.efficiency(*GOOD)
     assert found["power_loss"] == pytest.approx(20e3 / found["efficiency"] - 20e3)
-    assert found["optimal_displacement_ratio"] == model.optimal_displacement_ratio(
-        100.0, 200.0).displacement_ratio
+    assert (
+        found["optimal_displacement_ratio"]
+        == model.optimal_displacement_ratio(100.0, 200.0).displacement_ratio
+    )
     assert found["optimal_engine_speed"] == 100.0
     assert math.isnan(found["fuel_rate"])
     node.set(optimum_hold="output_speed")
     best = model.optimal_displacement_ratio(
-        100.0, 200.0, hold="output_speed", displacement_ratio=0.5,
-        engine_speed_limits=(78.54, 230.38))
+        100.0,
+        200.0,
+        hold="output_speed",
+        displacement_ratio=0.5,
+        engine_speed_limits=(78.54, 230.38),
+    )
     found = advice(18)
     assert found["optimal_engine_speed"] == best.engine_speed
     assert node.player.hold(GOOD).optimal_displacement_ratio == best.displacement_ratio
     assert speeds[-1] == best.engine_speed
-    for number, wrong in enumerate((
-            (1.3, 100.0, math.nan, 80.0, 250.0), (0.5, 100.0, math.nan, 80.0, 0.0),
-            (0.5, math.nan, 1.0, 80.0, 250.0), (0.5, 100.0, math.nan, math.nan, 250.0))):
+    for number, wrong in enumerate(
+        (
+            (1.3, 100.0, math.nan, 80.0, 250.0),
+            (0.5, 100.0, math.nan, 80.0, 0.0),
+            (0.5, math.nan, 1.0, 80.0, 250.0),
+            (0.5, 100.0, math.nan, math.nan, 250.0),
+        )
+    ):
         assert all(map(math.isnan, advice(20 + number, *wrong).values())), wrong
     assert advice(30, 1.001, 100.0, math.nan, 80.0, 250.0)["efficiency"] > 0.0
     for end in ends:
@@ -314,7 +391,8 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
 def test_client_that_sends_operating_points_alone_lacks_nothing(start_node, paper_file):
     node = start_node(paper_file)
     publisher = node.player.create_publisher(
-        JointState, f"{node.namespace}/operating_point", qos.INPUT)
+        JointState, f"{node.namespace}/operating_point", qos.INPUT
+    )
 
     def told(level, words, torque, stroke=0.5):
         message = bench_sample_to_message(stroke, 100.0, math.nan, 80.0, torque)
@@ -329,11 +407,19 @@ def test_client_that_sends_operating_points_alone_lacks_nothing(start_node, pape
 
     told(DiagnosticStatus.OK, "operating points", 250.0)
     for torque in (0.0, -50.0):
-        told(DiagnosticStatus.OK, f"operating_point: load_torque = {torque * 0.8:g} N m: coasting",
-             torque)
+        told(
+            DiagnosticStatus.OK,
+            f"operating_point: load_torque = {torque * 0.8:g} N m: coasting",
+            torque,
+        )
     assert int(node.value("points not answered, coasting", "inputs")) > 0
     assert node.value("operating points refused, invalid", "inputs") == "0"
-    told(DiagnosticStatus.ERROR, "operating_point: displacement_ratio = 1.3 is outside", 250.0, 1.3)
+    told(
+        DiagnosticStatus.ERROR,
+        "operating_point: displacement_ratio = 1.3 is outside",
+        250.0,
+        1.3,
+    )
     node.forget_status()
     assert node.comes(lambda: node.status("inputs")["level"] == DiagnosticStatus.WARN)
     node.player.destroy_publisher(publisher)

@@ -102,7 +102,9 @@ def test_flipped_bits_change_no_value_silently(path):
         assert len(rows) == len(log) >= 1  # a line end that is gone takes two
         assert set(rows) <= set(original)
     assert len(list(path.parent.glob("log.damaged-*.csv"))) == 10
-    assert path.with_name(f"log.damaged-{place // 4 + 1}.csv").read_bytes() == bytes(raw)
+    assert path.with_name(f"log.damaged-{place // 4 + 1}.csv").read_bytes() == bytes(
+        raw
+    )
 
 
 def test_log_without_checksums_is_taken_over(path):
@@ -117,16 +119,19 @@ def test_log_without_checksums_is_taken_over(path):
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(4.0))
 
 
-@pytest.mark.parametrize(("numbers", "missing"), [
-    ([1, 2, 3], 0),
-    ([40, 41, 42], 0),  # begun before we listened
-    ([1, 2, 5, 6, 10], 5),
-    ([1, 1, 2, 2, 3, 3, 1, 2], 0),  # three publishers
-    ([7, 90, 8, 91, 9, 92], 0),  # two that had begun before
-    ([1, 2, 60, 61, 70, 62, 71, 3], 0),  # three, by and by
-    ([1, 2, 60, 1, 2, 3], 57),
-    ([2**64 - 1, 2**64 - 1, 0], 0),  # not told
-])
+@pytest.mark.parametrize(
+    ("numbers", "missing"),
+    [
+        ([1, 2, 3], 0),
+        ([40, 41, 42], 0),  # begun before we listened
+        ([1, 2, 5, 6, 10], 5),
+        ([1, 1, 2, 2, 3, 3, 1, 2], 0),  # three publishers
+        ([7, 90, 8, 91, 9, 92], 0),  # two that had begun before
+        ([1, 2, 60, 61, 70, 62, 71, 3], 0),  # three, by and by
+        ([1, 2, 60, 1, 2, 3], 57),
+        ([2**64 - 1, 2**64 - 1, 0], 0),  # not told
+    ],
+)
 def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, missing):
     counted = Numbers()
     for number in numbers:
@@ -137,10 +142,12 @@ def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, miss
 @pytest.fixture
 def taken(path):
     """Make a recorder: it, its tally, and what it has warned of."""
+
     def make(limit):
         warned = []
         taker = bench_log.Recorder(BenchLog(path, limit), warned.append, str)
         return taker, taker.tally, warned
+
     return make
 
 
@@ -156,7 +163,9 @@ def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypa
     taker.call(lambda: None).result()
     assert len(warned) == 3 and "5 samples wait already" in warned[0]
     assert (tally.accepted, tally.refused[bench_log.BUSY], len(taker.log)) == (5, 3, 5)
-    assert taker.complaint == "3 bench samples were sent and not taken: too many at once"
+    assert (
+        taker.complaint == "3 bench samples were sent and not taken: too many at once"
+    )
     taker.call(taker.set_aside).result()
     assert taker.complaint == ""
     taker.submit(sample(9))

@@ -26,10 +26,15 @@ def run(environment):
     processes = []
 
     def start(*arguments, script=SCRIPT.name):
-        processes.append(subprocess.Popen(
-            [sys.executable, str(SCRIPT.with_name(script)), *arguments],
-            env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])},
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        processes.append(
+            subprocess.Popen(
+                [sys.executable, str(SCRIPT.with_name(script)), *arguments],
+                env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
         return processes[-1]
 
     yield start
@@ -40,7 +45,9 @@ def run(environment):
 
 def best(model):
     """The pair that the script has to find."""
-    return model.optimal_displacement_ratio(*NOW, hold="output_speed", displacement_ratio=-0.8)
+    return model.optimal_displacement_ratio(
+        *NOW, hold="output_speed", displacement_ratio=-0.8
+    )
 
 
 def served(node, folder):
@@ -62,18 +69,27 @@ def test_it_commands_the_best_pair_and_follows_a_refit(node, table2, run, tmp_pa
     after = served(node, tmp_path)
     # From where the tractor is, on the line of the ground speed and power that it keeps.
     wanted = after.optimal_displacement_ratio(
-        before.engine_speed, before.load_torque, hold="output_speed",
-        displacement_ratio=before.displacement_ratio)
+        before.engine_speed,
+        before.load_torque,
+        hold="output_speed",
+        displacement_ratio=before.displacement_ratio,
+    )
     assert wanted.engine_speed != pytest.approx(before.engine_speed, rel=0.01)
 
     def arrived():
         return commands[-1].velocity[0] == pytest.approx(wanted.engine_speed, rel=2e-3)
 
     assert node.player.wait_until(arrived, 10.0), (wanted, commands[-1])
-    assert commands[-1].position[1] == pytest.approx(wanted.displacement_ratio, abs=5e-3)
+    assert commands[-1].position[1] == pytest.approx(
+        wanted.displacement_ratio, abs=5e-3
+    )
     # The pretended tractor follows: the node reports what was promised, and goes on doing so.
-    assert node.comes(lambda: node.player.efficiencies[-9:] == pytest.approx(
-        [wanted.efficiency] * 9, abs=1e-3)), (wanted, node.player.efficiencies[-9:])
+    assert node.comes(
+        lambda: (
+            node.player.efficiencies[-9:]
+            == pytest.approx([wanted.efficiency] * 9, abs=1e-3)
+        )
+    ), (wanted, node.player.efficiencies[-9:])
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=10)
     assert process.returncode == 0 and "Traceback" not in errors, errors
@@ -88,14 +104,21 @@ def test_a_field_cycle_by_the_stage_and_engine_speed_of_the_node(start_node, run
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     model, engine = hmcvt.load_model(files[0]), hmcvt.load_engine(files[1])
-    lines = re.findall(r"^(?:[\w, ]+?) +(\d+) +(\d+)  +(\w+) +(\d+) r/min", output, re.MULTILINE)
+    lines = re.findall(
+        r"^(?:[\w, ]+?) +(\d+) +(\d+)  +(\w+) +(\d+) r/min", output, re.MULTILINE
+    )
     assert len(lines) == 6
     for speed, power, stage, turns in lines:
-        best = model.optimal_drive(float(speed) / 3.6 / 0.85 * 21.0, 1e3 * float(power),
-                                   engine=engine)
+        best = model.optimal_drive(
+            float(speed) / 3.6 / 0.85 * 21.0, 1e3 * float(power), engine=engine
+        )
         assert stage == best.stage
-        assert float(turns) == pytest.approx(best.engine_speed * 30.0 / 3.14159265, abs=3.0)
-    assert re.search(r"cycle: [\d.]+ kg by the optimum, [\d.]+ kg by the rule: [1-9]", output)
+        assert float(turns) == pytest.approx(
+            best.engine_speed * 30.0 / 3.14159265, abs=3.0
+        )
+    assert re.search(
+        r"cycle: [\d.]+ kg by the optimum, [\d.]+ kg by the rule: [1-9]", output
+    )
 
 
 def test_without_a_node_it_says_so(run):
@@ -108,12 +131,17 @@ def test_without_a_node_it_says_so(run):
 
 def test_script_of_the_page_saves_the_model(environment, node, tmp_path):
     page = (SCRIPT.parents[1] / "docs" / "live-view.md").read_text(encoding="utf-8")
-    code, = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     # The page is about a node without a namespace.
     spaced = code.replace("BenchPlayer()", f"BenchPlayer(namespace={node.namespace!r})")
     assert spaced != code
-    subprocess.run([sys.executable, "-c", spaced], cwd=tmp_path, check=True, timeout=60,
-                   env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])})
+    subprocess.run(
+        [sys.executable, "-c", spaced],
+        cwd=tmp_path,
+        check=True,
+        timeout=60,
+        env={**environment, "PYTHONPATH": str(Path(hmcvt.__file__).parents[1])},
+    )
     saved = hmcvt.load_model(tmp_path / "served.yaml")
     assert saved.fingerprint == served(node, tmp_path).fingerprint
 
@@ -133,15 +161,21 @@ def processes_with(text: str) -> list[str]:
 
 def demo(temporary: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, str(SCRIPT.with_name("demo.py"))], stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True, env={**os.environ, "TMPDIR": str(temporary)})
+        [sys.executable, str(SCRIPT.with_name("demo.py"))],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
+    )
 
 
 def test_it_shows_that_the_refit_improves_the_node(environment, tmp_path):
     process = demo(tmp_path)
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 0, output
-    rows = re.findall(r"^ +([1-8])[* ] +[-+]\d\.\d\d .*\|.*\|", output, flags=re.MULTILINE)
+    rows = re.findall(
+        r"^ +([1-8])[* ] +[-+]\d\.\d\d .*\|.*\|", output, flags=re.MULTILINE
+    )
     assert rows == list("12345678") * 2
     assert "silent" not in output
     changes = re.findall(r"([\d.]+) %  -> +([\d.]+) %", output)

@@ -19,12 +19,23 @@ CLIENT = Path(__file__).with_name("cyclone_client.py")
 
 def test_cyclone_dds_reads_and_feeds_the_node(node, paper_file, table2):
     asked, sample = points(table2)[:3], message(table2, 0)
-    given = {"points": asked, "sample": {
-        "name": sample.name, **{field: list(getattr(sample, field))
-                                for field in ("position", "velocity", "effort")}}}
+    given = {
+        "points": asked,
+        "sample": {
+            "name": sample.name,
+            **{
+                field: list(getattr(sample, field))
+                for field in ("position", "velocity", "effort")
+            },
+        },
+    }
     done = subprocess.run(
         [sys.executable, str(CLIENT), os.environ["ROS_DOMAIN_ID"], node.namespace],
-        input=json.dumps(given), capture_output=True, text=True, timeout=90)
+        input=json.dumps(given),
+        capture_output=True,
+        text=True,
+        timeout=90,
+    )
     assert done.returncode == 0, done.stderr + node.log
     answer = json.loads(done.stdout)
     assert not answer["ros"]  # the client has loaded nothing of ROS or of this project

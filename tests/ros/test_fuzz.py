@@ -22,7 +22,10 @@ def test_nonsense_does_not_make_the_node_break_a_promise(tmp_path):
 
 def test_fuzzer_notices_a_wrong_model(tmp_path):
     other = hmcvt.load_model(hmcvt.data_path("params/paper.yaml"))
-    with (load.client() as here, processes.node("/wrong", tmp_path, **overrides("/wrong")) as node):
+    with (
+        load.client() as here,
+        processes.node("/wrong", tmp_path, **overrides("/wrong")) as node,
+    ):
         target = load.Target(here, node, "/wrong", QoSProfile(depth=DEPTH))
         target.wait()
         fuzzer = InputFuzzer(target, other, seed=0, patience=2.0)

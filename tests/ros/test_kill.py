@@ -10,8 +10,10 @@ import sys
 import pytest
 from cli.running import ROOT
 
-TRIALS = {"random": ("--trials", "3", "--no-lines", "--seed", "1"),
-          "lines": ("--trials", "0", "--lines")}
+TRIALS = {
+    "random": ("--trials", "3", "--no-lines", "--seed", "1"),
+    "lines": ("--trials", "0", "--lines"),
+}
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
 
 
@@ -21,18 +23,29 @@ def tables(environment):
     found = {}
     for name, arguments in TRIALS.items():
         done = subprocess.run(
-            [sys.executable, "-m", "studies.soak.kill_trials", *arguments], env=dict(environment),
-            cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=110)
+            [sys.executable, "-m", "studies.soak.kill_trials", *arguments],
+            env=dict(environment),
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=110,
+        )
         assert done.returncode == 0, done.stdout
-        lines = [[cell.strip() for cell in line.strip("|").split("|")]
-                 for line in done.stdout.splitlines() if line.startswith("|")]
-        found[name] = {kind: dict(zip(lines[0][1:], map(int, cells), strict=True))
-                       for kind, *cells in lines[2:]}
+        lines = [
+            [cell.strip() for cell in line.strip("|").split("|")]
+            for line in done.stdout.splitlines()
+            if line.startswith("|")
+        ]
+        found[name] = {
+            kind: dict(zip(lines[0][1:], map(int, cells), strict=True))
+            for kind, *cells in lines[2:]
+        }
     return found
 
 
 def test_kill_at_random_moments_loses_nothing(tables):
-    row, = tables["random"].values()
+    (row,) = tables["random"].values()
     assert row["kills"] == 3 and row["problems"] == 0
     # A kill between two operations would show nothing.
     assert row["amid an operation"] > 0

@@ -40,7 +40,9 @@ def test_reverts_in_the_order_of_refits(paper_file, base, tmp_path):
         store.revert()
 
 
-def test_drift_counts_from_the_base_or_from_the_first_refit_of_an_example(paper_file, tmp_path):
+def test_drift_counts_from_the_base_or_from_the_first_refit_of_an_example(
+    paper_file, tmp_path
+):
     example = ModelStore(paper_file, tmp_path / "a")  # it states no errors
     assert example.reference == paper_file.resolve()
     for leakage in (1e-12, 2e-12):
@@ -67,9 +69,14 @@ def test_damaged_refit_falls_back_to_the_one_before(paper_file, base, tmp_path):
     refit(store, 2e-12)
     store.in_service.path.write_text("schema: hmcvt")
     again = ModelStore(paper_file, tmp_path)
-    assert again.in_service.model.fingerprint == first and "0002.yaml" in again.complaint
+    assert (
+        again.in_service.model.fingerprint == first and "0002.yaml" in again.complaint
+    )
     again.in_service.path.unlink()
-    assert ModelStore(paper_file, tmp_path).in_service.model.fingerprint == base.fingerprint
+    assert (
+        ModelStore(paper_file, tmp_path).in_service.model.fingerprint
+        == base.fingerprint
+    )
 
 
 def test_flipped_bits_of_the_state_are_noticed(paper_file, tmp_path):
@@ -93,11 +100,19 @@ def test_flipped_bits_of_the_state_are_noticed(paper_file, tmp_path):
 def test_state_of_version_0_1_is_taken_up(paper_file, base, tmp_path):
     store = ModelStore(paper_file, tmp_path)
     fingerprints = [refit(store, leakage) for leakage in (1e-12, 2e-12, 3e-12)]
-    (tmp_path / "in_service.json").write_text(json.dumps({
-        "base": str(paper_file), "base_fingerprint": base.fingerprint,
-        "in_service": ["0001.yaml", "0002.yaml", "0003.yaml"]}))
+    (tmp_path / "in_service.json").write_text(
+        json.dumps(
+            {
+                "base": str(paper_file),
+                "base_fingerprint": base.fingerprint,
+                "in_service": ["0001.yaml", "0002.yaml", "0003.yaml"],
+            }
+        )
+    )
     again = ModelStore(paper_file, tmp_path)
-    assert again.in_service.model.fingerprint == fingerprints[2] and again.complaint == ""
+    assert (
+        again.in_service.model.fingerprint == fingerprints[2] and again.complaint == ""
+    )
     assert again.revert().fingerprint == fingerprints[1]
     shutil.copy(tmp_path / "models" / "0001.yaml", tmp_path / "models" / "0002.yaml")
     third = ModelStore(paper_file, tmp_path)
@@ -105,7 +120,9 @@ def test_state_of_version_0_1_is_taken_up(paper_file, base, tmp_path):
     assert "0002.yaml: is not what was written" in third.complaint
 
 
-def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(paper_file, tmp_path):
+def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(
+    paper_file, tmp_path
+):
     store = ModelStore(paper_file, tmp_path)
     first = refit(store, 1e-12)
     refit(store, 2e-12)
@@ -114,7 +131,9 @@ def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(paper_file, t
         proven(store.promised)
     refit(store, 3e-12)
     assert store.revert().fingerprint == first
-    assert "0002.yaml" in store.complaint and "0001.yaml serves instead" in store.complaint
+    assert (
+        "0002.yaml" in store.complaint and "0001.yaml serves instead" in store.complaint
+    )
     assert proven(store.promised).name == "0001.yaml"
     store.revert()
     assert store.complaint == ""
@@ -140,22 +159,30 @@ def test_refits_are_pruned_but_those_one_can_go_back_to(paper_file, base, tmp_pa
 def test_published_formulas_are_not_served(paper_file, base, tmp_path):
     file = tmp_path / "published.yaml"
     hmcvt.save_model(replace(base, formulation="published"), file)
-    with pytest.raises(hmcvt.InputError, match=r"published.yaml: formulation 'published' is not"):
+    with pytest.raises(
+        hmcvt.InputError, match=r"published.yaml: formulation 'published' is not"
+    ):
         ModelStore(file, tmp_path)
     store = ModelStore(paper_file, tmp_path)
     with pytest.raises(hmcvt.InputError, match="is not served"):
         store.adopt(file)
     assert store.in_service.model.fingerprint == base.fingerprint
-    assert ModelStore(paper_file, tmp_path).in_service.model.fingerprint == base.fingerprint
+    assert (
+        ModelStore(paper_file, tmp_path).in_service.model.fingerprint
+        == base.fingerprint
+    )
 
 
 def test_error_of_a_meter_is_not_served(base, tmp_path):
     file = tmp_path / "diagnosed.yaml"
-    hmcvt.save_model(replace(base, effects=(EngineTorqueGain(-0.1), ChargePump(5.0))), file)
+    hmcvt.save_model(
+        replace(base, effects=(EngineTorqueGain(-0.1), ChargePump(5.0))), file
+    )
     served = ModelStore(file, tmp_path).in_service.model
     assert served.effects == (ChargePump(5.0),)
     assert hmcvt.load_model(file).efficiency(0.5, 150.0, 200.0) == pytest.approx(
-        served.efficiency(0.5, 150.0, 200.0) / 0.9)
+        served.efficiency(0.5, 150.0, 200.0) / 0.9
+    )
 
 
 def test_numbers_rise_and_are_not_used_again(tmp_path):
@@ -168,5 +195,10 @@ def test_numbers_rise_and_are_not_used_again(tmp_path):
     (folder / "notes.txt").write_text("mine")
     keep_newest(folder, 2)
     assert sorted(path.name for path in folder.iterdir()) == [
-        "0011.html", "0011.json", "0012.html", "0012.json", "notes.txt"]
+        "0011.html",
+        "0011.json",
+        "0012.html",
+        "0012.json",
+        "notes.txt",
+    ]
     assert next_name(folder, 3).name == "0013"

@@ -42,13 +42,13 @@ def table(head, number=0):
 
 def block(language):
     """The code block of a language; the page has one."""
-    text, = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+    (text,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
     return text
 
 
 def reply(name):
     """The reply that the page shows under a name."""
-    text, = re.findall(rf"<!-- reply: {name} -->\n```json\n(.*?)```", PAGE, re.DOTALL)
+    (text,) = re.findall(rf"<!-- reply: {name} -->\n```json\n(.*?)```", PAGE, re.DOTALL)
     return json.loads(text)
 
 
@@ -90,19 +90,29 @@ def endpoints(observer, namespace):
     """Topic, type, direction, reliability and durability of what a node has on the graph."""
     found = []
     for topic, _ in observer.get_topic_names_and_types():
-        for direction, infos in (("out", observer.get_publishers_info_by_topic(topic)),
-                                 ("in", observer.get_subscriptions_info_by_topic(topic))):
+        for direction, infos in (
+            ("out", observer.get_publishers_info_by_topic(topic)),
+            ("in", observer.get_subscriptions_info_by_topic(topic)),
+        ):
             for info in infos:
                 if (info.node_name, info.node_namespace) == ("hmcvt", namespace):
                     qos = info.qos_profile
                     words = (qos.reliability.name, qos.durability.name)
-                    found.append((topic, info.topic_type, direction,
-                                  *(word.lower().replace("_", " ") for word in words)))
+                    found.append(
+                        (
+                            topic,
+                            info.topic_type,
+                            direction,
+                            *(word.lower().replace("_", " ") for word in words),
+                        )
+                    )
     return sorted(end for end in found if end[0] not in OF_EVERY_NODE)
 
 
 def test_topics(node):
-    written = sorted((full(row[0], "hmcvt", node.namespace), *row[1:5]) for row in table("topic"))
+    written = sorted(
+        (full(row[0], "hmcvt", node.namespace), *row[1:5]) for row in table("topic")
+    )
 
     def found():
         return endpoints(node.player, node.namespace)
@@ -114,9 +124,13 @@ def test_depth_of_the_queues(node):
     names, depths = [], []
     for topic, _, direction, _, _, depth, _ in table("topic"):
         end = "publisher" if direction == "out" else "subscription"
-        names.append(f"qos_overrides.{full(topic, 'hmcvt', node.namespace)}.{end}.depth")
+        names.append(
+            f"qos_overrides.{full(topic, 'hmcvt', node.namespace)}.{end}.depth"
+        )
         depths.append(int(depth))
-    client = node.player.create_client(GetParameters, f"{node.namespace}/hmcvt/get_parameters")
+    client = node.player.create_client(
+        GetParameters, f"{node.namespace}/hmcvt/get_parameters"
+    )
     assert node.player.wait_until(client.service_is_ready, 10.0)
     future = client.call_async(GetParameters.Request(names=names))
     assert node.player.wait_until(future.done, 10.0)
@@ -124,7 +138,10 @@ def test_depth_of_the_queues(node):
 
 
 def test_services(node):
-    written = {(full(name, "hmcvt", node.namespace), kind) for name, kind, _ in table("service")}
+    written = {
+        (full(name, "hmcvt", node.namespace), kind)
+        for name, kind, _ in table("service")
+    }
     graph = node.player.get_service_names_and_types_by_node("hmcvt", node.namespace)
     own = {(name, kind) for name, (kind,) in graph if kind.startswith("std_srvs/")}
     assert own == written
@@ -143,19 +160,29 @@ def test_parameters():
 
 
 def test_states_and_levels():
-    names = {DiagnosticStatus.OK: "OK", DiagnosticStatus.WARN: "WARN",
-             DiagnosticStatus.ERROR: "ERROR", DiagnosticStatus.STALE: "STALE"}
+    names = {
+        DiagnosticStatus.OK: "OK",
+        DiagnosticStatus.WARN: "WARN",
+        DiagnosticStatus.ERROR: "ERROR",
+        DiagnosticStatus.STALE: "STALE",
+    }
     assert {(state, level) for state, level, _ in table("state")} == {
-        (state.value, names[level]) for state, level in _LEVELS.items()}
+        (state.value, names[level]) for state, level in _LEVELS.items()
+    }
 
 
 def test_keys_of_the_diagnostics(node, replies):
     statuses = node.player.statuses
-    assert node.player.wait_until(lambda: "gap verdict" in statuses["model"]["values"], 5.0)
+    assert node.player.wait_until(
+        lambda: "gap verdict" in statuses["model"]["values"], 5.0
+    )
     keys = [row[0] for row in table("key", 0)]
     assert list(statuses["inputs"]["values"]) == [
-        key.replace("<input>", limits.name) for limits in INPUT_RANGES
-        for key in keys if "<input>" in key] + [key for key in keys if "<input>" not in key]
+        key.replace("<input>", limits.name)
+        for limits in INPUT_RANGES
+        for key in keys
+        if "<input>" in key
+    ] + [key for key in keys if "<input>" not in key]
     assert list(statuses["model"]["values"]) == [row[0] for row in table("key", 1)]
     assert list(statuses["gap"]["values"]) == [row[0] for row in table("key", 2)]
 
@@ -163,7 +190,11 @@ def test_keys_of_the_diagnostics(node, replies):
 def test_files_of_the_state_folder(node, replies, refused):
     names = set()
     for folder in (node.state, refused[0].state):
-        names |= {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+        names |= {
+            str(path.relative_to(folder))
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
     assert names == {row[0] for row in table("file")}
 
 
@@ -174,24 +205,41 @@ def test_replies(replies, service):
 
 def test_diagnosis_leaves_a_report_and_stands_in_diagnostics(node, replies):
     found, page = replies["diagnose"], node.state / "reports" / "0001.html"
-    assert {"gap", "where", "component", "verdict", "causes", "sets", "shrinkage", "delivered",
-            "next_tests", "advice"} <= set(found)
+    assert {
+        "gap",
+        "where",
+        "component",
+        "verdict",
+        "causes",
+        "sets",
+        "shrinkage",
+        "delivered",
+        "next_tests",
+        "advice",
+    } <= set(found)
     assert found["gap"]["samples"] == 8 and found["report"] == "reports/0001.html"
     text = page.read_text()
     assert text.startswith("<!DOCTYPE html>") and text.rstrip().endswith("</html>")
     data = json.loads(page.with_suffix(".json").read_text())
-    assert data == {key: found[key] for key in data} and data.keys() >= {"gap", "verdict"}
+    assert data == {key: found[key] for key in data} and data.keys() >= {
+        "gap",
+        "verdict",
+    }
     assert node.says(f"diagnose: {found['verdict']}")
     assert f"report {page}" in node.log
 
     assert node.comes(lambda: node.value("gap verdict") == found["verdict"])
     values = node.status()["values"]
     assert values["running"] == "-"
-    assert float(values["gap rmse [-]"]) == pytest.approx(found["gap"]["rmse"], rel=1e-3)
+    assert float(values["gap rmse [-]"]) == pytest.approx(
+        found["gap"]["rmse"], rel=1e-3
+    )
     leading = found["causes"][0]["effect"] if found["causes"] else "-"
     assert values["gap leading cause"].startswith(leading)
     fraction = found["shrinkage"]["fraction"]
-    assert values["gap shrinkage [-]"] == ("-" if fraction is None else f"{fraction:.3f}")
+    assert values["gap shrinkage [-]"] == (
+        "-" if fraction is None else f"{fraction:.3f}"
+    )
     assert values["gap of model"] == replies["reidentify"]["model"]
     assert values["report"] == str(page)
     assert values["gap diagnosed"].endswith("Z, 8 samples")
@@ -206,11 +254,19 @@ def test_refit_that_leads_too_far_is_refused_and_kept_as_a_candidate(refused):
     # The reason names the change, the limit and the file, in the answer, the log and diagnostics.
     candidate = node.state / "candidates" / "0001.yaml"
     assert data["candidate"] == "candidates/0001.yaml"
-    for word in (f"{100 * data['drift']:.1f} points", "the 2 points allowed", data["candidate"]):
+    for word in (
+        f"{100 * data['drift']:.1f} points",
+        "the 2 points allowed",
+        data["candidate"],
+    ):
         assert word in data["error"]
     assert node.says("reidentify: the refit would differ from the base model")
-    assert "[WARN]" in next(line for line in node.log.splitlines() if "points allowed" in line)
-    assert node.comes(lambda: "not adopted: the refit would differ" in node.value("last refit"))
+    assert "[WARN]" in next(
+        line for line in node.log.splitlines() if "points allowed" in line
+    )
+    assert node.comes(
+        lambda: "not adopted: the refit would differ" in node.value("last refit")
+    )
 
     # The refit to all samples is there to be looked at; nothing of the service has changed.
     found = refit(hmcvt.read_bench(node.bench_file), served, served)
@@ -230,8 +286,9 @@ def run_node(environment, tmp_path):
     processes = []
 
     def run(*arguments):
-        processes.append(subprocess.Popen(
-            command(f"state_folder:={tmp_path}", arguments=arguments)))
+        processes.append(
+            subprocess.Popen(command(f"state_folder:={tmp_path}", arguments=arguments))
+        )
 
     yield run
     for process in processes:
@@ -243,50 +300,88 @@ def test_quality_of_service_can_be_overridden(run_node, connect, tmp_path):
     path = tmp_path / "qos.yaml"
     path.write_text(block("yaml"))
     changed = yaml.safe_load(block("yaml"))["/**"]["ros__parameters"]["qos_overrides"]
-    expected = {f"/tractor1/{name.replace('~', 'hmcvt')}": reliability
-                for name, _, _, reliability, *_ in table("topic") if name != "/diagnostics"}
+    expected = {
+        f"/tractor1/{name.replace('~', 'hmcvt')}": reliability
+        for name, _, _, reliability, *_ in table("topic")
+        if name != "/diagnostics"
+    }
     for topic, ends in changed.items():
-        values, = ends.values()
+        (values,) = ends.values()
         expected[topic] = values["reliability"].replace("_", " ")
     run_node("-r", "__ns:=/tractor1", "--params-file", str(path))
     observer = connect("/observer")
 
     def found():
-        return {topic: reliability for topic, _, _, reliability, _
-                in endpoints(observer, "/tractor1") if topic != "/diagnostics"}
+        return {
+            topic: reliability
+            for topic, _, _, reliability, _ in endpoints(observer, "/tractor1")
+            if topic != "/diagnostics"
+        }
 
     assert observer.wait_until(lambda: found() == expected, 10.0), found()
 
 
 def test_python_example_runs(run_node, environment):
     run_node()
-    result = subprocess.run([sys.executable, "-c", block("python")], env=dict(environment),
-                            cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert "Reply(success=False, data={'error': 'no bench samples logged yet" in result.stdout, (
-        result.stderr)
+    result = subprocess.run(
+        [sys.executable, "-c", block("python")],
+        env=dict(environment),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (
+        "Reply(success=False, data={'error': 'no bench samples logged yet"
+        in result.stdout
+    ), result.stderr
 
 
 def test_command_line_that_the_launch_file_makes(run_node, connect, tmp_path):
     # launch_ros is on no machine without ROS from apt; this is what it would start.
     path = tmp_path / "launch_params"
     path.write_text("/**:\n  ros__parameters:\n    use_sim_time: true\n")
-    run_node("--log-level", "warn", "--enclave", "/hmcvt", "--ros-args", "-r", "__node:=cvt",
-             "-r", "__ns:=/launched", "--params-file", str(ROOT / "hmcvt_ros/config/hmcvt.yaml"),
-             "--params-file", str(path))
+    run_node(
+        "--log-level",
+        "warn",
+        "--enclave",
+        "/hmcvt",
+        "--ros-args",
+        "-r",
+        "__node:=cvt",
+        "-r",
+        "__ns:=/launched",
+        "--params-file",
+        str(ROOT / "hmcvt_ros/config/hmcvt.yaml"),
+        "--params-file",
+        str(path),
+    )
     observer = connect("/observer")
 
     def found():
         return observer.get_node_names_and_namespaces_with_enclaves()
 
-    assert observer.wait_until(lambda: ("cvt", "/launched", "/hmcvt") in found(), 10.0), found()
-    assert observer.wait_until(lambda: "cvt" in (
-        info.node_name for info in observer.get_subscriptions_info_by_topic("/clock")), 10.0)
+    assert observer.wait_until(
+        lambda: ("cvt", "/launched", "/hmcvt") in found(), 10.0
+    ), found()
+    assert observer.wait_until(
+        lambda: (
+            "cvt"
+            in (
+                info.node_name
+                for info in observer.get_subscriptions_info_by_topic("/clock")
+            )
+        ),
+        10.0,
+    )
 
 
 def test_every_test_named_exists():
     for row in table("..."):
         file, _, name = row[2].partition("::")
-        assert re.search(rf"^def {name}\(", (ROOT / "tests" / "ros" / file).read_text(), re.M), row
+        assert re.search(
+            rf"^def {name}\(", (ROOT / "tests" / "ros" / file).read_text(), re.M
+        ), row
 
 
 def test_launch_arguments():
@@ -301,7 +396,9 @@ LAYOUTS = ROOT / "docs" / "layouts"
 PLOTJUGGLER, FOXGLOVE = LAYOUTS / "plotjuggler.xml", LAYOUTS / "foxglove.json"
 INPUTS = {"/displacement_ratio", "/engine_speed", "/load_torque"}
 OUTPUTS = {"/efficiency", "/optimal_displacement_ratio"}
-SEEN = {f"/{row[0].replace('~', 'hmcvt').lstrip('/')}": row[1] for row in table("topic")}
+SEEN = {
+    f"/{row[0].replace('~', 'hmcvt').lstrip('/')}": row[1] for row in table("topic")
+}
 
 
 def plotted(curve, separator):
@@ -313,16 +410,29 @@ def plotted(curve, separator):
 
 def test_plotjuggler():
     root = ElementTree.parse(PLOTJUGGLER).getroot()
-    assert root.tag == "root" and root.find("tabbed_widget/Tab/Container/DockSplitter") is not None
+    assert (
+        root.tag == "root"
+        and root.find("tabbed_widget/Tab/Container/DockSplitter") is not None
+    )
     for splitter in root.iter("DockSplitter"):
-        assert len(splitter.get("sizes").split(";")) == len(splitter) == int(splitter.get("count"))
+        assert (
+            len(splitter.get("sizes").split(";"))
+            == len(splitter)
+            == int(splitter.get("count"))
+        )
     curves = [plotted(curve.get("name"), "/") for curve in root.iter("curve")]
     assert sorted(curves) == sorted(INPUTS | OUTPUTS)
 
 
 def test_foxglove():
     layout = json.loads(FOXGLOVE.read_text(encoding="utf-8"))
-    assert set(layout) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    assert set(layout) == {
+        "configById",
+        "globalVariables",
+        "userNodes",
+        "playbackConfig",
+        "layout",
+    }
     configs = layout["configById"]
     # Every panel is placed, once.
     placed = re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"]))
@@ -330,21 +440,37 @@ def test_foxglove():
     curves, shown = [], set()
     for config in configs.values():
         curves += [plotted(path["value"], ".") for path in config.get("paths", ())]
-        shown |= {config[key] for key in ("topicToRender", "topicPath") if key in config}
+        shown |= {
+            config[key] for key in ("topicToRender", "topicPath") if key in config
+        }
     assert sorted(curves) == sorted(INPUTS | OUTPUTS)
-    assert shown == {"/diagnostics", "/hmcvt/model", "/hmcvt/efficiency_map"} <= set(SEEN)
+    assert (
+        shown == {"/diagnostics", "/hmcvt/model", "/hmcvt/efficiency_map"} <= set(SEEN)
+    )
 
 
-@pytest.mark.parametrize(("path", "kept"), [(FOXGLOVE, {"/diagnostics"}), (PLOTJUGGLER, set())])
+@pytest.mark.parametrize(
+    ("path", "kept"), [(FOXGLOVE, {"/diagnostics"}), (PLOTJUGGLER, set())]
+)
 def test_namespace_as_the_page_tells(path, kept, tmp_path):
     page = (ROOT / "docs" / "live-view.md").read_text(encoding="utf-8")
-    line, = re.findall(rf"^    (sed .*layouts/{path.name}) > ", page, flags=re.MULTILINE)
-    done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True,
-                          check=True, timeout=20)
+    (line,) = re.findall(
+        rf"^    (sed .*layouts/{path.name}) > ", page, flags=re.MULTILINE
+    )
+    done = subprocess.run(
+        ["sh", "-c", line],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=20,
+    )
 
     def topics(text):
         return re.findall(r'"(/[\w/]+)', text)
 
     plain = topics(path.read_text(encoding="utf-8"))
-    assert topics(done.stdout) == [name if name in kept else f"/tractor1{name}" for name in plain]
+    assert topics(done.stdout) == [
+        name if name in kept else f"/tractor1{name}" for name in plain
+    ]
     assert len(plain) >= 5

@@ -26,7 +26,9 @@ def place(environment):
 
 
 def run(environment, *arguments):
-    return subprocess.run(arguments, env=environment, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        arguments, env=environment, capture_output=True, text=True, timeout=60
+    )
 
 
 def all_at_once(environment, commands):
@@ -42,41 +44,68 @@ def test_wrong_parameter_is_one_line_and_exit_code_2(place, tmp_path, paper_file
         (f"model_file:={cut}", [f"{cut}: "]),
         ("model_file:=/nowhere/x.yaml", ["/nowhere/x.yaml", "No such file"]),
         ("input_timeout:=1", ["input_timeout", "write 1.0"]),
-        ("input_timeout:=.nan", ["input_timeout", "0.01 to 60 s"]),  # others: test_parameters.py
+        (
+            "input_timeout:=.nan",
+            ["input_timeout", "0.01 to 60 s"],
+        ),  # others: test_parameters.py
     ]
-    found = all_at_once(place, [
-        command(f"model_file:={paper_file}", f"state_folder:={tmp_path / str(i)}", parameter)
-        for i, (parameter, _) in enumerate(cases)])
+    found = all_at_once(
+        place,
+        [
+            command(
+                f"model_file:={paper_file}",
+                f"state_folder:={tmp_path / str(i)}",
+                parameter,
+            )
+            for i, (parameter, _) in enumerate(cases)
+        ],
+    )
     for (parameter, words), result in zip(cases, found, strict=True):
         assert result.returncode == 2, parameter
-        assert result.stderr.count("\n") == 1 and result.stderr.startswith("hmcvt: error: ")
+        assert result.stderr.count("\n") == 1 and result.stderr.startswith(
+            "hmcvt: error: "
+        )
         assert all(word in result.stderr for word in words), result.stderr
 
 
 def test_wrong_argument_is_told_and_help_is_printed(place, tmp_path):
     state = f"state_folder:={tmp_path}"
-    parsed, unknown, passed_on, own, node, other = all_at_once(place, [
-        command(arguments=("--params-file", "/nowhere.yaml")),
-        command(arguments=("-z",)),
-        # `--` ends the arguments of ROS; what follows is the node's, which knows none but --help.
-        [*HMCVT_NODE, "--ros-args", "-p", state, "--", "--wrong"],
-        [*HMCVT_NODE, "--help"],
-        [*HMCVT_NODE, "--", "--help"],
-        command(arguments=("--", "--help"))])
-    for result, words in ((parsed, "Couldn't parse params file"), (unknown, "-z"),
-                          (passed_on, "unknown argument --wrong; see --help")):
+    parsed, unknown, passed_on, own, node, other = all_at_once(
+        place,
+        [
+            command(arguments=("--params-file", "/nowhere.yaml")),
+            command(arguments=("-z",)),
+            # `--` ends the arguments of ROS; what follows is the node's, which knows none but --help.
+            [*HMCVT_NODE, "--ros-args", "-p", state, "--", "--wrong"],
+            [*HMCVT_NODE, "--help"],
+            [*HMCVT_NODE, "--", "--help"],
+            command(arguments=("--", "--help")),
+        ],
+    )
+    for result, words in (
+        (parsed, "Couldn't parse params file"),
+        (unknown, "-z"),
+        (passed_on, "unknown argument --wrong; see --help"),
+    ):
         assert result.returncode == 2 and "Traceback" not in result.stderr
         last = result.stderr.splitlines()[-1]
         assert last.startswith("hmcvt: error: ") and words in last
     assert own.returncode == node.returncode == other.returncode == 0
     assert "hmcvt node --ros-args" in own.stdout
     assert node.stdout == other.stdout and other.stderr == ""
-    assert node.stdout.startswith("usage: hmcvt-node") and "input_timeout [s]" in node.stdout
+    assert (
+        node.stdout.startswith("usage: hmcvt-node")
+        and "input_timeout [s]" in node.stdout
+    )
 
 
-@pytest.mark.parametrize("start", [
-    "from hmcvt_core.cli import main; main(['node'])",
-    "from hmcvt_ros.efficiency_node import main; sys.exit(main(['hmcvt-node']))"])
+@pytest.mark.parametrize(
+    "start",
+    [
+        "from hmcvt_core.cli import main; main(['node'])",
+        "from hmcvt_ros.efficiency_node import main; sys.exit(main(['hmcvt-node']))",
+    ],
+)
 def test_without_ros_it_says_what_to_install(place, start):
     code = f"import sys; sys.modules['rclpy'] = None\n{start}"
     done = run(place, sys.executable, "-c", code)
@@ -88,8 +117,18 @@ def test_without_ros_it_says_what_to_install(place, start):
 def test_hmcvt_node_serves_until_it_is_stopped(place, connect, tmp_path):
     with (tmp_path / "log").open("w") as log:
         process = subprocess.Popen(
-            [*HMCVT_NODE, "--ros-args", "-p", f"state_folder:={tmp_path / 'state'}",
-             "-r", "__ns:=/command"], env=place, stdout=log, stderr=log)
+            [
+                *HMCVT_NODE,
+                "--ros-args",
+                "-p",
+                f"state_folder:={tmp_path / 'state'}",
+                "-r",
+                "__ns:=/command",
+            ],
+            env=place,
+            stdout=log,
+            stderr=log,
+        )
     try:
         player = connect("/command")
         up = player.wait_for_node(running=lambda: process.poll() is None)
@@ -105,7 +144,9 @@ def test_hmcvt_node_serves_until_it_is_stopped(place, connect, tmp_path):
         process.kill()
         process.wait()
     said = (tmp_path / "log").read_text()
-    assert "Traceback" not in said and "the model that comes with hmcvt is served" in said
+    assert (
+        "Traceback" not in said and "the model that comes with hmcvt is served" in said
+    )
 
 
 def test_unusable_state_folder_and_unknown_parameter_do_not_stop_it(
@@ -116,11 +157,16 @@ def test_unusable_state_folder_and_unknown_parameter_do_not_stop_it(
     model = dataclasses.replace(plain, effects=(PlanetaryMesh(0.08),))
     hmcvt.save_model(model, tmp_path / "diagnosed.yaml")
     (tmp_path / "file").write_text("")
-    node = start_node(tmp_path / "diagnosed.yaml", state=tmp_path / "file" / "state",
-                      inputtimeout=1.0)
+    node = start_node(
+        tmp_path / "diagnosed.yaml", state=tmp_path / "file" / "state", inputtimeout=1.0
+    )
     assert node.says("parameter inputtimeout is unknown and has no effect")
     assert node.says("state_folder")
-    assert plain.efficiency(*GOOD) != model.efficiency(*GOOD) == node.player.hold(GOOD).efficiency
+    assert (
+        plain.efficiency(*GOOD)
+        != model.efficiency(*GOOD)
+        == node.player.hold(GOOD).efficiency
+    )
     assert not node.player.call("reidentify").success
     node.player.send_sample(message(table2, 0))
     assert node.comes(lambda: node.value("bench samples refused, not written") == "1")
@@ -144,12 +190,24 @@ def test_node_loads_nothing_that_only_refits_plots_or_commands_need(place, tmp_p
     done = run(place, sys.executable, "-c", START, str(tmp_path))
     loaded = set(json.loads(done.stdout))
     assert "hmcvt_core.physics.steady_state" in loaded
-    assert not loaded & {"scipy.optimize", "scipy.stats", "scipy.interpolate", "matplotlib",
-                         "pymoo", "distributed", "rosbags", "click"}
+    assert not loaded & {
+        "scipy.optimize",
+        "scipy.stats",
+        "scipy.interpolate",
+        "matplotlib",
+        "pymoo",
+        "distributed",
+        "rosbags",
+        "click",
+    }
 
 
 def test_worker_is_given_nothing_of_ros(place):
     """It is given the main module of the node, and at full priority."""
-    code = "import hmcvt_ros.efficiency_node, hmcvt_ros.worker, sys\nprint(*sys.modules)"
+    code = (
+        "import hmcvt_ros.efficiency_node, hmcvt_ros.worker, sys\nprint(*sys.modules)"
+    )
     loaded = set(run(place, sys.executable, "-c", code).stdout.split())
-    assert "hmcvt_ros.worker" in loaded and not {"rclpy", "numpy", "hmcvt_core"} & loaded
+    assert (
+        "hmcvt_ros.worker" in loaded and not {"rclpy", "numpy", "hmcvt_core"} & loaded
+    )

@@ -54,11 +54,16 @@ def test_refit_improves_and_revert_goes_back(node, paper_file, table2):
     assert reply.data["drift"] == pytest.approx(found.drift)
     assert reply.data["largest_change"] == pytest.approx(found.largest_change)
     refitted = found.model
-    assert node.player.hold(GOOD).efficiency == pytest.approx(refitted.efficiency(*GOOD), rel=1e-9)
+    assert node.player.hold(GOOD).efficiency == pytest.approx(
+        refitted.efficiency(*GOOD), rel=1e-9
+    )
     assert node.comes(lambda: reply.data["model"] in node.player.model_text)
-    data = node.player.map.data  # 41, 17 and 15 values of the axes, then the efficiencies
+    data = (
+        node.player.map.data
+    )  # 41, 17 and 15 values of the axes, then the efficiencies
     assert data[73 + (20 * 17 + 8) * 15 + 7] == pytest.approx(
-        refitted.efficiency(data[20], data[41 + 8], data[41 + 17 + 7]), rel=1e-9)
+        refitted.efficiency(data[20], data[41 + 8], data[41 + 17 + 7]), rel=1e-9
+    )
 
     # The same once more gives the same model, which is no reason to refuse it.
     again = node.player.call("reidentify")
@@ -79,11 +84,20 @@ def test_no_message_is_dropped_while_the_model_is_swapped(node, table2):
     models, answers = [], []
     ends = [
         node.player.create_subscription(
-            String, "hmcvt/model", lambda _, info: models.append(info["received_timestamp"]),
-            qos.OUTPUT),
+            String,
+            "hmcvt/model",
+            lambda _, info: models.append(info["received_timestamp"]),
+            qos.OUTPUT,
+        ),
         node.player.create_subscription(
-            Float64, "efficiency", lambda message, info: (
-                message.data != old and answers.append(info["received_timestamp"])), qos.OUTPUT)]
+            Float64,
+            "efficiency",
+            lambda message, info: (
+                message.data != old and answers.append(info["received_timestamp"])
+            ),
+            qos.OUTPUT,
+        ),
+    ]
     node.player.efficiencies.clear()
     reply = node.player.request("reidentify")
     second = node.player.request("reidentify")
@@ -93,7 +107,9 @@ def test_no_message_is_dropped_while_the_model_is_swapped(node, table2):
         sent += 3
         node.player.spin_for(0.05)
         # A machine that stalls loses what is sent ahead of its answers.
-        node.player.wait_until(lambda all=sent: len(node.player.efficiencies) >= all, 2.0)
+        node.player.wait_until(
+            lambda all=sent: len(node.player.efficiencies) >= all, 2.0
+        )
         if reply.done() and second.done() and node.player.efficiencies[-1] != old:
             break
     node.player.spin_for(0.3)
@@ -133,7 +149,9 @@ def test_few_samples_are_adopted_unchecked_and_say_so(node, table2):
     node.set(reidentify_min_samples=3)
     reply = node.player.call("reidentify")
     assert reply.success and reply.data["held_back"] is None
-    assert any("none could be held back" in warning for warning in reply.data["warnings"])
+    assert any(
+        "none could be held back" in warning for warning in reply.data["warnings"]
+    )
 
 
 def test_bench_samples_are_logged_and_bad_ones_refused(start_node, table2):
@@ -152,20 +170,38 @@ def test_bench_samples_are_logged_and_bad_ones_refused(start_node, table2):
 
     unnamed = message(table2, 0)
     unnamed.name = ["engine", "output", "lever"]
-    for refused in [unnamed, bench_sample_to_message(0.1, math.nan, 100.0, 80.0, 100.0),
-                    bench_sample_to_message(0.1, 100.0, 100.0, 80.0, 300.0),
-                    bench_sample_to_message(1.3, 100.0, 100.0, 80.0, 100.0)]:
+    for refused in [
+        unnamed,
+        bench_sample_to_message(0.1, math.nan, 100.0, 80.0, 100.0),
+        bench_sample_to_message(0.1, 100.0, 100.0, 80.0, 300.0),
+        bench_sample_to_message(1.3, 100.0, 100.0, 80.0, 100.0),
+    ]:
         player.send_sample(refused)
     assert node.comes(lambda: node.value("bench samples refused, invalid") == "4")
-    assert "bench_sample: displacement_ratio = 1.3 is outside" in (node.status()["message"])
+    assert (
+        "bench_sample: displacement_ratio = 1.3 is outside"
+        in (node.status()["message"])
+    )
     for i in range(3):
         player.send_sample(message(table2, i))
     assert node.comes(lambda: "takes no more" in node.status()["message"])
     assert len(hmcvt.read_bench(node.bench_file)) == 9
-    assert {key: node.value(f"bench samples {key}") for key in (
-        "logged", "received", "accepted", "refused, log full", "refused, not written")} == {
-        "logged": "9", "received": "15", "accepted": "9", "refused, log full": "2",
-        "refused, not written": "0"}
+    assert {
+        key: node.value(f"bench samples {key}")
+        for key in (
+            "logged",
+            "received",
+            "accepted",
+            "refused, log full",
+            "refused, not written",
+        )
+    } == {
+        "logged": "9",
+        "received": "15",
+        "accepted": "9",
+        "refused, log full": "2",
+        "refused, not written": "0",
+    }
 
 
 def test_samples_file_is_read_and_confined_to_the_state_folder(node, table2, tmp_path):
@@ -184,12 +220,16 @@ def test_samples_file_is_read_and_confined_to_the_state_folder(node, table2, tmp
     for path in ("fifo.csv", "."):
         node.set(samples_file=path)
         start = time.monotonic()
-        assert f"samples_file = '{path}' is no regular file" in (
-            node.player.call("reidentify").data["error"])
+        assert (
+            f"samples_file = '{path}' is no regular file"
+            in (node.player.call("reidentify").data["error"])
+        )
         assert time.monotonic() - start < 2.0
 
 
-def test_page_that_cannot_be_written_costs_the_page_only(paper_file, tmp_path, monkeypatch):
+def test_page_that_cannot_be_written_costs_the_page_only(
+    paper_file, tmp_path, monkeypatch
+):
     reports = tmp_path / "reports"
     reports.write_text("a file where the folder should be")
     found = SimpleNamespace(to_dict=lambda: {"verdict": "within noise"})
@@ -238,7 +278,10 @@ def test_worker_is_kept_and_replaced_when_it_dies(node, table2):
     worker = node.worker()
     assert os.sched_getscheduler(worker) == os.SCHED_IDLE
     # Where memory runs out, the kernel ends the job and not the node.
-    assert oom_score(worker) == 1000 and oom_score(node.process.pid) == oom_score("self") < 1000
+    assert (
+        oom_score(worker) == 1000
+        and oom_score(node.process.pid) == oom_score("self") < 1000
+    )
     with open(f"/proc/{worker}/environ") as file:
         assert "OPENBLAS_NUM_THREADS=1" in file.read().split("\0")
 

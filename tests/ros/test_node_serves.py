@@ -33,7 +33,8 @@ def model(paper_file):
 
 def best(model, point=GOOD, **options):
     return model.optimal_displacement_ratio(
-        point.engine_speed, point.load_torque, **options).displacement_ratio
+        point.engine_speed, point.load_torque, **options
+    ).displacement_ratio
 
 
 def test_every_bench_test_gets_exactly_the_answer_of_the_model(node, model, table2):
@@ -42,7 +43,9 @@ def test_every_bench_test_gets_exactly_the_answer_of_the_model(node, model, tabl
 
 
 def test_diagnostics_are_good_while_inputs_flow(node, model):
-    assert node.reports(DiagnosticStatus.OK, "three fresh inputs", part="inputs", send=GOOD)
+    assert node.reports(
+        DiagnosticStatus.OK, "three fresh inputs", part="inputs", send=GOOD
+    )
     assert float(node.value("engine_speed age [s]", "inputs")) < 0.5
     assert node.value("fingerprint") == model.fingerprint
     assert node.says("serving ") and "comes with hmcvt" not in node.log  # it was named
@@ -50,7 +53,9 @@ def test_diagnostics_are_good_while_inputs_flow(node, model):
 
 def test_late_joiner_gets_model_and_map(node, model, tmp_path):
     late = node.connect(node.namespace)
-    assert late.wait_until(lambda: late.model_text is not None and late.map is not None, 10.0)
+    assert late.wait_until(
+        lambda: late.model_text is not None and late.map is not None, 10.0
+    )
     copy = tmp_path / "copy.yaml"
     copy.write_text(late.model_text)
     assert hmcvt.load_model(copy).fingerprint == model.fingerprint
@@ -58,18 +63,25 @@ def test_late_joiner_gets_model_and_map(node, model, tmp_path):
     assert served["fingerprint"] == model.fingerprint
     assert served["since"].endswith("Z")
 
-    expected = messages.map_to_message(model.efficiency_map(
-        np.linspace(-1.0, 1.0, 41), np.linspace(78.54, 230.38, 17), np.linspace(50.0, 400.0, 15)))
+    expected = messages.map_to_message(
+        model.efficiency_map(
+            np.linspace(-1.0, 1.0, 41),
+            np.linspace(78.54, 230.38, 17),
+            np.linspace(50.0, 400.0, 15),
+        )
+    )
     assert late.map.layout == expected.layout
     np.testing.assert_allclose(late.map.data, expected.data, rtol=1e-12)
-    assert np.isfinite(late.map.data[late.map.layout.data_offset:]).any()
+    assert np.isfinite(late.map.data[late.map.layout.data_offset :]).any()
 
 
 def test_point_without_an_answer_is_silence_and_a_warning(node, model):
     assert np.isnan(model.efficiency(*STALLED))
     node.player.hold(GOOD)
     assert node.player.hold(STALLED, patience=0.0).efficiency is None
-    assert node.reports(DiagnosticStatus.WARN, "the load cannot be carried", send=STALLED)
+    assert node.reports(
+        DiagnosticStatus.WARN, "the load cannot be carried", send=STALLED
+    )
 
 
 def test_rate_limit_answers_the_last_of_a_burst(node, model):
@@ -91,7 +103,10 @@ def test_rate_limit_answers_the_last_of_a_burst(node, model):
 
 @pytest.fixture
 def nan_node(node):
-    assert all(result.successful for result in node.set(invalid_output="nan", input_timeout=0.3))
+    assert all(
+        result.successful
+        for result in node.set(invalid_output="nan", input_timeout=0.3)
+    )
     return node
 
 
@@ -154,19 +169,30 @@ def test_optimum_is_that_of_the_settings_and_the_model_now(node, table2, model):
     player = node.player
     node.set(input_timeout=10.0)
     assert player.hold(GOOD).optimal_displacement_ratio == best(model)
-    for hold, limits in (("output_speed", [78.54, 230.38]), ("output_speed", [90.0, 120.0]),
-                         ("engine_speed", [90.0, 120.0])):
+    for hold, limits in (
+        ("output_speed", [78.54, 230.38]),
+        ("output_speed", [90.0, 120.0]),
+        ("engine_speed", [90.0, 120.0]),
+    ):
         node.set(optimum_hold=hold, engine_speed_limits=limits)
         ratio = GOOD.displacement_ratio if hold == "output_speed" else None
         assert player.hold(GOOD).optimal_displacement_ratio == best(
-            model, hold=hold, displacement_ratio=ratio, engine_speed_limits=tuple(limits))
+            model,
+            hold=hold,
+            displacement_ratio=ratio,
+            engine_speed_limits=tuple(limits),
+        )
 
     # With the output speed held, another displacement ratio is another question.
     node.set(optimum_hold="output_speed")
     player.hold(GOOD)
     other = GOOD._replace(displacement_ratio=0.3)
     assert player.hold(other).optimal_displacement_ratio == best(
-        model, hold="output_speed", displacement_ratio=0.3, engine_speed_limits=(90.0, 120.0))
+        model,
+        hold="output_speed",
+        displacement_ratio=0.3,
+        engine_speed_limits=(90.0, 120.0),
+    )
 
     # Another model is, too, although the inputs stay.
     node.set(optimum_hold="engine_speed")
@@ -186,7 +212,7 @@ def test_parameter_changes_are_checked(node):
         ("engine_speed_limits", [230.0, 80.0], "rising"),
         ("model_file", "/etc/passwd", "read-only"),
     ]:
-        result, = node.set(**{name: value})
+        (result,) = node.set(**{name: value})
         assert not result.successful, (name, value)
         assert word in result.reason
     assert node.set(engine_speed_limits=[80.0, 200.0])[0].successful
@@ -208,7 +234,9 @@ BAD = [
 def test_before_all_three_are_there_and_when_they_are_wrong(start_node, paper_file):
     """A node of its own: its first messages, and the warnings in its log."""
     node = start_node(paper_file)
-    assert node.reports(DiagnosticStatus.WARN, "engine_speed: nothing received", part="inputs")
+    assert node.reports(
+        DiagnosticStatus.WARN, "engine_speed: nothing received", part="inputs"
+    )
     for publisher, value in zip(node.player._inputs[:2], GOOD, strict=False):
         for _ in range(5):
             publisher.publish(publisher.msg_type(data=value))
@@ -244,7 +272,9 @@ def test_stale_input_silences_the_node(node):
             publisher.publish(publisher.msg_type(data=value))
         node.player.spin_for(0.05)
     assert node.player.efficiencies == []
-    assert node.reports(DiagnosticStatus.STALE, "load_torque: nothing received for", part="inputs")
+    assert node.reports(
+        DiagnosticStatus.STALE, "load_torque: nothing received for", part="inputs"
+    )
     assert node.player.hold(GOOD).efficiency is not None
 
 
@@ -264,9 +294,11 @@ def stranger(environment):
 
 def test_stranger_on_the_domain_does_no_harm(node, paper_file, stranger: Node):
     def counts():
-        return [node.value(f"{name} refused, {reason}", "inputs") for name in GOOD._fields
-                for reason in ("not finite", "out of range")] + [
-                node.value("bench samples received")]
+        return [
+            node.value(f"{name} refused, {reason}", "inputs")
+            for name in GOOD._fields
+            for reason in ("not finite", "out of range")
+        ] + [node.value("bench samples received")]
 
     node.forget_status()
     assert node.comes(lambda: all(counts()))
@@ -274,11 +306,17 @@ def test_stranger_on_the_domain_does_no_harm(node, paper_file, stranger: Node):
     space = node.namespace
     model = hmcvt.load_model(paper_file)
     # Other types on the topics of the node, its own outputs among them.
-    wrong = [(stranger.create_publisher(kind, f"{space}/{topic}", profile), kind())
-             for kind, topic, profile in [
-                 (String, "engine_speed", qos.INPUT), (Float64MultiArray, "load_torque", 10),
-                 (String, "bench_sample", qos.BENCH_SAMPLE), (String, "efficiency", qos.OUTPUT),
-                 (Float64, "hmcvt/model", qos.LATCHED), (Float64, "hmcvt/efficiency_map", 10)]]
+    wrong = [
+        (stranger.create_publisher(kind, f"{space}/{topic}", profile), kind())
+        for kind, topic, profile in [
+            (String, "engine_speed", qos.INPUT),
+            (Float64MultiArray, "load_torque", 10),
+            (String, "bench_sample", qos.BENCH_SAMPLE),
+            (String, "efficiency", qos.OUTPUT),
+            (Float64, "hmcvt/model", qos.LATCHED),
+            (Float64, "hmcvt/efficiency_map", 10),
+        ]
+    ]
     # The diagnostics of someone else, in good shape and in bad.
     other = stranger.create_publisher(DiagnosticArray, "/diagnostics", 10)
     status = DiagnosticStatus(name="camera: frames", level=DiagnosticStatus.ERROR)
@@ -300,7 +338,9 @@ def test_stranger_on_the_domain_does_no_harm(node, paper_file, stranger: Node):
     assert node.comes(lambda: all(counts()))
     assert counts() == before
     late = node.connect(space)
-    assert late.wait_until(lambda: late.model_text is not None and late.map is not None, 10.0)
+    assert late.wait_until(
+        lambda: late.model_text is not None and late.map is not None, 10.0
+    )
     assert node.process.poll() is None and "Traceback" not in node.log
 
 
@@ -312,14 +352,22 @@ def memory(node):
 
 def flood(node, table2, rounds):
     """Send inputs, good and bad, and bench samples that are refused, as fast as it goes."""
-    everything = [*points(table2), GOOD._replace(engine_speed=math.nan),
-                  GOOD._replace(load_torque=-1.0), STALLED]
+    everything = [
+        *points(table2),
+        GOOD._replace(engine_speed=math.nan),
+        GOOD._replace(load_torque=-1.0),
+        STALLED,
+    ]
     for i in range(rounds):
         point = everything[i % len(everything)]
         # Every round another value, so that nothing can be remembered by it.
-        node.player.send_inputs(point._replace(load_torque=point.load_torque + i * 1e-6))
+        node.player.send_inputs(
+            point._replace(load_torque=point.load_torque + i * 1e-6)
+        )
         if i % 10 == 0:
-            node.player.send_sample(bench_sample_to_message(2.0 + i, 100.0, 1.0, 80.0, 1.0))
+            node.player.send_sample(
+                bench_sample_to_message(2.0 + i, 100.0, 1.0, 80.0, 1.0)
+            )
         node.player.spin_for(0.001)
 
 
@@ -343,19 +391,45 @@ OPEN = GOOD._replace(load_torque=390.0)  # where its valve is open
 def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, table2):
     path = tmp_path / "valve.yaml"
     data = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).to_mapping()
-    data["effects"] = [{"effect": "relief_valve", "parameters": {
-        "leak": {"value": 6e-11, "unit": "m3/(s Pa)"},
-        "cracking": {"value": 6.0, "unit": "MPa"}}}]
+    data["effects"] = [
+        {
+            "effect": "relief_valve",
+            "parameters": {
+                "leak": {"value": 6e-11, "unit": "m3/(s Pa)"},
+                "cracking": {"value": 6.0, "unit": "MPa"},
+            },
+        }
+    ]
     path.write_text(yaml.safe_dump(data))
     node = start_node(path, effects_file=EXAMPLE)
     answer = node.player.hold(OPEN).efficiency
     told = subprocess.run(  # in a process of its own: a class stays in the library for good
-        [sys.executable, "-m", "hmcvt_core.cli", "predict", "--params", path, "--effects", EXAMPLE,
-         "--json", *(word for name, value in OPEN._asdict().items()
-                     for word in (f"--{name.replace('_', '-')}", str(value)))],
-        capture_output=True, text=True, check=True, cwd=EXAMPLE.parents[1])
+        [
+            sys.executable,
+            "-m",
+            "hmcvt_core.cli",
+            "predict",
+            "--params",
+            path,
+            "--effects",
+            EXAMPLE,
+            "--json",
+            *(
+                word
+                for name, value in OPEN._asdict().items()
+                for word in (f"--{name.replace('_', '-')}", str(value))
+            ),
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=EXAMPLE.parents[1],
+    )
     assert answer == pytest.approx(json.loads(told.stdout)["efficiency"], rel=1e-9)
-    assert answer < hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).efficiency(*OPEN) - 0.001
+    assert (
+        answer
+        < hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).efficiency(*OPEN) - 0.001
+    )
 
     send_table(node, table2)
     _, found = node.player.call("reidentify")  # in the worker, which has to know it too

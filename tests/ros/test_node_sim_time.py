@@ -16,7 +16,9 @@ class Simulation:
     def __init__(self, node):
         self.node, self.player = node, node.player
         self.clock = self.player.create_publisher(Clock, "/clock", 1)
-        assert self.player.wait_until(lambda: self.clock.get_subscription_count() > 0, 10.0)
+        assert self.player.wait_until(
+            lambda: self.clock.get_subscription_count() > 0, 10.0
+        )
 
     def tick(self, time):
         """Publish a time once."""
@@ -44,8 +46,15 @@ class Simulation:
     def tells(self, level, age):
         """Whether diagnostics that come from now on say so of all inputs."""
         self.node.forget_status()
-        return self.node.comes(lambda: self.node.status("inputs")["level"] == level and all(
-            self.node.value(f"{name} age [s]", "inputs") == age for name in INPUTS))
+        return self.node.comes(
+            lambda: (
+                self.node.status("inputs")["level"] == level
+                and all(
+                    self.node.value(f"{name} age [s]", "inputs") == age
+                    for name in INPUTS
+                )
+            )
+        )
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +72,9 @@ def test_ages_follow_the_clock_also_when_it_stands_still(simulation):
 
     assert simulation.answers()
     simulation.player.spin_for(1.2)  # paused: beyond the age limit by the wall clock
-    assert simulation.tells(DiagnosticStatus.OK, "0.000"), "diagnostics stop with the clock"
+    assert simulation.tells(DiagnosticStatus.OK, "0.000"), (
+        "diagnostics stop with the clock"
+    )
     simulation.set(100.4)
     assert simulation.tells(DiagnosticStatus.OK, "0.400")
 
@@ -81,7 +92,9 @@ def test_clock_that_goes_back_makes_old_inputs_missing(simulation):
     simulation.set(10.0)
     assert simulation.tells(DiagnosticStatus.WARN, "-")
     assert simulation.node.value("clock jumps", "inputs") == str(jumps + 1)
-    assert {simulation.node.value(f"{name} state", "inputs") for name in INPUTS} == {"missing"}
+    assert {simulation.node.value(f"{name} state", "inputs") for name in INPUTS} == {
+        "missing"
+    }
     # One input of the new time and two of the old are no operating point.
     assert one_input_alone_is_not_answered(simulation)
     assert simulation.answers() and simulation.answers()

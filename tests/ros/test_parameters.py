@@ -34,7 +34,9 @@ def test_yaml_holds_every_parameter_with_its_default():
     assert all(type(given[name]) is type(value) for name, value in DEFAULTS.items())
 
 
-@pytest.mark.parametrize("declaration", PARAMETERS, ids=lambda declaration: declaration.name)
+@pytest.mark.parametrize(
+    "declaration", PARAMETERS, ids=lambda declaration: declaration.name
+)
 def test_every_number_has_limits_and_every_descriptor_tells_all(declaration):
     descriptor = declaration.descriptor()
     assert len(declaration.description) > 20
@@ -48,25 +50,30 @@ def test_every_number_has_limits_and_every_descriptor_tells_all(declaration):
     assert descriptor.additional_constraints == declaration.allowed
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     assert [(item.from_value, item.to_value) for item in ranges] == (
-        [declaration.limits] if declaration.limits and not isinstance(declaration.default, list)
-        else [])
+        [declaration.limits]
+        if declaration.limits and not isinstance(declaration.default, list)
+        else []
+    )
 
 
-@pytest.mark.parametrize(("name", "value", "word"), [
-    ("input_timeout", float("nan"), "0.01 to 60 s"),
-    ("input_timeouts.engine_speed", -1.0, "0 to 60 s"),
-    ("input_timeouts.engine_speed", 0.005, "at least 0.01 s"),
-    ("invalid_output", "zero", "silence, nan"),
-    ("optimum_hold", "ground", "engine_speed, output_speed"),
-    ("max_output_rate", -1.0, "0 to 1000 Hz"),
-    ("engine_speed_limits", (100.0,), "two rising numbers"),
-    ("engine_speed_limits", (100.0, 100.0), "two rising numbers"),
-    ("map_load_torque_limits", (0.0, 100.0), "1 to 5000 N m"),
-    ("map_points", (10, 10), "three counts"),
-    ("map_points", (100, 100, 100), "100000"),
-    ("map_points", (1, 10, 10), "2 to 500"),
-    ("reidentify_min_samples", 0, "1 to 100000"),
-])
+@pytest.mark.parametrize(
+    ("name", "value", "word"),
+    [
+        ("input_timeout", float("nan"), "0.01 to 60 s"),
+        ("input_timeouts.engine_speed", -1.0, "0 to 60 s"),
+        ("input_timeouts.engine_speed", 0.005, "at least 0.01 s"),
+        ("invalid_output", "zero", "silence, nan"),
+        ("optimum_hold", "ground", "engine_speed, output_speed"),
+        ("max_output_rate", -1.0, "0 to 1000 Hz"),
+        ("engine_speed_limits", (100.0,), "two rising numbers"),
+        ("engine_speed_limits", (100.0, 100.0), "two rising numbers"),
+        ("map_load_torque_limits", (0.0, 100.0), "1 to 5000 N m"),
+        ("map_points", (10, 10), "three counts"),
+        ("map_points", (100, 100, 100), "100000"),
+        ("map_points", (1, 10, 10), "2 to 500"),
+        ("reidentify_min_samples", 0, "1 to 100000"),
+    ],
+)
 def test_bad_value_names_parameter_and_range(name, value, word):
     with pytest.raises(hmcvt.InputError, match=name) as caught:
         settings(**{name: value})
@@ -74,6 +81,9 @@ def test_bad_value_names_parameter_and_range(name, value, word):
 
 
 def test_every_command_can_be_loaded():
-    names = {entry.name for entry in entry_points(group="console_scripts")
-             if entry.value.startswith("hmcvt_") and callable(entry.load())}
+    names = {
+        entry.name
+        for entry in entry_points(group="console_scripts")
+        if entry.value.startswith("hmcvt_") and callable(entry.load())
+    }
     assert names == {"hmcvt", "hmcvt-node", "efficiency_node"}

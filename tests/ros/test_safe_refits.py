@@ -18,8 +18,9 @@ from studies.soak.kill_node import alive
 
 pytestmark = pytest.mark.slow
 
-POINTS = np.meshgrid(np.linspace(-1.0, 1.0, 9), np.linspace(90.0, 220.0, 5),
-                     np.linspace(100.0, 300.0, 5))
+POINTS = np.meshgrid(
+    np.linspace(-1.0, 1.0, 9), np.linspace(90.0, 220.0, 5), np.linspace(100.0, 300.0, 5)
+)
 MANY = 60_000
 
 
@@ -65,11 +66,20 @@ def told(node, *words):
 def test_extrapolation_names_the_input_and_its_range(node):
     # The shipped model knows the data that it was identified from.
     for changes, level, *words in (
-            ({}, DiagnosticStatus.OK),
-            ({"engine_speed": 200.0}, DiagnosticStatus.WARN, "extrapolation",
-             "engine_speed 200 rad/s is not in 78.54 to 146.6 rad/s (750 to 1400 r/min)"),
-            ({"engine_speed": 160.0, "load_torque": 350.0}, DiagnosticStatus.WARN,
-             "engine_speed 160", "load_torque 350 N m is not in 101.9 to 292.9 N m")):
+        ({}, DiagnosticStatus.OK),
+        (
+            {"engine_speed": 200.0},
+            DiagnosticStatus.WARN,
+            "extrapolation",
+            "engine_speed 200 rad/s is not in 78.54 to 146.6 rad/s (750 to 1400 r/min)",
+        ),
+        (
+            {"engine_speed": 160.0, "load_torque": 350.0},
+            DiagnosticStatus.WARN,
+            "engine_speed 160",
+            "load_torque 350 N m is not in 101.9 to 292.9 N m",
+        ),
+    ):
         assert node.reports(level, *words, send=GOOD._replace(**changes)), node.status()
         assert (node.value("extrapolation") == "no") == (level == DiagnosticStatus.OK)
 
@@ -88,7 +98,9 @@ def test_one_bad_sample_of_twenty_is_named_and_decides_nothing(node, base):
     # As long as the model serves, and no longer.
     assert told(node, sentence)
     assert sentence in node.value("refit warnings")
-    assert float(node.value("drift [-]")) == pytest.approx(reply.data["drift"], rel=1e-5)
+    assert float(node.value("drift [-]")) == pytest.approx(
+        reply.data["drift"], rel=1e-5
+    )
     assert node.player.call("revert").success
     assert node.comes(lambda: node.value("refit warnings") == "none")
     assert node.comes(lambda: node.status()["level"] == DiagnosticStatus.OK)
@@ -121,12 +133,17 @@ def test_samples_that_vanish_from_the_log_are_told(node, base):
 def test_drift_over_refits_is_told_and_bounded(node, base):
     node.set(reidentify_max_drift=0.04)
     samples = campaign(base, 40, 0)
-    low, lower = (replace(samples, efficiency=samples.efficiency - by) for by in (0.03, 0.06))
+    low, lower = (
+        replace(samples, efficiency=samples.efficiency - by) for by in (0.03, 0.06)
+    )
     send_table(node, low)
     model = served(node, node.player.call("reidentify"))
     assert node.player.call("clear_samples").success
     send_table(node, lower)  # 3 points from the model in service, 6 from the base
-    assert "would differ from the base model" in node.player.call("reidentify").data["error"]
+    assert (
+        "would differ from the base model"
+        in node.player.call("reidentify").data["error"]
+    )
     assert model.fingerprint in node.player.model_text
 
 
@@ -144,11 +161,18 @@ def test_staged_refit_waits_for_adopt(node, base):
     path = node.state / staged["file"]
     text = path.read_bytes()
     path.write_bytes(hmcvt.data_path("params/hm4.yaml").read_bytes())
-    assert "is not what was written: fingerprint" in node.player.call("adopt").data["error"]
+    assert (
+        "is not what was written: fingerprint"
+        in node.player.call("adopt").data["error"]
+    )
     path.write_bytes(text)
     reply = node.player.call("adopt")
     assert reply.data == {"model": staged["model"], "file": staged["file"]}
-    assert node.player.hold(GOOD).efficiency == served(node, reply).efficiency(*GOOD) != before
+    assert (
+        node.player.hold(GOOD).efficiency
+        == served(node, reply).efficiency(*GOOD)
+        != before
+    )
     assert node.comes(lambda: node.value("staged refit") == "-")
     assert not node.player.call("adopt").success
 
@@ -164,7 +188,8 @@ def test_replies_name_no_folder(node, base):
         node.set(samples_file=name)
         reply = node.player.call("reidentify")
         assert not reply.success and not set(node.state.parts[1:-1]) & set(
-            reply.data["error"].split("/")), reply.data
+            reply.data["error"].split("/")
+        ), reply.data
 
 
 # --- limits of jobs -------------------------------------------------------------------------------

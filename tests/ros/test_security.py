@@ -27,10 +27,10 @@ QUERIES = {
 
 def allowed(node, namespace):
     """What the policy allows a node, by the kinds of `QUERIES`; names stand once."""
-    profile, = POLICY.iterfind(f"enclaves/enclave/profiles/profile[@node='{node}']")
+    (profile,) = POLICY.iterfind(f"enclaves/enclave/profiles/profile[@node='{node}']")
     found = {kind: [] for kind in QUERIES}
     for group in profile:
-        (verb, rule), = group.attrib.items()
+        ((verb, rule),) = group.attrib.items()
         assert rule == "ALLOW"
         found[group.tag, verb] += [full(item.text, node, namespace) for item in group]
     return {kind: sorted(names) for kind, names in found.items()}
@@ -39,8 +39,10 @@ def allowed(node, namespace):
 def used(observer, node, namespace):
     """What a running node uses, as another node sees it; nothing before it is discovered."""
     try:
-        return {kind: sorted(name for name, _ in getattr(observer, query)(node, namespace))
-                for kind, query in QUERIES.items()}
+        return {
+            kind: sorted(name for name, _ in getattr(observer, query)(node, namespace))
+            for kind, query in QUERIES.items()
+        }
     except NodeNameNonExistentError:
         return {}
 
@@ -57,9 +59,11 @@ def test_policy_allows_what_the_node_uses_and_nothing_else(sim_node, connect):
 def control_stack(sim_node, environment):
     """The example of a controller, which pretends to be the tractor too."""
     with subprocess.Popen(
-            [sys.executable, str(EXAMPLE), "--pretend", "--namespace", sim_node.namespace],
-            env={**environment, "PYTHONPATH": str(PLACE.parent)},
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        [sys.executable, str(EXAMPLE), "--pretend", "--namespace", sim_node.namespace],
+        env={**environment, "PYTHONPATH": str(PLACE.parent)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as process:
         yield
         process.kill()
 
@@ -70,28 +74,51 @@ def test_policy_allows_a_client_what_it_uses(sim_node, connect, control_stack, n
 
     def permitted():
         found = used(observer, name, sim_node.namespace)
-        return found and all(set(found[kind]) <= set(rules[kind]) for kind in QUERIES) and all(
-            found[kind] for kind in QUERIES if rules[kind])
+        return (
+            found
+            and all(set(found[kind]) <= set(rules[kind]) for kind in QUERIES)
+            and all(found[kind] for kind in QUERIES if rules[kind])
+        )
 
-    assert observer.wait_until(permitted, 15.0), (used(observer, name, sim_node.namespace), rules)
+    assert observer.wait_until(permitted, 15.0), (
+        used(observer, name, sim_node.namespace),
+        rules,
+    )
 
 
 def test_policy_has_the_form_that_sros2_reads():
     root = POLICY.getroot()
     assert (root.tag, root.attrib) == ("policy", {"version": "0.2.0"})
     assert [enclave.get("path") for enclave in root.iterfind("enclaves/enclave")] == [
-        "/hmcvt", "/bench_player", "/control_stack", "/listener"]
+        "/hmcvt",
+        "/bench_player",
+        "/control_stack",
+        "/listener",
+    ]
     for profile in root.iter("profile"):
         assert profile.attrib == {"ns": "/", "node": profile.get("node")}
-        assert {child.tag for group in profile for child in group} == {"topic", "service"}
+        assert {child.tag for group in profile for child in group} == {
+            "topic",
+            "service",
+        }
 
 
-def test_node_does_not_run_unprotected_where_protection_is_asked_for(environment, tmp_path):
+def test_node_does_not_run_unprotected_where_protection_is_asked_for(
+    environment, tmp_path
+):
     # The DDS of the wheels has no security; where it has, the keystore is empty.
     (tmp_path / "enclaves").mkdir()
-    asked = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce",
-             "ROS_SECURITY_KEYSTORE": str(tmp_path)}
-    result = subprocess.run(command(f"state_folder:={tmp_path}"), env={**environment, **asked},
-                            capture_output=True, text=True, timeout=20)
+    asked = {
+        "ROS_SECURITY_ENABLE": "true",
+        "ROS_SECURITY_STRATEGY": "Enforce",
+        "ROS_SECURITY_KEYSTORE": str(tmp_path),
+    }
+    result = subprocess.run(
+        command(f"state_folder:={tmp_path}"),
+        env={**environment, **asked},
+        capture_output=True,
+        text=True,
+        timeout=20,
+    )
     assert result.returncode == 2
     assert "hmcvt: error: " in result.stderr and "serving" not in result.stderr

@@ -20,7 +20,9 @@ import hmcvt_ros
 
 PLUGINS = sorted(glob.glob("/usr/lib/*/libddsc0debian"))
 POLICY = Path(hmcvt_ros.__file__).parent / "security" / "hmcvt.policy.xml"
-PROFILES = {item.get("node"): item for item in ElementTree.parse(POLICY).iter("profile")}
+PROFILES = {
+    item.get("node"): item for item in ElementTree.parse(POLICY).iter("profile")
+}
 CLIENTS = ["bench_player", "control_stack", "listener"]
 # `stranger` has an identity of this keystore and no permission here; `anybody` has none.
 ROLES = ["hmcvt", *CLIENTS, "stranger", "anybody"]
@@ -36,18 +38,38 @@ MAY_WRITE = {
     "bench_sample": {"bench_player"},
     "clock": set(),
 }
-ANSWERS = {"efficiency", "optimal_displacement_ratio", "optimal_engine_speed",
-           "optimal_stage", "advice", "hmcvt/model", "hmcvt/efficiency_map", "diagnostics"}
+ANSWERS = {
+    "efficiency",
+    "optimal_displacement_ratio",
+    "optimal_engine_speed",
+    "optimal_stage",
+    "advice",
+    "hmcvt/model",
+    "hmcvt/efficiency_map",
+    "diagnostics",
+}
 LOGS = {"rosout", "parameter_events"}
-MAY_CALL = {f"hmcvt/{name}": {"bench_player"} for name in (
-    "reidentify", "adopt", "diagnose", "revert", "clear_samples", "cancel")}
-OF_EVERY_NODE = {f"hmcvt/{name}" for name in (
-    "describe_parameters", "get_parameter_types", "get_parameters", "list_parameters",
-    "set_parameters", "set_parameters_atomically", "get_type_description")}
+MAY_CALL = {
+    f"hmcvt/{name}": {"bench_player"}
+    for name in ("reidentify", "adopt", "diagnose", "revert", "clear_samples", "cancel")
+}
+OF_EVERY_NODE = {
+    f"hmcvt/{name}"
+    for name in (
+        "describe_parameters",
+        "get_parameter_types",
+        "get_parameters",
+        "list_parameters",
+        "set_parameters",
+        "set_parameters_atomically",
+        "get_type_description",
+    )
+}
 
 pytestmark = pytest.mark.skipif(
     not (PLUGINS and all(map(shutil.which, ("idlc", "cc", "openssl")))),
-    reason="needs Cyclone DDS with security: apt-get install cyclonedds-dev cyclonedds-tools gcc")
+    reason="needs Cyclone DDS with security: apt-get install cyclonedds-dev cyclonedds-tools gcc",
+)
 
 
 def names(tag):
@@ -62,18 +84,33 @@ def found(tmp_path_factory):
     domain = 1 + (int(os.environ["ROS_DOMAIN_ID"]) + 50) % 101
     folder = tmp_path_factory.mktemp("keystore")
     keystore, program = Keystore(folder, domain), build(folder)
-    ends = [f"{end}{name}" for tag in ("topic", "service") for ros_name in names(tag)
-            for name in wire_names(tag, f"/{ros_name}") for end in "wr"]
+    ends = [
+        f"{end}{name}"
+        for tag in ("topic", "service")
+        for ros_name in names(tag)
+        for name in wire_names(tag, f"/{ros_name}")
+        for end in "wr"
+    ]
 
     def start(number, role):
         if role == "anybody":
             configuration = settings()
         else:
-            permitted = rules(PROFILES[role]) if role in PROFILES else ({"rt/chatter"},) * 2
+            permitted = (
+                rules(PROFILES[role]) if role in PROFILES else ({"rt/chatter"},) * 2
+            )
             configuration = keystore.enclave(f"/{role}", *permitted)
-        environment = {**os.environ, "CYCLONEDDS_URI": configuration, "LD_LIBRARY_PATH": PLUGINS[0]}
-        return subprocess.Popen([program, str(domain), str(SECONDS), str(number), *ends],
-                                env=environment, stdout=subprocess.PIPE, text=True)
+        environment = {
+            **os.environ,
+            "CYCLONEDDS_URI": configuration,
+            "LD_LIBRARY_PATH": PLUGINS[0],
+        }
+        return subprocess.Popen(
+            [program, str(domain), str(SECONDS), str(number), *ends],
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
 
     running = {role: start(number, role) for number, role in enumerate(ROLES)}
     table = {}
@@ -99,16 +136,20 @@ def check_heard(found, name):
 
 @pytest.mark.parametrize("name", names("topic"))
 def test_topic(found, name):
-    topic, = wire_names("topic", f"/{name}")
+    (topic,) = wire_names("topic", f"/{name}")
     if name in LOGS:
         # Every node writes it; the policy lets nobody read it here.
-        assert able(found, f"w{topic}") == {"hmcvt", *CLIENTS} and not able(found, f"r{topic}")
+        assert able(found, f"w{topic}") == {"hmcvt", *CLIENTS} and not able(
+            found, f"r{topic}"
+        )
     elif name in ANSWERS:
         assert able(found, f"w{topic}") == {"hmcvt"}
         assert able(found, f"r{topic}") == set(CLIENTS)
     else:
         assert able(found, f"w{topic}") == MAY_WRITE[name]
-        assert "hmcvt" in able(found, f"r{topic}") and "stranger" not in able(found, f"r{topic}")
+        assert "hmcvt" in able(found, f"r{topic}") and "stranger" not in able(
+            found, f"r{topic}"
+        )
     check_heard(found, topic)
 
 
@@ -116,7 +157,9 @@ def test_topic(found, name):
 def test_service(found, name):
     request, reply = wire_names("service", f"/{name}")
     callers = set() if name in OF_EVERY_NODE else MAY_CALL[name]
-    assert able(found, f"w{request}") == callers and able(found, f"r{request}") == {"hmcvt"}
+    assert able(found, f"w{request}") == callers and able(found, f"r{request}") == {
+        "hmcvt"
+    }
     assert able(found, f"w{reply}") == {"hmcvt"} and able(found, f"r{reply}") == callers
     check_heard(found, request)
     check_heard(found, reply)

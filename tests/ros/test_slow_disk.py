@@ -18,8 +18,10 @@ from std_msgs.msg import Float64
 import hmcvt_core as hmcvt
 from hmcvt_ros.model_store import ModelStore
 
-pytestmark = [pytest.mark.slow,
-              pytest.mark.skipif(shutil.which("cc") is None, reason="needs a compiler: cc")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("cc") is None, reason="needs a compiler: cc"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +43,7 @@ def node(slow):
 def lookups(node, table2, count=300, rate=150.0, every=15):
     """Ask at a rate, and send ten samples a second; the times to the answers [s]."""
     player, times = node.player, []
-    ask, = (item for item in player._inputs if item.topic.endswith("engine_speed"))
+    (ask,) = (item for item in player._inputs if item.topic.endswith("engine_speed"))
     player.hold(GOOD)
     for i in range(count):
         if i % every == 0:
@@ -60,7 +62,9 @@ def lookups(node, table2, count=300, rate=150.0, every=15):
 def test_disk_that_hangs_is_told(node):
     os.mkfifo(node.bench_file)  # to read it waits for a writer
     reply = node.player.request("reidentify")
-    assert node.comes(lambda: "the disk has not answered for" in node.value("state folder"), 10.0)
+    assert node.comes(
+        lambda: "the disk has not answered for" in node.value("state folder"), 10.0
+    )
     assert node.status()["level"] == DiagnosticStatus.WARN
     assert node.player.hold(GOOD).efficiency is not None
     writer = os.open(node.bench_file, os.O_WRONLY)
@@ -91,7 +95,9 @@ def test_slow_disk_holds_up_no_lookup(node, slow, table2):
         times = lookups(node, table2)
         answered = len(before) == len(times) == 300
         sent += 40
-        quick, slowly = (1e3 * float(np.percentile(found, 99)) for found in (before, times))
+        quick, slowly = (
+            1e3 * float(np.percentile(found, 99)) for found in (before, times)
+        )
         print(f"p99 of a lookup: {quick:.2f} ms, with fsync of 100 ms {slowly:.2f} ms")
     assert answered and slowly <= 2.0 * quick
     # Every sample is on disk, and counted only then.
@@ -110,8 +116,10 @@ def test_reply_that_counts_samples_waits_for_all_that_came(node, slow, table2):
 
 
 def counts(node):
-    return {word: int(node.value(f"bench samples {word}") or 0) for word in (
-        "logged", "accepted", "lost", "refused, too many at once")}
+    return {
+        word: int(node.value(f"bench samples {word}") or 0)
+        for word in ("logged", "accepted", "lost", "refused, too many at once")
+    }
 
 
 def test_burst_is_taken_whole(node, table2):
@@ -124,18 +132,24 @@ def test_burst_is_taken_whole(node, table2):
     assert node.comes(lambda: counts(node)["logged"] == 2000, 20.0), counts(node)
     assert counts(node)["accepted"] - before["accepted"] == 2000
     assert counts(node)["lost"] == before["lost"]
-    np.testing.assert_array_equal(hmcvt.read_bench(node.bench_file).stamp, np.arange(1.0, 2001.0))
+    np.testing.assert_array_equal(
+        hmcvt.read_bench(node.bench_file).stamp, np.arange(1.0, 2001.0)
+    )
 
 
 def test_lost_samples_are_counted_and_told(node, table2):
     node.comes(lambda: node.value("bench samples accepted"))
     before, sample = counts(node), message(table2, 0)
-    publisher = node.player.create_publisher(JointState, "bench_sample", QoSProfile(depth=20))
+    publisher = node.player.create_publisher(
+        JointState, "bench_sample", QoSProfile(depth=20)
+    )
     assert node.comes(publisher.get_subscription_count, 10.0)
     publisher.publish(sample)
     assert node.comes(lambda: node.logged() == 1)
     node.process.send_signal(signal.SIGSTOP)
-    for _ in range(1500):  # what the middleware holds in between takes some, but not all
+    for _ in range(
+        1500
+    ):  # what the middleware holds in between takes some, but not all
         publisher.publish(sample)
     node.process.send_signal(signal.SIGCONT)
     # The other publisher goes on: the gap is not one of its.
@@ -168,10 +182,14 @@ def test_logs_set_aside_are_pruned(node, table2):
     reply = node.player.call("clear_samples")
     assert reply.data["kept_as"].endswith("bench_samples.cleared-1001.csv")
     kept = {path.name for path in node.state.glob("bench_samples.cleared-*.csv")}
-    assert kept == {f"bench_samples.cleared-{number}.csv" for number in range(992, 1002)}
+    assert kept == {
+        f"bench_samples.cleared-{number}.csv" for number in range(992, 1002)
+    }
 
 
-def test_damage_while_it_runs_is_found_before_a_job_works_on_it(node, paper_file, table2):
+def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
+    node, paper_file, table2
+):
     send_table(node, table2)
     raw = bytearray(node.bench_file.read_bytes())
     place = raw.index(b",0.", raw.index(b"\n")) + 3
@@ -184,34 +202,49 @@ def test_damage_while_it_runs_is_found_before_a_job_works_on_it(node, paper_file
     assert node.status()["level"] == DiagnosticStatus.WARN
 
 
-def test_files_that_are_not_what_was_adopted_are_not_served(start_node, paper_file, tmp_path):
+def test_files_that_are_not_what_was_adopted_are_not_served(
+    start_node, paper_file, tmp_path
+):
     store = ModelStore(paper_file, tmp_path)
     good = adopted(store, 1e-12)
     first = store.in_service.path
     adopted(store, 2e-12)
     shutil.copy(first, store.in_service.path)  # a valid file, but an older one
     adopted(store, 3e-12)
-    store.in_service.path.write_text("schema: hmcvt-model/1\na: &a [x, x]\nb: [*a, *a]\n")
+    store.in_service.path.write_text(
+        "schema: hmcvt-model/1\na: &a [x, x]\nb: [*a, *a]\n"
+    )
     (tmp_path / "bench_samples.csv").write_text(
         "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,crc\n"
-        "1.0,0.5,100.0,200.0,0.8,100.0,00000000\n")
+        "1.0,0.5,100.0,200.0,0.8,100.0,00000000\n"
+    )
     node = start_node(paper_file, state=tmp_path)
-    assert node.player.hold(GOOD).efficiency == pytest.approx(good.efficiency(*GOOD), rel=1e-12)
+    assert node.player.hold(GOOD).efficiency == pytest.approx(
+        good.efficiency(*GOOD), rel=1e-12
+    )
     assert node.comes(lambda: node.value("file") == str(first))
     assert node.status()["level"] == DiagnosticStatus.WARN
     told = node.value("state folder")
     assert told in node.status()["message"]
-    for words in ("0003.yaml: not YAML of a parameter file at line 2: 'a' is an alias",
-                  "0002.yaml: is not what was written: fingerprint",
-                  f"{first} serves instead", "1 damaged lines taken out"):
+    for words in (
+        "0003.yaml: not YAML of a parameter file at line 2: 'a' is an alias",
+        "0002.yaml: is not what was written: fingerprint",
+        f"{first} serves instead",
+        "1 damaged lines taken out",
+    ):
         assert words in told, told
 
     # And while it runs.
     shutil.copy(paper_file, first)
-    hmcvt.write_bench(tmp_path / "mine.csv", hmcvt.read_bench(hmcvt.data_path("data/table2.csv")))
+    hmcvt.write_bench(
+        tmp_path / "mine.csv", hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
+    )
     node.set(samples_file="mine.csv")
     reply = node.player.call("reidentify")
-    assert not reply.success and "0001.yaml: is not what was written" in reply.data["error"]
+    assert (
+        not reply.success
+        and "0001.yaml: is not what was written" in reply.data["error"]
+    )
     assert node.player.call("revert").data["file"] == paper_file.name
     assert node.player.call("clear_samples").success
     node.forget_status()
@@ -234,7 +267,9 @@ def test_disk_that_hangs_does_not_hold_up_the_end(start_node, paper_file):
     node = start_node(paper_file)
     os.mkfifo(node.bench_file)  # to read it waits for a writer
     node.player.request("reidentify")
-    assert node.comes(lambda: "the disk has not answered for" in node.value("state folder"), 10.0)
+    assert node.comes(
+        lambda: "the disk has not answered for" in node.value("state folder"), 10.0
+    )
     start = time.monotonic()
     assert node.stop() == 1
     assert time.monotonic() - start < 5.0  # 2 s, and what an end takes

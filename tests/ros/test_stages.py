@@ -19,7 +19,9 @@ from hmcvt_ros.outputs import ADVICE
 
 pytestmark = pytest.mark.slow
 
-FILE, ENGINE_FILE = (hmcvt.data_path(f"params/{name}.yaml") for name in ("tractor", "engine"))
+FILE, ENGINE_FILE = (
+    hmcvt.data_path(f"params/{name}.yaml") for name in ("tractor", "engine")
+)
 TRACTOR, ENGINE = hmcvt.load_model(FILE), hmcvt.load_engine(ENGINE_FILE)
 
 
@@ -28,12 +30,17 @@ def tractor(start_node):
     node = start_node(FILE, engine_file=ENGINE_FILE)
     player = node.player
     node.heard = []
-    player.create_subscription(String, "optimal_stage", lambda m: node.heard.append(m.data),
-                               qos.OUTPUT)
-    player.create_subscription(JointState, "advice", lambda m: node.heard.append(m), qos.OUTPUT)
+    player.create_subscription(
+        String, "optimal_stage", lambda m: node.heard.append(m.data), qos.OUTPUT
+    )
+    player.create_subscription(
+        JointState, "advice", lambda m: node.heard.append(m), qos.OUTPUT
+    )
     stage = player.create_publisher(String, "stage", qos.LATCHED)
     points = player.create_publisher(JointState, "operating_point", qos.INPUT)
-    assert node.comes(lambda: stage.get_subscription_count() and points.get_subscription_count())
+    assert node.comes(
+        lambda: stage.get_subscription_count() and points.get_subscription_count()
+    )
     node.engage = lambda name: (stage.publish(String(data=name)), player.spin_for(0.2))
     node.ask = points.publish
     return node
@@ -41,8 +48,12 @@ def tractor(start_node):
 
 def test_silent_before_the_stage_is_known(tractor):
     assert tractor.player.hold(GOOD, patience=0.5) == (None, None)
-    assert tractor.comes(lambda: "nothing received, and the model has several: H0, HM1"
-                         in tractor.status("inputs")["message"])
+    assert tractor.comes(
+        lambda: (
+            "nothing received, and the model has several: H0, HM1"
+            in tractor.status("inputs")["message"]
+        )
+    )
 
 
 def test_every_answer_is_of_the_stage_engaged(tractor):
@@ -52,7 +63,8 @@ def test_every_answer_is_of_the_stage_engaged(tractor):
         for point in (GOOD, OperatingPoint(-0.3, 150.0, 120.0)):
             assert tractor.player.hold(point, rounds=1) == (
                 model.efficiency(*point),
-                model.optimal_displacement_ratio(*point[1:]).displacement_ratio)
+                model.optimal_displacement_ratio(*point[1:]).displacement_ratio,
+            )
         assert tractor.heard[-1] == name
 
 
@@ -70,8 +82,12 @@ def test_a_new_stage_answers_the_inputs_of_now_at_once(tractor):
 def test_an_unknown_stage_silences(tractor):
     tractor.engage("HM9")
     assert tractor.player.hold(GOOD, patience=0.5) == (None, None)
-    assert tractor.comes(lambda: "stage 'HM9' is not known; there is H0"
-                         in tractor.status("inputs")["message"])
+    assert tractor.comes(
+        lambda: (
+            "stage 'HM9' is not known; there is H0"
+            in tractor.status("inputs")["message"]
+        )
+    )
     tractor.engage("HM4")
     assert tractor.player.hold(GOOD)[0] == TRACTOR.stages["HM4"].efficiency(*GOOD)
 
@@ -81,15 +97,22 @@ def test_advice_names_the_stage_and_the_fuel(tractor):
     model, point = TRACTOR.stages["HM3"], (0.4, 150.0, 200.0)
     output = model.output_speed(*point)
     tractor.heard.clear()
-    tractor.ask(bench_sample_to_message(0.4, 150.0, math.nan, output, 200.0 * 150.0 / output))
-    assert tractor.comes(lambda: any(isinstance(item, JointState) for item in tractor.heard))
+    tractor.ask(
+        bench_sample_to_message(0.4, 150.0, math.nan, output, 200.0 * 150.0 / output)
+    )
+    assert tractor.comes(
+        lambda: any(isinstance(item, JointState) for item in tractor.heard)
+    )
     answer = next(item for item in tractor.heard if isinstance(item, JointState))
     assert answer.header.frame_id == f"{TRACTOR.fingerprint}:HM3"
     told = dict(zip(ADVICE, answer.position, strict=True))
     load = 200.0 * 150.0 / output * output / 150.0
-    assert told["efficiency"] == pytest.approx(model.efficiency(0.4, 150.0, load), rel=1e-12)
+    assert told["efficiency"] == pytest.approx(
+        model.efficiency(0.4, 150.0, load), rel=1e-12
+    )
     assert told["fuel_rate"] == pytest.approx(
-        ENGINE.fuel_rate(150.0, load / told["efficiency"]), rel=1e-12)
+        ENGINE.fuel_rate(150.0, load / told["efficiency"]), rel=1e-12
+    )
 
 
 def test_drive_line_at_a_held_output_speed(tractor):
@@ -97,8 +120,12 @@ def test_drive_line_at_a_held_output_speed(tractor):
     tractor.set(optimum_hold="output_speed")
     point = OperatingPoint(0.3, 190.0, 150.0)
     limits = (78.54, 230.38)
-    best = TRACTOR.optimal_drive(TRACTOR.stages["HM2"].output_speed(*point), 190.0 * 150.0,
-                                 engine=ENGINE, engine_speed_limits=limits)
+    best = TRACTOR.optimal_drive(
+        TRACTOR.stages["HM2"].output_speed(*point),
+        190.0 * 150.0,
+        engine=ENGINE,
+        engine_speed_limits=limits,
+    )
     tractor.heard.clear()
     assert tractor.player.hold(point)[1] == best.displacement_ratio
     assert tractor.heard[-1] == best.stage
@@ -109,17 +136,28 @@ def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
     """Of the stage that the message names, however topics overtake each other, or of `stage`."""
     rng, sent = np.random.default_rng(3), []
     worn = replace(TRACTOR, parameters=replace(TRACTOR.parameters, leakage=4.5e-11))
-    for engaged, named in (("HM2", ""), ("HM4", "base_link"), ("HM4", "HM3"), ("HM9", "")):
+    for engaged, named in (
+        ("HM2", ""),
+        ("HM4", "base_link"),
+        ("HM4", "HM3"),
+        ("HM9", ""),
+    ):
         tractor.engage(engaged)
         name = named if named in TRACTOR.stages else engaged
         for _ in range(8 if name in TRACTOR.stages else 1):
-            stroke, speed, load = (float(rng.uniform(*ends)) for ends in (
-                (-0.9, 0.9), (90.0, 210.0), (80.0, 300.0)))
+            stroke, speed, load = (
+                float(rng.uniform(*ends))
+                for ends in ((-0.9, 0.9), (90.0, 210.0), (80.0, 300.0))
+            )
             model = worn.stages.get(name, worn.stages["HM4"])
             output = model.output_speed(stroke, speed, load)
             sample = bench_sample_to_message(
-                stroke, speed, load / model.efficiency(stroke, speed, load), output,
-                load * speed / output)
+                stroke,
+                speed,
+                load / model.efficiency(stroke, speed, load),
+                output,
+                load * speed / output,
+            )
             sample.header.frame_id = named
             tractor.player.send_sample(sample)
             sent += [name] if name in TRACTOR.stages else []
@@ -130,7 +168,9 @@ def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
     diagnosed = tractor.player.call("diagnose").data
     assert diagnosed["gap"]["samples"] == 24 and diagnosed["gap"]["rmse"] < 1e-3
     refitted = tractor.player.call("reidentify").data
-    assert refitted["parameters"]["leakage"]["value"] == pytest.approx(4.5e-11, rel=0.01)
+    assert refitted["parameters"]["leakage"]["value"] == pytest.approx(
+        4.5e-11, rel=0.01
+    )
     tractor.engage("HM3")
     served = hmcvt.load_model(tractor.state / refitted["file"]).stages["HM3"]
     assert tractor.player.hold(GOOD)[0] == served.efficiency(*GOOD)
@@ -138,9 +178,18 @@ def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
 
 
 def test_a_log_with_stages_and_one_without_are_never_mixed(tmp_path):
-    one, many = ({"displacement_ratio": 0.5, "engine_speed": 150.0, "load_torque": 200.0,
-                  "efficiency": 0.8, "output_speed": 180.0, "stamp": 1.0, "extra": extra}
-                 for extra in ({}, {"stage": ("HM4",)}))
+    one, many = (
+        {
+            "displacement_ratio": 0.5,
+            "engine_speed": 150.0,
+            "load_torque": 200.0,
+            "efficiency": 0.8,
+            "output_speed": 180.0,
+            "stamp": 1.0,
+            "extra": extra,
+        }
+        for extra in ({}, {"stage": ("HM4",)})
+    )
     path = tmp_path / "log.csv"
     BenchLog(path, 9).write(rows_of(hmcvt.BenchSamples(**one)))
     log = BenchLog(path, 9, stages=True)
@@ -148,7 +197,7 @@ def test_a_log_with_stages_and_one_without_are_never_mixed(tmp_path):
     log.write(rows_of(hmcvt.BenchSamples(**many)))
     assert hmcvt.read_bench(path).extra["stage"] == ("HM4",)
     assert len(BenchLog(path, 9, stages=True)) == 1
-    aside, = tmp_path.glob("log.cleared-*")
+    (aside,) = tmp_path.glob("log.cleared-*")
     assert len(hmcvt.read_bench(aside)) == 1
     with pytest.raises(hmcvt.InputError, match="no name for a log"):
         rows_of(hmcvt.BenchSamples(**{**many, "extra": {"stage": ("H,1",)}}))
@@ -156,7 +205,8 @@ def test_a_log_with_stages_and_one_without_are_never_mixed(tmp_path):
 
 def test_one_stage_needs_no_word(node):
     heard = []
-    node.player.create_subscription(String, "optimal_stage", lambda m: heard.append(m.data),
-                                    qos.OUTPUT)
+    node.player.create_subscription(
+        String, "optimal_stage", lambda m: heard.append(m.data), qos.OUTPUT
+    )
     assert node.comes(lambda: (node.player.hold(GOOD, rounds=1), heard)[1])
     assert set(heard) == {"HM4"}

@@ -37,15 +37,26 @@ def test_full_disk_while_logging(start_node, paper_file, table2, tmp_path):
     state, count = tmp_path / "state", 20_000
     column = np.full(count, 0.5)
     state.mkdir()
-    BenchLog(state / "bench_samples.csv", 10 * count).write(rows_of(hmcvt.BenchSamples(
-        displacement_ratio=column, engine_speed=200.0 * column, load_torque=400.0 * column,
-        efficiency=column, output_speed=200.0 * column, stamp=np.arange(float(count)))))
+    BenchLog(state / "bench_samples.csv", 10 * count).write(
+        rows_of(
+            hmcvt.BenchSamples(
+                displacement_ratio=column,
+                engine_speed=200.0 * column,
+                load_torque=400.0 * column,
+                efficiency=column,
+                output_speed=200.0 * column,
+                stamp=np.arange(float(count)),
+            )
+        )
+    )
     node = start_node(paper_file, state=state)
     whole = node.bench_file.read_bytes()
     with file_limit(len(whole) + 10, node.process.pid):
         for i in range(3):
             node.player.send_sample(message(table2, i))
-        assert node.reports(DiagnosticStatus.ERROR, "bench log", "File too large"), node.log
+        assert node.reports(DiagnosticStatus.ERROR, "bench log", "File too large"), (
+            node.log
+        )
         assert serves(node, paper_file)
         assert node.value("bench samples logged") == str(count)
         assert node.value("bench samples refused, not written") == "3"
@@ -66,7 +77,9 @@ def test_full_disk_while_refitting(node, paper_file, table2):
         children = node.children()
     assert set(node.state.glob("models/*")) == before
     for worker in children:  # it may have inherited the limit
-        resource.prlimit(worker, resource.RLIMIT_FSIZE, resource.prlimit(0, resource.RLIMIT_FSIZE))
+        resource.prlimit(
+            worker, resource.RLIMIT_FSIZE, resource.prlimit(0, resource.RLIMIT_FSIZE)
+        )
     assert node.player.call("reidentify").success
 
 
@@ -104,7 +117,9 @@ def test_refit_that_cannot_be_put_into_service(bound, paper_file):
     models.mkdir(exist_ok=True)
     with read_only(bound.state):  # but not the folder of the models
         reply = bound.player.call("reidentify")
-        assert not reply.success and "in_service.json" in reply.data["error"], reply.data
+        assert not reply.success and "in_service.json" in reply.data["error"], (
+            reply.data
+        )
         assert serves(bound, paper_file)
     assert [path.name for path in models.iterdir()] == ["0001.yaml"]
     reply = bound.player.call("reidentify")
@@ -113,16 +128,26 @@ def test_refit_that_cannot_be_put_into_service(bound, paper_file):
 
 def test_second_node_on_one_state_folder_does_not_start(node, environment, paper_file):
     given = command(f"model_file:={paper_file}", f"state_folder:={node.state}")
-    second = subprocess.run(given, env=dict(environment), capture_output=True, text=True,
-                            timeout=30)
+    second = subprocess.run(
+        given, env=dict(environment), capture_output=True, text=True, timeout=30
+    )
     assert second.returncode == 2
-    assert second.stderr.startswith(f"hmcvt: error: state_folder: {node.state} is in use by")
+    assert second.stderr.startswith(
+        f"hmcvt: error: state_folder: {node.state} is in use by"
+    )
     assert second.stderr.count("\n") == 1
 
 
 def test_leftovers_of_killed_writes_are_removed_and_nothing_else(tmp_path, monkeypatch):
-    kept = [".bench.csv.swp", ".notes.tmp", "x.yaml.abcdefgh.tmp", ".x.yaml.ABCDEFGH.tmp",
-            "bench_samples.csv", "models/.hidden", "models/0001.yaml"]
+    kept = [
+        ".bench.csv.swp",
+        ".notes.tmp",
+        "x.yaml.abcdefgh.tmp",
+        ".x.yaml.ABCDEFGH.tmp",
+        "bench_samples.csv",
+        "models/.hidden",
+        "models/0001.yaml",
+    ]
     (tmp_path / "models").mkdir()
     for name in kept:
         (tmp_path / name).write_text("")

@@ -30,9 +30,20 @@ def test_every_mutant_is_one_edit_that_still_parses():
 
 
 def test_what_is_changed_and_what_is_left_alone():
-    texts = {(SOURCE[each.start:each.end].decode(), each.text)
-             for each in mutations("a.py", SOURCE)}
-    assert {("2", "3"), ("0.5", "1.0"), ("x <= 1.0", "(x < 1.0)"), ("x <= 1.0", "(x >= 1.0)"),
-            ("not x <= 1.0", "(x <= 1.0)"), ("x += 2", "x -= 2"), ("max", "min"),
-            ("-x", "(x)")} <= texts
-    assert not any("1 is above" in old or "words" in old or old == "True" for old, _ in texts)
+    texts = {
+        (SOURCE[each.start : each.end].decode(), each.text)
+        for each in mutations("a.py", SOURCE)
+    }
+    assert {
+        ("2", "3"),
+        ("0.5", "1.0"),
+        ("x <= 1.0", "(x < 1.0)"),
+        ("x <= 1.0", "(x >= 1.0)"),
+        ("not x <= 1.0", "(x <= 1.0)"),
+        ("x += 2", "x -= 2"),
+        ("max", "min"),
+        ("-x", "(x)"),
+    } <= texts
+    assert not any(
+        "1 is above" in old or "words" in old or old == "True" for old, _ in texts
+    )

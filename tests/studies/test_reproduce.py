@@ -16,12 +16,17 @@ from studies.reproduce.__main__ import command
 from studies.reproduce.item import VERDICTS
 
 ROOT = Path(__file__).resolve().parents[2]
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # half a minute where nothing else runs
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(300),
+]  # half a minute where nothing else runs
 
 # What does not hang on the number of seeds: verdicts, and numbers of docs/theory.md and README.md.
 EXPECTED: dict[str, str | tuple[str, float]] = {
-    "random, torque [%]": "reproduced", "random, speed [%]": "reproduced",
-    "systematic, torque [%]": "reproduced", "systematic, speed [%]": "reproduced",
+    "random, torque [%]": "reproduced",
+    "random, speed [%]": "reproduced",
+    "systematic, torque [%]": "reproduced",
+    "systematic, speed [%]": "reproduced",
     "total [%]": "reproduced",
     "speed ratio (5) at eps = -1 (tests 1, 5)": "reproduced",
     "e_H (8) at eps = 0.73 (tests 3)": "reproduced",
@@ -76,10 +81,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def items(folder: Path) -> list[dict[str, Any]]:
     """What the command prints as its own process, with warnings as errors."""
     start = [sys.executable, "-W", "error", "-c", START]
-    done = subprocess.run([*start, "--seeds", "1", "--jobs", "1", "--out", str(folder), "--json"],
-                          cwd=ROOT, capture_output=True, text=True, timeout=280)
+    done = subprocess.run(
+        [*start, "--seeds", "1", "--jobs", "1", "--out", str(folder), "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
     assert (done.returncode, done.stderr) == (0, "")
-    found: list[dict[str, Any]] = json.loads(done.stdout, parse_constant=lambda name: 1 / 0)
+    found: list[dict[str, Any]] = json.loads(
+        done.stdout, parse_constant=lambda name: 1 / 0
+    )
     return found
 
 
@@ -96,21 +108,26 @@ def test_json_is_one_record_per_item(items: list[dict[str, Any]]) -> None:
 @pytest.mark.parametrize("name", EXPECTED)
 def test_what_an_item_says(items: list[dict[str, Any]], name: str) -> None:
     found = next(item for item in items if item["item"] == name)
-    verdict, *number = EXPECTED[name] if isinstance(EXPECTED[name], tuple) else (EXPECTED[name],)
+    verdict, *number = (
+        EXPECTED[name] if isinstance(EXPECTED[name], tuple) else (EXPECTED[name],)
+    )
     assert found["verdict"] == verdict, found
     if number:
         assert found["ours"] == pytest.approx(number[0], abs=0.006)
 
 
 def test_reports_hold_every_item_and_load_nothing(
-        items: list[dict[str, Any]], folder: Path) -> None:
+    items: list[dict[str, Any]], folder: Path
+) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     text = (folder / "report.md").read_text(encoding="utf-8")
     for item in items:
         assert f"| {item['item']} |" in text
     shown = re.findall(r'<span class="tag \w+">([^<]*)</span>', page)
     assert shown == [item["verdict"] for item in items]
-    assert not re.search(r"\b(?:nan|None|inf)\b", re.sub(r"<svg.*?</svg>", "", page, flags=re.S))
+    assert not re.search(
+        r"\b(?:nan|None|inf)\b", re.sub(r"<svg.*?</svg>", "", page, flags=re.S)
+    )
     assert not re.findall(r"<(?:script|img|link|iframe|object)\b", page)
     assert not re.findall(r'(?:href|src)="(?!#)', page)
     images = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text)
@@ -120,7 +137,9 @@ def test_reports_hold_every_item_and_load_nothing(
         assert data.startswith(b"\x89PNG")
         width, height = struct.unpack(">II", data[16:24])
         assert width >= 700 and height >= 500
-        assert (folder / name).with_suffix(".svg").read_text(encoding="utf-8").count("<svg") == 1
+        assert (folder / name).with_suffix(".svg").read_text(encoding="utf-8").count(
+            "<svg"
+        ) == 1
 
 
 def test_folder_that_cannot_be_is_told_before_the_work(tmp_path: Path) -> None:

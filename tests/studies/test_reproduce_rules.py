@@ -16,12 +16,20 @@ from studies.reproduce.item import printed
 from studies.workers import recorded
 
 
-@pytest.mark.parametrize(("published", "ours", "form", "verdict"), [
-    (0.88, 0.8847, ".2f", "reproduced"), (0.88, 0.8851, ".2f", "differs"),
-    (0.019, 0.01925, ".3f", "reproduced"), (4.67e-12, 4.674e-12, ".2e", "reproduced"),
-    (4.67e-12, 4.676e-12, ".2e", "differs"), (1.0, math.nan, ".2f", "differs"),
-])
-def test_printed_number_is_compared_in_its_printed_digits(published, ours, form, verdict):
+@pytest.mark.parametrize(
+    ("published", "ours", "form", "verdict"),
+    [
+        (0.88, 0.8847, ".2f", "reproduced"),
+        (0.88, 0.8851, ".2f", "differs"),
+        (0.019, 0.01925, ".3f", "reproduced"),
+        (4.67e-12, 4.674e-12, ".2e", "reproduced"),
+        (4.67e-12, 4.676e-12, ".2e", "differs"),
+        (1.0, math.nan, ".2f", "differs"),
+    ],
+)
+def test_printed_number_is_compared_in_its_printed_digits(
+    published, ours, form, verdict
+):
     found = printed("g", "n", published, ours, form, why="reason", remark="note")
     assert found.verdict == verdict
     assert found.why == ("note" if verdict == "reproduced" else "reason")
@@ -54,8 +62,10 @@ def test_cheap_search_ends_where_identify_does(formulation):
 
 
 def summary(values, evaluations):
-    runs = tuple(Run("x", seed, value, evaluations, 0.1, ((evaluations // 2, value),))
-                 for seed, value in enumerate(values))
+    runs = tuple(
+        Run("x", seed, value, evaluations, 0.1, ((evaluations // 2, value),))
+        for seed, value in enumerate(values)
+    )
     return Summary("x", runs, 0.02)
 
 

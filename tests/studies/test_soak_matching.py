@@ -31,17 +31,20 @@ def cycle():
     return Cycle(values, tuple(after(range(LENGTH))), answer)
 
 
-@pytest.mark.parametrize("order", [
-    range(9),
-    range(100),  # more than a cycle
-    [0, 2, 1, 3, 5, 4, 6],  # two topics change places
-    [1, 2, 0, 3, 4, 5],
-    [0, 1, 2, 5, 3, 4, 6, 7, 8],
-    [0, 1, 2, 4, 5, 6, 7, 8],  # one is lost
-    [0, 1, 2, 3, 10, 11, 12, 13],  # several are lost
-    [0, 1, 2, 51, 54, 55, 56, 58],
-    [*range(5), *range(8, 40)],  # those that follow are not hidden
-])
+@pytest.mark.parametrize(
+    "order",
+    [
+        range(9),
+        range(100),  # more than a cycle
+        [0, 2, 1, 3, 5, 4, 6],  # two topics change places
+        [1, 2, 0, 3, 4, 5],
+        [0, 1, 2, 5, 3, 4, 6, 7, 8],
+        [0, 1, 2, 4, 5, 6, 7, 8],  # one is lost
+        [0, 1, 2, 3, 10, 11, 12, 13],  # several are lost
+        [0, 1, 2, 51, 54, 55, 56, 58],
+        [*range(5), *range(8, 40)],  # those that follow are not hidden
+    ],
+)
 def test_order_in_which_arrivals_were_heard_is_found(cycle, order):
     found = match(cycle, SENT, after(order))
     assert found.pairs == tuple(enumerate(order))

@@ -30,24 +30,35 @@ def drawn(name, seed=5):
     return draw_effect(name, np.random.default_rng(seed))
 
 
-EVERY_EFFECT = [f"{name}:{variant}" if variant else name for name in KNOWN_EFFECTS + UNKNOWN_EFFECTS
-                for variant in drawn(name).variants or ("",)]
-SENSORS = ("displacement_error", "torque_sensor", "oil_temperature")  # these may also gain
+EVERY_EFFECT = [
+    f"{name}:{variant}" if variant else name
+    for name in KNOWN_EFFECTS + UNKNOWN_EFFECTS
+    for variant in drawn(name).variants or ("",)
+]
+SENSORS = (
+    "displacement_error",
+    "torque_sensor",
+    "oil_temperature",
+)  # these may also gain
 
 
 def test_no_effect_equals_the_power_balance():
     points = reference_points(SWING)
     read = Plant(BASE).read(points)
-    model = hmcvt.EfficiencyModel(hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml")),
-                                  hmcvt.HydraulicParameters(*list(vars(BASE).values())[:3]))
+    model = hmcvt.EfficiencyModel(
+        hmcvt.load_stage(hmcvt.data_path("params/transmission.yaml")),
+        hmcvt.HydraulicParameters(*list(vars(BASE).values())[:3]),
+    )
     at = points.displacement_ratio, points.engine_speed, points.load_torque
     watts = model.breakdown(*at).losses
     # Nearer than that to standstill of the motor, or to an idle pump, the twin smooths friction.
     motor = np.sqrt(watts["motor_damping"] / BASE.motor_damping)
     away = (motor > 12.0) & (watts["gear_pair_4"] > 0.24 * points.engine_speed / 0.678)
     assert np.mean(away) > 0.7
-    for found, expected in ((read.efficiency, model.efficiency(*at)),
-                            (read.output_speed, model.output_speed(*at))):
+    for found, expected in (
+        (read.efficiency, model.efficiency(*at)),
+        (read.output_speed, model.output_speed(*at)),
+    ):
         np.testing.assert_allclose(found[away], expected[away], rtol=1e-8)
         np.testing.assert_allclose(found, expected, rtol=2e-3)
 
@@ -59,7 +70,9 @@ def test_energy_is_balanced_and_every_loss_dissipates(name):
     run = read.settled
     assert np.mean(run) > 0.9
     lost = sum(read.losses.values())
-    assert lost[run] == pytest.approx((read.input_power - read.output_power)[run], rel=1e-9)
+    assert lost[run] == pytest.approx(
+        (read.input_power - read.output_power)[run], rel=1e-9
+    )
     for place, power in read.losses.items():
         assert np.min(power[run]) > -1e-6, place
 
@@ -68,13 +81,17 @@ def test_loading_in_real_time_reaches_the_same_stall():
     """Bring the load up in 4 s and hold it 2 s, by a stiff integrator."""
     effects = (replace(drawn("pressure_friction"), size=2.0), drawn("stroke_leakage"))
     plant = Plant(replace(BASE, leakage=4e-11), effects)
-    point = OperatingPoints(*(np.array([value]) for value in (-0.98, 138.0, 560.0, 60.0)))
+    point = OperatingPoints(
+        *(np.array([value]) for value in (-0.98, 138.0, 560.0, 60.0))
+    )
     read = plant.read(point)
     assert not read.settled[0] and np.isnan(read.efficiency[0])
 
     def rates(time, y):
         share = min(1.0, 0.2 + 0.2 * time)
-        return plant.rates(y[:, None], replace(point, load_torque=share * point.load_torque))[:, 0]
+        return plant.rates(
+            y[:, None], replace(point, load_torque=share * point.load_torque)
+        )[:, 0]
 
     start = plant.guess(replace(point, load_torque=0.2 * point.load_torque))[:, 0]
     found = solve_ivp(rates, (0.0, 6.0), start, method="BDF", rtol=1e-6, atol=1e-4)
@@ -82,14 +99,19 @@ def test_loading_in_real_time_reaches_the_same_stall():
 
 
 def shift_by(effect, points):
-    return Plant(BASE, (effect,)).read(points).efficiency - Plant(BASE).read(points).efficiency
+    return (
+        Plant(BASE, (effect,)).read(points).efficiency
+        - Plant(BASE).read(points).efficiency
+    )
 
 
 @pytest.mark.parametrize("name", EVERY_EFFECT)
 def test_shift_reaches_its_target(name):
     swing = SWING if name == "oil_temperature" else 0.0
     target = 0.002 if name.startswith("displacement_error") else 0.01
-    moved = shift_by(size_effect(BASE, drawn(name), target, swing), reference_points(swing))
+    moved = shift_by(
+        size_effect(BASE, drawn(name), target, swing), reference_points(swing)
+    )
     assert mean_shift(moved) == pytest.approx(target, rel=0.006)
     if not name.startswith(SENSORS):
         assert np.nanmean(moved) < 0.0
@@ -126,21 +148,40 @@ def test_the_base_is_off_by_a_smooth_field_as_large_as_asked_for():
 def test_what_is_visible_is_what_a_refit_leaves():
     """Against a nonlinear refit of the plant itself, and a twin of an effect already there."""
     campaign = make_campaign(3, [("output_churning", 0.015)])
-    points = OperatingPoints(*(campaign.samples[name] for name in (
-        "displacement_ratio", "engine_speed", "load_torque")), campaign.truth["oil_temperature"])
+    points = OperatingPoints(
+        *(
+            campaign.samples[name]
+            for name in ("displacement_ratio", "engine_speed", "load_torque")
+        ),
+        campaign.truth["oil_temperature"],
+    )
     base, truth = campaign.bench.base, campaign.truth
 
     def left(factors):
         names = ("leakage", "motor_damping", "pump_damping")
-        read = Plant(replace(base, **{name: factor * getattr(base, name) for name, factor
-                                      in zip(names, factors[:3], strict=True)})).read(points)
-        return np.concatenate([
-            (truth["efficiency"] / (1.0 + 0.0015 * factors[3]) - read.efficiency) / 0.004,
-            (truth["output_speed"] / read.output_speed - 1.0) / 0.001, factors[3:]])
+        read = Plant(
+            replace(
+                base,
+                **{
+                    name: factor * getattr(base, name)
+                    for name, factor in zip(names, factors[:3], strict=True)
+                },
+            )
+        ).read(points)
+        return np.concatenate(
+            [
+                (truth["efficiency"] / (1.0 + 0.0015 * factors[3]) - read.efficiency)
+                / 0.004,
+                (truth["output_speed"] / read.output_speed - 1.0) / 0.001,
+                factors[3:],
+            ]
+        )
 
     by_refit = 2.0 * least_squares(left, [1.0, 1.0, 1.0, 0.0]).cost
     assert visible(campaign).left[0] == pytest.approx(by_refit, rel=0.2)
-    twins = visible(make_campaign(3, [("bearing_drag", 0.01), ("torque_sensor:engine_zero", 0.01)]))
+    twins = visible(
+        make_campaign(3, [("bearing_drag", 0.01), ("torque_sensor:engine_zero", 0.01)])
+    )
     assert twins.alike > 0.9
     assert max(twins.left) < 18.0
     assert visible(make_campaign(3)).left == ()
@@ -148,7 +189,9 @@ def test_what_is_visible_is_what_a_refit_leaves():
 
 def test_viscosity_moves_leakage_and_damping_only_as_the_effect_oil_temperature():
     warm = np.array([35.0, 85.0])
-    points = OperatingPoints(np.full(2, 0.9), np.full(2, 150.0), np.full(2, 300.0), warm)
+    points = OperatingPoints(
+        np.full(2, 0.9), np.full(2, 150.0), np.full(2, 300.0), warm
+    )
     plain = Plant(BASE).read(points)
     assert plain.efficiency[0] == plain.efficiency[1]
     hot = Plant(BASE, (drawn("oil_temperature"),)).read(points)
@@ -172,7 +215,9 @@ def test_seeds_reproduce_and_a_fresh_campaign_keeps_the_plant():
 
 
 def test_noise_is_what_the_options_say():
-    plain = make_campaign(3, samples=400, stated_noise_factor=None, output_speed_noise=None)
+    plain = make_campaign(
+        3, samples=400, stated_noise_factor=None, output_speed_noise=None
+    )
     assert len(plain.samples) == 4
     error = plain.samples["efficiency"] - plain.truth["efficiency"]
     assert np.std(error) == pytest.approx(0.004, rel=0.15)

@@ -9,7 +9,10 @@ CM3, LEAKAGE, DAMPING = 71.0, 3e-12, 0.05
 
 def grid(n=8):
     """Speed [r/min] and pressure [bar] of n x n tests."""
-    return map(np.ravel, np.meshgrid(np.linspace(500.0, 2600.0, n), np.linspace(40.0, 400.0, n)))
+    return map(
+        np.ravel,
+        np.meshgrid(np.linspace(500.0, 2600.0, n), np.linspace(40.0, 400.0, n)),
+    )
 
 
 def efficiencies(speed, pressure, kind="pump", flow=0.0, torque=0.0, cm3=CM3):
@@ -29,7 +32,9 @@ def efficiencies(speed, pressure, kind="pump", flow=0.0, torque=0.0, cm3=CM3):
 def table(path, speed, pressure, pair, head=None, cm3=CM3, more=""):
     """Write a maker's table; numbers may be spoilt by another `head`."""
     head = head or "displacement_cc,pressure_bar,speed_rpm,volumetric,mechanical"
-    rows = [",".join(f"{value:.6g}" for value in (cm3, *row)) + more
-            for row in zip(pressure, speed, *pair, strict=True)]
+    rows = [
+        ",".join(f"{value:.6g}" for value in (cm3, *row)) + more
+        for row in zip(pressure, speed, *pair, strict=True)
+    ]
     path.write_text("\n".join(["# made by a test", head, *rows]) + "\n")
     return path

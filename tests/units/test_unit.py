@@ -38,9 +38,13 @@ SPEED, PRESSURE = grid(5)
 
 def pump(tmp_path, **hidden):
     rng = np.random.default_rng(1)
-    pair = [each * (1.0 + 0.001 * rng.standard_normal(len(each)))
-            for each in efficiencies(SPEED, PRESSURE, **hidden)]
-    return table(tmp_path / "pump.csv", SPEED, PRESSURE, pair, cm3=hidden.get("cm3", CM3))
+    pair = [
+        each * (1.0 + 0.001 * rng.standard_normal(len(each)))
+        for each in efficiencies(SPEED, PRESSURE, **hidden)
+    ]
+    return table(
+        tmp_path / "pump.csv", SPEED, PRESSURE, pair, cm3=hidden.get("cm3", CM3)
+    )
 
 
 def test_the_terms_of_the_paper_are_found_again(tmp_path):
@@ -52,10 +56,16 @@ def test_the_terms_of_the_paper_are_found_again(tmp_path):
     assert found.same is None
 
 
-@pytest.mark.parametrize(("names", "seed"), [
-    (("compressibility",), 6), (("pressure_leakage",), 7), (("reference_displacement",), 6),
-    (("constant_torque", "orifice_leakage"), 7)],
-    ids=lambda each: "+".join(each) if isinstance(each, tuple) else str(each))
+@pytest.mark.parametrize(
+    ("names", "seed"),
+    [
+        (("compressibility",), 6),
+        (("pressure_leakage",), 7),
+        (("reference_displacement",), 6),
+        (("constant_torque", "orifice_leakage"), 7),
+    ],
+    ids=lambda each: "+".join(each) if isinstance(each, tuple) else str(each),
+)
 def test_a_hidden_effect_of_another_form_leads(names, seed):
     found = diagnose_unit(simulated(names, seed), deals=False)
     assert found.found.sets[0].effects == names
@@ -70,20 +80,30 @@ def test_a_hidden_effect_of_another_form_leads(names, seed):
 def test_too_good_a_mechanical_efficiency_puts_the_displacement_in_doubt(tmp_path):
     # The torque is that of 2.5 % less displacement, the flow is not: no one displacement has both.
     ideal = CM3 * 1e-6 / TURN * PRESSURE * 1e5
-    found = diagnose_unit(read_unit(pump(tmp_path, torque=4.0 - 0.025 * ideal), kind="pump"))
-    assert "in doubt" in found.found.warnings[0] and "in doubt" in found.to_dict()["notes"][0]
+    found = diagnose_unit(
+        read_unit(pump(tmp_path, torque=4.0 - 0.025 * ideal), kind="pump")
+    )
+    assert (
+        "in doubt" in found.found.warnings[0]
+        and "in doubt" in found.to_dict()["notes"][0]
+    )
     assert found.found.verdict == "unexplained" and found.found.component is None
 
 
 def test_what_a_table_holds_out_is_predicted(tmp_path, hmcvt):
     path = pump(tmp_path, flow=1.2e-12 * (PRESSURE * 1e5) * SPEED / 1500.0)
-    data = hmcvt("unit", path, "--kind", "pump", "--above", "pressure=0.7", "--json").json
+    data = hmcvt(
+        "unit", path, "--kind", "pump", "--above", "pressure=0.7", "--json"
+    ).json
     assert data["shrinkage"]["on"] == "holdout" and data["shrinkage"]["fraction"] > 0.6
     assert data["component"] == "oil"
     assert set(data["rmse"]) == {"flow", "torque"}
     flow = data["rmse"]["flow"]
     assert flow["holdout_with_effects"] < 0.4 * flow["holdout_base"]
-    assert all({"pressure", "speed", "displacement_ratio"} <= set(place) for place in data["where"])
+    assert all(
+        {"pressure", "speed", "displacement_ratio"} <= set(place)
+        for place in data["where"]
+    )
     assert data["where"][0]["displacement_ratio"] == [1.0, 1.0]
     assert set(data["parameters"]) == {"leakage", "damping", "friction"}
     assert 0 <= data["same_set_in_deals"] <= 8
@@ -99,11 +119,18 @@ def test_text_and_page(tmp_path, hmcvt):
     assert "constant torque" in html
 
 
-@pytest.mark.parametrize(("arguments", "told"), [
-    (("--above", "load=0.7"), "'load' is none of displacement_ratio, speed, pressure"),
-    (("--above", "pressure=0.01"), "0.01 of the highest pressure parts no samples"),
-    (("--noise", "5"), "noise = 5 is outside 1e-06 to 0.2"),
-    (("--unit", "X", "--kind", "gear"), "--kind")])
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (
+            ("--above", "load=0.7"),
+            "'load' is none of displacement_ratio, speed, pressure",
+        ),
+        (("--above", "pressure=0.01"), "0.01 of the highest pressure parts no samples"),
+        (("--noise", "5"), "noise = 5 is outside 1e-06 to 0.2"),
+        (("--unit", "X", "--kind", "gear"), "--kind"),
+    ],
+)
 def test_bad_options_are_named(tmp_path, hmcvt, arguments, told):
     done = hmcvt("unit", pump(tmp_path), "--kind", "pump", *arguments)
     assert_refused(done, told)
@@ -112,11 +139,25 @@ def test_bad_options_are_named(tmp_path, hmcvt, arguments, told):
 def test_a_leakage_that_falls_as_a_power_of_speed_is_found(tmp_path):
     speed, pressure = grid()
     flow = 4e-12 * pressure * 1e5 * (100.0 / (speed * TURN / 60.0)) ** 1.5
-    found = diagnose_unit(read_unit(table(
-        tmp_path / "p.csv", speed, pressure, efficiencies(speed, pressure, flow=flow)),
-        kind="pump"), deals=False).found
-    assert (found.causes[0].effect, found.causes[0].form) == ("slow_leakage", "power of speed")
-    assert found.causes[0].parameters["exponent"]["value"] == pytest.approx(1.5, abs=0.2)
+    found = diagnose_unit(
+        read_unit(
+            table(
+                tmp_path / "p.csv",
+                speed,
+                pressure,
+                efficiencies(speed, pressure, flow=flow),
+            ),
+            kind="pump",
+        ),
+        deals=False,
+    ).found
+    assert (found.causes[0].effect, found.causes[0].form) == (
+        "slow_leakage",
+        "power of speed",
+    )
+    assert found.causes[0].parameters["exponent"]["value"] == pytest.approx(
+        1.5, abs=0.2
+    )
 
 
 # --- from the unit to the transmission ------------------------------------------------------------
@@ -131,8 +172,10 @@ def tractor(tmp_path):
 
 def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor):
     """Stage H0 has nothing but the pair: its leakage and torque are those of pump and motor."""
-    hidden = {"pump": {"flow": 1.2e-12 * (PRESSURE * 1e5) * SPEED / 1500.0, "torque": 6.0},
-              "motor": {"torque": 5e-7 * PRESSURE * 1e5}}
+    hidden = {
+        "pump": {"flow": 1.2e-12 * (PRESSURE * 1e5) * SPEED / 1500.0, "torque": 6.0},
+        "motor": {"torque": 5e-7 * PRESSURE * 1e5},
+    }
     model, units = load_model(tractor), {}
     for kind, losses in hidden.items():
         path = pump(tmp_path, kind=kind, **losses)
@@ -144,8 +187,9 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     assert {effect.part for effect in model.effects} == {"pump", "motor"}
     assert set(model.provenance["units"]) == {"pump", "motor"}
     stage = model.stages["H0"]
-    points = OperatingPoints(np.array([0.6, 1.0]), np.array([120.0, 180.0]),
-                             np.array([60.0, 150.0]))
+    points = OperatingPoints(
+        np.array([0.6, 1.0]), np.array([120.0, 180.0]), np.array([60.0, 150.0])
+    )
     solver = BalanceSolver(stage.stage, model.parameters, model.effects)
     _, flow = solver.flow(points)
     state, pair = flow.state, stage.stage.pump_motor
@@ -154,15 +198,25 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
         found = units[kind].model
         stroke = state.displacement_ratio if kind == "pump" else np.ones(2)
         larger = pair.pump_displacement / found.system.displacement
-        points = {"displacement_ratio": stroke, "speed": speed, "pressure": state.pressure}
+        points = {
+            "displacement_ratio": stroke,
+            "speed": speed,
+            "pressure": state.pressure,
+        }
         # The meters stay at their bench, and a transmission has no less friction than the paper.
         base = found.base * [1.0, 1.0, 0.0, 0.0, 0.0]
         lost[kind] = larger * found.system.predict(base, found.effects, points)
-    np.testing.assert_allclose(flow.leakage_flow, lost["pump"][0] + lost["motor"][0], rtol=1e-6)
+    np.testing.assert_allclose(
+        flow.leakage_flow, lost["pump"][0] + lost["motor"][0], rtol=1e-6
+    )
     ideal = pair.motor_displacement * state.pressure
-    np.testing.assert_allclose(ideal - lost["motor"][1], flow.torques["motor"][-1], rtol=1e-6)
+    np.testing.assert_allclose(
+        ideal - lost["motor"][1], flow.torques["motor"][-1], rtol=1e-6
+    )
     ideal = pair.pump_displacement * state.displacement_ratio * flow.pump_pressure
-    np.testing.assert_allclose(flow.torques["pump"][0], ideal + lost["pump"][1], rtol=1e-6)
+    np.testing.assert_allclose(
+        flow.torques["pump"][0], ideal + lost["pump"][1], rtol=1e-6
+    )
 
 
 def test_what_acts_on_stroke_or_oil_keeps_its_size(tmp_path, tractor):
@@ -178,17 +232,27 @@ def _put_an_effect_of_the_users_own(tmp_path, tractor):
         name = "test_bent"
         component = "pump"
 
-    before, of_the_unit = load_model(tractor), (Bent(0.02), OilTemperature(0.8), ChargePump(3.0))
-    for kind, other, bent in (("pump", "motor", [("test_bent", 0.02)]), ("motor", "pump", [])):
+    before, of_the_unit = (
+        load_model(tractor),
+        (Bent(0.02), OilTemperature(0.8), ChargePump(3.0)),
+    )
+    for kind, other, bent in (
+        ("pump", "motor", [("test_bent", 0.02)]),
+        ("motor", "pump", []),
+    ):
         unit = diagnose_unit(read_unit(pump(tmp_path, kind=kind), kind=kind), deals=0)
         unit = replace(unit, model=replace(unit.model, effects=of_the_unit))
         oil, torque = ("oil_temperature", 0.8), ("charge_pump", 3.0 * 55.0 / CM3)
-        for first, then in (((), [*bent, oil, torque]),
-                            ((OilTemperature(1.0, part=other),), [*bent, torque])):
+        for first, then in (
+            ((), [*bent, oil, torque]),
+            ((OilTemperature(1.0, part=other),), [*bent, torque]),
+        ):
             found = put_into(replace(before, effects=first), unit).effects
-            assert [(effect.name, effect.values()[effect.sizes()[0].name]) for effect in found
-                    if effect.part == kind] == [
-                (name, pytest.approx(value)) for name, value in then]
+            assert [
+                (effect.name, effect.values()[effect.sizes()[0].name])
+                for effect in found
+                if effect.part == kind
+            ] == [(name, pytest.approx(value)) for name, value in then]
 
 
 def test_the_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):
@@ -198,43 +262,71 @@ def test_the_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):
     found = diagnose_unit(read_unit(tmp_path / "pump.csv", kind="pump"), deals=False)
     assert model.parameters.pump_damping == pytest.approx(DAMPING * 55.0 / CM3, rel=0.1)
     # The motor leaks as the pump does, until it is known.
-    assert model.parameters.leakage == pytest.approx(2.0 * LEAKAGE * 55.0 / CM3, rel=0.1)
+    assert model.parameters.leakage == pytest.approx(
+        2.0 * LEAKAGE * 55.0 / CM3, rel=0.1
+    )
     prior = Prior.of(model)
     assert prior.stated
     wide = np.sqrt(np.diag(prior.covariance))
     assert wide[2] < 0.1 and wide[1] == pytest.approx(1.0)  # of their wear
     assert model.standard_errors["pump_damping"] == pytest.approx(
-        found.errors[1] * 55.0 / CM3, rel=1e-6)
+        found.errors[1] * 55.0 / CM3, rel=1e-6
+    )
     # Bench samples then refine it: what they do not say of the pump stays as tested.
     bench, out = tmp_path / "bench.csv", tmp_path / "refined.yaml"
     hm4 = model.stages["HM4"]
-    eps, w, load = np.array([0.1, 0.4, -0.3, 0.6, -0.6]), np.full(5, 150.0), np.full(5, 150.0)
-    true = replace(hm4, parameters=HydraulicParameters(4e-12, 0.12, hm4.parameters.pump_damping))
-    columns = np.column_stack([eps, w, load, true.efficiency(eps, w, load), np.full(5, 0.001)])
-    np.savetxt(bench, columns, delimiter=",", comments="", header="displacement_ratio,"
-               "engine_speed,load_torque,efficiency,efficiency_std")
+    eps, w, load = (
+        np.array([0.1, 0.4, -0.3, 0.6, -0.6]),
+        np.full(5, 150.0),
+        np.full(5, 150.0),
+    )
+    true = replace(
+        hm4, parameters=HydraulicParameters(4e-12, 0.12, hm4.parameters.pump_damping)
+    )
+    columns = np.column_stack(
+        [eps, w, load, true.efficiency(eps, w, load), np.full(5, 0.001)]
+    )
+    np.savetxt(
+        bench,
+        columns,
+        delimiter=",",
+        comments="",
+        header="displacement_ratio,engine_speed,load_torque,efficiency,efficiency_std",
+    )
     save_model(hm4, tractor)
-    data = hmcvt("identify", bench, "--params", tractor, "--refine", "--out", out, "--json").json
+    data = hmcvt(
+        "identify", bench, "--params", tractor, "--refine", "--out", out, "--json"
+    ).json
     assert data["error_after"] < 0.5 * data["error_before"]
     refined = load_model(out)
     assert refined.parameters.motor_damping == pytest.approx(0.12, rel=0.15)
     assert refined.parameters.pump_damping == pytest.approx(
-        hm4.parameters.pump_damping, abs=2.0 * model.standard_errors["pump_damping"])
+        hm4.parameters.pump_damping, abs=2.0 * model.standard_errors["pump_damping"]
+    )
     assert list(tmp_path.glob("tractor.previous-*.yaml")), "the old file is kept"
 
 
 def test_the_stroke_is_an_axis_where_it_varies():
-    samples = next(one for seed in range(20)
-                   if np.ptp((one := simulated(("constant_torque",), seed)).displacement_ratio))
+    samples = next(
+        one
+        for seed in range(20)
+        if np.ptp((one := simulated(("constant_torque",), seed)).displacement_ratio)
+    )
     system = HydrostaticUnit(samples)
     names = {effect.name for effect in system.library}
     assert [axis.name for axis in observe_unit(system, samples).axes] == [
-        "displacement_ratio", "speed", "pressure"]
+        "displacement_ratio",
+        "speed",
+        "pressure",
+    ]
     assert {"displacement_error", "reference_displacement"} <= names
     full = samples.select(samples.displacement_ratio == 1.0)
-    assert "displacement_error" not in {effect.name for effect in HydrostaticUnit(full).library}
-    assert UnitModel(system, np.array([-11.0, 0.1, 0.0, 0.0, 0.0]), ()).losses(full).shape == (
-        2, len(full))
+    assert "displacement_error" not in {
+        effect.name for effect in HydrostaticUnit(full).library
+    }
+    assert UnitModel(system, np.array([-11.0, 0.1, 0.0, 0.0, 0.0]), ()).losses(
+        full
+    ).shape == (2, len(full))
 
 
 def test_what_is_found_in_a_large_unit_loads_again(tractor):
@@ -254,6 +346,12 @@ def test_refits_along_a_curved_valley_end_in_one_place():
     hypothesis = Hypothesis(system, (kinds["compressibility"], kinds["slow_leakage"]))
     observed, rng = observe_unit(system, samples), np.random.default_rng(0)
     middle, spread = system.base.mean, system.base.spread
-    noise = [refit(hypothesis, observed, np.append(
-        rng.normal(middle, spread), rng.uniform(0.0, 5.0, 2))).noise for _ in range(8)]
+    noise = [
+        refit(
+            hypothesis,
+            observed,
+            np.append(rng.normal(middle, spread), rng.uniform(0.0, 5.0, 2)),
+        ).noise
+        for _ in range(8)
+    ]
     np.testing.assert_allclose(noise, np.broadcast_to(noise[0], (8, 2)), rtol=0.02)

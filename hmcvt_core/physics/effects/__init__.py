@@ -24,13 +24,24 @@ from ...transmission.ranges import Range
 from .base import Effect, EffectParameter, ShaftState
 from .trial import trial
 
-__all__ = ["Effect", "EffectParameter", "ShaftState", "effect_from_mapping", "effect_to_mapping",
-           "library", "load_effects"]
+__all__ = [
+    "Effect",
+    "EffectParameter",
+    "ShaftState",
+    "effect_from_mapping",
+    "effect_to_mapping",
+    "library",
+    "load_effects",
+]
 
 GROUP = "hmcvt.effects"
-_LARGEST = 120.0  # displacement of a single unit / that of the paper's, by which sizes grow
-_WAYS = ("one of your own comes with --effects MODULE_OR_FILE.py (effects_file of the node), or "
-         f"from an installed package through the entry-point group {GROUP}")
+_LARGEST = (
+    120.0  # displacement of a single unit / that of the paper's, by which sizes grow
+)
+_WAYS = (
+    "one of your own comes with --effects MODULE_OR_FILE.py (effects_file of the node), or "
+    f"from an installed package through the entry-point group {GROUP}"
+)
 
 
 def library(units: bool = False) -> tuple[type[Effect], ...]:
@@ -41,9 +52,14 @@ def library(units: bool = False) -> tuple[type[Effect], ...]:
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
     _plug_ins()
-    found = [effect for effect in _subclasses(Effect)
-             if effect.name and effect.sizes() and (units or not effect.unit_only)
-             and not {"name", "form"}.isdisjoint(vars(effect))]
+    found = [
+        effect
+        for effect in _subclasses(Effect)
+        if effect.name
+        and effect.sizes()
+        and (units or not effect.unit_only)
+        and not {"name", "form"}.isdisjoint(vars(effect))
+    ]
     return tuple(sorted(found, key=lambda effect: (effect.name, effect.form)))
 
 
@@ -70,15 +86,25 @@ def load_effects(source: str) -> None:
             cannot be used (`trial`).
     """
     try:
-        module = (_import_file(Path(source).resolve()) if source.endswith(".py")
-                  else importlib.import_module(source))
+        module = (
+            _import_file(Path(source).resolve())
+            if source.endswith(".py")
+            else importlib.import_module(source)
+        )
     except Exception as error:  # whatever somebody else's module may raise
-        raise InputError(f"{source}: cannot be loaded: {type(error).__name__}: {error}") from error
-    found = [item for item in vars(module).values()
-             if isinstance(item, type) and issubclass(item, Effect) and item.name]
+        raise InputError(
+            f"{source}: cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
+    found = [
+        item
+        for item in vars(module).values()
+        if isinstance(item, type) and issubclass(item, Effect) and item.name
+    ]
     if not found:
         raise InputError(f"{source}: holds no effect: no class of Effect with a name")
-    for kind in (kind for kind in found if kind.sizes()):  # what others derive from is none
+    for kind in (
+        kind for kind in found if kind.sizes()
+    ):  # what others derive from is none
         try:
             trial(kind)
         except InputError as error:
@@ -87,7 +113,9 @@ def load_effects(source: str) -> None:
 
 def _import_file(path: Path) -> Any:
     for known in list(sys.modules.values()):
-        if (file := getattr(known, "__file__", None)) and Path(str(file)).resolve() == path:
+        if (file := getattr(known, "__file__", None)) and Path(
+            str(file)
+        ).resolve() == path:
             return known
     name = f"hmcvt_effects_{path.stem}_{zlib.crc32(os.fsencode(path)):08x}"
     spec = importlib.util.spec_from_file_location(name, path)
@@ -102,15 +130,21 @@ def _import_file(path: Path) -> Any:
 
 
 def _subclasses(base: type[Effect]) -> list[type[Effect]]:
-    return [item for child in base.__subclasses__() for item in (child, *_subclasses(child))]
+    return [
+        item for child in base.__subclasses__() for item in (child, *_subclasses(child))
+    ]
 
 
 def effect_to_mapping(effect: Effect) -> dict[str, Any]:
     """Return an effect as plain data."""
     words = {"effect": effect.name, "form": effect.form, "part": effect.part}
-    return {**{key: word for key, word in words.items() if word}, "parameters": {
-        item.name: {"value": effect.values()[item.name], "unit": item.unit}
-        for item in effect.parameters()}}
+    return {
+        **{key: word for key, word in words.items() if word},
+        "parameters": {
+            item.name: {"value": effect.values()[item.name], "unit": item.unit}
+            for item in effect.parameters()
+        },
+    }
 
 
 def effect_from_mapping(data: object, where: str = "effect") -> Effect:
@@ -133,11 +167,15 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
     values = {}
     for key, entry in parameters.items():
         if key not in fields:
-            raise InputError(f"{where}.parameters.{key} is not known; there is "
-                             f"{', '.join(sorted(fields))}")
+            raise InputError(
+                f"{where}.parameters.{key} is not known; there is "
+                f"{', '.join(sorted(fields))}"
+            )
         limits = fields[key].times(_LARGEST if part else 1.0)
         value, place = quantity(entry, limits.unit, f"{where}.parameters.{key}")
-        values[key] = float(Range(place, limits.low, limits.high, limits.unit).check(value))
+        values[key] = float(
+            Range(place, limits.low, limits.high, limits.unit).check(value)
+        )
     return kind(**values, part=part)
 
 
@@ -145,11 +183,17 @@ def _known(name: str, form: str, where: str) -> type[Effect]:
     every = library(units=True)
     found = [effect for effect in every if (effect.name, effect.form) == (name, form)]
     if not found:
-        raise InputError(f"{where}: effect = {name!r}, form = {form!r} is not known; "
-                         f"there is {', '.join(sorted({effect.name for effect in every}))}; {_WAYS}"
-                         + "".join(f"; cannot be loaded: {each}" for each in _plug_ins()))
+        raise InputError(
+            f"{where}: effect = {name!r}, form = {form!r} is not known; "
+            f"there is {', '.join(sorted({effect.name for effect in every}))}; {_WAYS}"
+            + "".join(f"; cannot be loaded: {each}" for each in _plug_ins())
+        )
     if len(found) > 1:
-        classes = ", ".join(f"{effect.__module__}.{effect.__qualname__}" for effect in found)
-        raise InputError(f"{where}: effect = {name!r}, form = {form!r} is the name of several "
-                         f"classes: {classes}")
+        classes = ", ".join(
+            f"{effect.__module__}.{effect.__qualname__}" for effect in found
+        )
+        raise InputError(
+            f"{where}: effect = {name!r}, form = {form!r} is the name of several "
+            f"classes: {classes}"
+        )
     return found[0]

@@ -68,7 +68,9 @@ class DisplacementLag(_Displacement):
     """
 
     form = "load"
-    summary = "the swash plate gives way to pressure: the stroke lags the command under load"
+    summary = (
+        "the swash plate gives way to pressure: the stroke lags the command under load"
+    )
     source = "hysteresis of a tractor's unit: Adv. Mech. Eng. 2016, doi 10.1177/1687814016676943"
     remedy = "read the swash angle; approach one point from either side"
 
@@ -76,6 +78,8 @@ class DisplacementLag(_Displacement):
     half_pressure: float = shape("MPa", (5.0, 50.0), "pressure at half the largest lag")
 
     def stroke_lag(self, state: ShaftState) -> Value:
-        part, half = (pressure / PRESSURE_REFERENCE
-                      for pressure in (state.pressure, self.half_pressure * 1e6))
+        part, half = (
+            pressure / PRESSURE_REFERENCE
+            for pressure in (state.pressure, self.half_pressure * 1e6)
+        )
         return self.lag * part * (1.0 + half) / (np.abs(part) + half)

@@ -21,7 +21,10 @@ Value = Array | float
 PRESSURE_REFERENCE = 20e6
 """Pressure at which sizes are stated [Pa]."""
 OIL_HOOKS = "viscosity_ratio", "film_viscosity_ratio"
-_OF_ANY_SIZE = ("-", "1/GPa")  # units of sizes that are the same in small pumps and in large ones
+_OF_ANY_SIZE = (
+    "-",
+    "1/GPa",
+)  # units of sizes that are the same in small pumps and in large ones
 
 
 class ShaftState(NamedTuple):
@@ -102,26 +105,53 @@ class EffectParameter:
 
     def times(self, factor: float) -> EffectParameter:
         """Return the parameter in a unit so many times as large."""
-        return self if not self.grows else replace(
-            self, typical=factor * self.typical, low=factor * self.low, high=factor * self.high)
+        return (
+            self
+            if not self.grows
+            else replace(
+                self,
+                typical=factor * self.typical,
+                low=factor * self.low,
+                high=factor * self.high,
+            )
+        )
 
 
 def size(unit: str, typical: float, low: float, high: float, meaning: str) -> Any:
     """Declare a parameter whose zero switches the effect off."""
-    return field(default=0.0, metadata={
-        "unit": unit, "meaning": meaning, "typical": typical, "low": low, "high": high})
+    return field(
+        default=0.0,
+        metadata={
+            "unit": unit,
+            "meaning": meaning,
+            "typical": typical,
+            "low": low,
+            "high": high,
+        },
+    )
 
 
-def shape(unit: str, grid: tuple[float, ...], meaning: str, between: bool = True) -> Any:
+def shape(
+    unit: str, grid: tuple[float, ...], meaning: str, between: bool = True
+) -> Any:
     """Declare a parameter that bends the form; the middle of its grid is the default.
 
     With `between` the leading sets are refitted with it anywhere between the ends of the grid; not
     where all of it are whole numbers (int), which are a switch or an index.
     """
     typical = grid[len(grid) // 2]
-    return field(default=typical, metadata={
-        "unit": unit, "meaning": meaning, "typical": typical, "low": min(grid), "high": max(grid),
-        "grid": grid, "between": between and not all(isinstance(each, int) for each in grid)})
+    return field(
+        default=typical,
+        metadata={
+            "unit": unit,
+            "meaning": meaning,
+            "typical": typical,
+            "low": min(grid),
+            "high": max(grid),
+            "grid": grid,
+            "between": between and not all(isinstance(each, int) for each in grid),
+        },
+    )
 
 
 @dataclass(frozen=True)
@@ -155,16 +185,24 @@ class Effect:
     def __post_init__(self) -> None:
         for parameter in self.parameters():
             value = getattr(self, parameter.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                    or not math.isfinite(value):
-                raise InputError(f"effect {self.name}: {parameter.name} = {value!r} "
-                                 "is not a finite number")
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, (int, float))
+                or not math.isfinite(value)
+            ):
+                raise InputError(
+                    f"effect {self.name}: {parameter.name} = {value!r} "
+                    "is not a finite number"
+                )
 
     @classmethod
     def parameters(cls) -> tuple[EffectParameter, ...]:
         """Return the declared parameters."""
-        return tuple(EffectParameter(item.name, **item.metadata) for item in fields(cls)
-                     if item.metadata)
+        return tuple(
+            EffectParameter(item.name, **item.metadata)
+            for item in fields(cls)
+            if item.metadata
+        )
 
     @classmethod
     def sizes(cls) -> tuple[EffectParameter, ...]:
@@ -177,8 +215,10 @@ class Effect:
 
     def values(self) -> dict[str, float]:
         """Return parameter values by name."""
-        return {parameter.name: float(getattr(self, parameter.name))
-                for parameter in self.parameters()}
+        return {
+            parameter.name: float(getattr(self, parameter.name))
+            for parameter in self.parameters()
+        }
 
     @classmethod
     def acts_at(cls, *hooks: str) -> bool:
@@ -193,8 +233,11 @@ class Effect:
         """
         own = tuple(item.times(factor) for item in cls.parameters())
         component = kind if cls.component in ("pump", "motor") else cls.component
-        changed: type[Effect] = type(cls.__name__, (cls,), {
-            "component": component, "parameters": staticmethod(lambda: own)})
+        changed: type[Effect] = type(
+            cls.__name__,
+            (cls,),
+            {"component": component, "parameters": staticmethod(lambda: own)},
+        )
         return changed()
 
     def at(self, hook: str, state: ShaftState) -> Value:
@@ -204,8 +247,11 @@ class Effect:
             if hook == f"{other}_drag":
                 return 0.0
             still = np.zeros_like(state.pressure)
-            state = state._replace(motor_speed=still) if other == "motor" else state._replace(
-                pump_speed=still, displacement_ratio=still + 1.0)
+            state = (
+                state._replace(motor_speed=still)
+                if other == "motor"
+                else state._replace(pump_speed=still, displacement_ratio=still + 1.0)
+            )
         return getattr(self, hook)(state)
 
     # Hooks, in the order in which the power balance meets them; those of a whole state together.

@@ -30,7 +30,9 @@ class PressureLeakage(Effect):
     remedy = "measure the output speed at full load"
 
     leakage: float = size("m3/(s Pa)", 1.5e-11, 0.0, 3e-10, "further leakage at 20 MPa")
-    exponent: float = shape("-", (0.5, 1.0, 2.0), "power of pressure in the further leakage")
+    exponent: float = shape(
+        "-", (0.5, 1.0, 2.0), "power of pressure in the further leakage"
+    )
 
     def leakage_flow(self, state: ShaftState) -> Value:
         opening = (np.abs(state.pressure) / PRESSURE_REFERENCE) ** self.exponent
@@ -51,11 +53,14 @@ class PistonLeakage(PressureLeakage):
     remedy = "measure the output speed at one pressure and two strokes"
 
     exponent: float = shape("-", (2.0,), "power of pressure in the further leakage")
-    motor_part: float = shape("-", (0.0, 1.0), "1 if the motor's pistons leak too, 0 if not",
-                               between=False)
+    motor_part: float = shape(
+        "-", (0.0, 1.0), "1 if the motor's pistons leak too, 0 if not", between=False
+    )
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        return super().leakage_flow(state) * (state.displacement_ratio**2 + self.motor_part)
+        return super().leakage_flow(state) * (
+            state.displacement_ratio**2 + self.motor_part
+        )
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,9 @@ class StrokeLeakage(Effect):
     source = "Jeong 2007; McCandlish & Dorey 1984"
     remedy = "measure the output speed at the same pressure and different strokes"
 
-    leakage: float = size("m3/(s Pa)", 1.5e-11, 0.0, 3e-10, "further leakage at full stroke")
+    leakage: float = size(
+        "m3/(s Pa)", 1.5e-11, 0.0, 3e-10, "further leakage at full stroke"
+    )
     exponent: float = shape("-", (1.0, 2.0), "power of the displacement ratio")
 
     def leakage_flow(self, state: ShaftState) -> Value:
@@ -104,8 +111,12 @@ class SlowLeakage(Effect):
     source = "Dorey 1988: slip coefficient as a power of pressure and speed"
     remedy = "measure the flow at one pressure and several low speeds"
 
-    leakage: float = size("m3/(s Pa)", 5e-12, 0.0, 3e-10, "further leakage at standstill")
-    fade_speed: float = shape("rad/s", (5.0, 20.0, 80.0), "speed at which half of it is left")
+    leakage: float = size(
+        "m3/(s Pa)", 5e-12, 0.0, 3e-10, "further leakage at standstill"
+    )
+    fade_speed: float = shape(
+        "rad/s", (5.0, 20.0, 80.0), "speed at which half of it is left"
+    )
 
     def leakage_flow(self, state: ShaftState) -> Value:
         speed = np.maximum(np.abs(state.pump_speed), np.abs(state.motor_speed))
@@ -122,7 +133,9 @@ class SlowLeakagePower(SlowLeakage):
 
     form = "power of speed"
 
-    leakage: float = size("m3/(s Pa)", 1e-12, 0.0, 6e-11, "further leakage at 100 rad/s")
+    leakage: float = size(
+        "m3/(s Pa)", 1e-12, 0.0, 6e-11, "further leakage at 100 rad/s"
+    )
     fade_speed: float = shape("rad/s", (5.0,), "speed below which it grows no more")
     exponent: float = shape("-", (0.5, 1.0, 2.0), "falling power of the speed")
 
@@ -147,13 +160,20 @@ class Compressibility(Effect):
     remedy = "measure the output speed at one pressure and two engine speeds"
 
     compliance: float = size("1/GPa", 1.5, 0.0, 20.0, "1 / effective bulk modulus")
-    dead_volume: float = shape("-", (0.1, 0.5, 2.0), "dead volume / volume of a full stroke")
-    motor_part: float = shape("-", (0.0, 1.0), "1 if the motor squeezes oil too, 0 if not",
-                               between=False)
-    softening: float = shape("MPa", (0.0, 5.0), "pressure below which the oil is softer")
+    dead_volume: float = shape(
+        "-", (0.1, 0.5, 2.0), "dead volume / volume of a full stroke"
+    )
+    motor_part: float = shape(
+        "-", (0.0, 1.0), "1 if the motor squeezes oil too, 0 if not", between=False
+    )
+    softening: float = shape(
+        "MPa", (0.0, 5.0), "pressure below which the oil is softer"
+    )
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        pump = (self.dead_volume + self._swept(state.displacement_ratio)) * state.pump_speed
+        pump = (
+            self.dead_volume + self._swept(state.displacement_ratio)
+        ) * state.pump_speed
         pumping = 0.5 * (1.0 - np.tanh(state.motor_speed / _REVERSAL))
         motor = (self.dead_volume + pumping) * np.abs(state.motor_speed)
         squeezed = self.compliance / _BULK * self._squeezed(state.pressure)
@@ -162,7 +182,11 @@ class Compressibility(Effect):
     def _squeezed(self, pressure: Array) -> Array:
         """Pressure that squeezes oil without air as much."""
         level = self.softening * 1e6
-        return pressure * (1.0 + level / (np.abs(pressure) + level)) if level > 0.0 else pressure
+        return (
+            pressure * (1.0 + level / (np.abs(pressure) + level))
+            if level > 0.0
+            else pressure
+        )
 
     def _swept(self, displacement_ratio: Array) -> Array:
         return (1.0 + displacement_ratio) / 2.0
@@ -186,14 +210,19 @@ class CompressibilityAir(Compressibility):
     """
 
     form = "entrained air"
-    source = "Merritt 1967, Hydraulic Control Systems, 2.2; Int. J. Fluid Power 13 (2012) 7"
+    source = (
+        "Merritt 1967, Hydraulic Control Systems, 2.2; Int. J. Fluid Power 13 (2012) 7"
+    )
 
     softening: float = shape("MPa", (0.0,), "pressure below which the oil is softer")
-    air: float = shape("%", (1.0, 10.0), "free air / oil whose own bulk modulus is 1.5 GPa, at 1 "
-                                         "atm")
+    air: float = shape(
+        "%", (1.0, 10.0), "free air / oil whose own bulk modulus is 1.5 GPa, at 1 atm"
+    )
 
     def _squeezed(self, pressure: Array) -> Array:
-        left = (_ATMOSPHERE / (_CHARGE + np.array([0.0 * pressure, np.abs(pressure)]))) ** (1 / 1.4)
+        left = (
+            _ATMOSPHERE / (_CHARGE + np.array([0.0 * pressure, np.abs(pressure)]))
+        ) ** (1 / 1.4)
         return pressure + 1.5e7 * self.air * np.sign(pressure) * (left[0] - left[1])
 
 
@@ -208,8 +237,10 @@ class CompressionWork(Compressibility):
 
     unit_only = True
     form = "work returned"
-    summary = ("oil is squeezed on every stroke: flow is lost in proportion to pressure times "
-               "speed, and part of the work comes back as torque")
+    summary = (
+        "oil is squeezed on every stroke: flow is lost in proportion to pressure times "
+        "speed, and part of the work comes back as torque"
+    )
     source = "Achten et al., FPMC2019: ISO 4409 and the bulk modulus"
 
     motor_part: float = shape("-", (0.0,), "1 if the motor squeezes oil too, 0 if not")
@@ -234,7 +265,9 @@ class PressureFrictionStroke(Effect):
     remedy = "measure the loop pressure"
     with_stroke: ClassVar[bool] = True
 
-    coefficient: float = size("-", 0.02, 0.0, 0.15, "further friction torque / pressure torque")
+    coefficient: float = size(
+        "-", 0.02, 0.0, 0.15, "further friction torque / pressure torque"
+    )
 
     def pump_drag(self, state: ShaftState) -> Value:
         ratio = state.displacement_ratio if self.with_stroke else 1.0
@@ -244,7 +277,9 @@ class PressureFrictionStroke(Effect):
         return self._rubbing(state.pressure, state.motor_speed, state)
 
     def _rubbing(self, pressure: Array, speed: Array, state: ShaftState) -> Value:
-        return self.coefficient * self._part(speed) * np.abs(pressure) * state.displacement
+        return (
+            self.coefficient * self._part(speed) * np.abs(pressure) * state.displacement
+        )
 
     def _part(self, speed: Array) -> Value:
         """Friction at a speed / `coefficient`."""
@@ -255,8 +290,10 @@ class PressureFrictionFull(PressureFrictionStroke):
     """c dp V at full displacement in pump and motor: it does not vanish at eps = 0."""
 
     form = "at full stroke"
-    summary = ("parts pressed together rub: friction torque grows with pressure, in the pump also "
-               "at no stroke")
+    summary = (
+        "parts pressed together rub: friction torque grows with pressure, in the pump also "
+        "at no stroke"
+    )
     source = "McCandlish & Dorey 1984: C_f dp D_max"
     with_stroke = False
 
@@ -267,13 +304,19 @@ class PressureFrictionStribeck(PressureFrictionStroke):
 
     form = "Stribeck"
     component = "motor"
-    summary = "at low motor speed the oil film is thin and friction under pressure is high"
+    summary = (
+        "at low motor speed the oil film is thin and friction under pressure is high"
+    )
     source = "Stribeck curve; mixed film at low speed: SAE 2012-01-2041"
     remedy = "measure the loop pressure near motor standstill"
     with_stroke = False
 
-    coefficient: float = size("-", 0.06, 0.0, 0.4, "friction torque / pressure torque at rest")
-    fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
+    coefficient: float = size(
+        "-", 0.06, 0.0, 0.4, "friction torque / pressure torque at rest"
+    )
+    fade_speed: float = shape(
+        "rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up"
+    )
 
     def _part(self, speed: Array) -> Array:
         return np.exp(-np.abs(speed) / self.fade_speed)
@@ -288,8 +331,12 @@ class CoulombStribeck(PressureFrictionStroke):
     summary = "parts pressed together rub, at low speed more: friction falls with speed to a rest"
     source = "Stribeck curve; mixed film at low speed: SAE 2012-01-2041"
 
-    rise: float = shape("-", (1.0, 4.0), "friction at standstill / friction at speed - 1")
-    fade_speed: float = shape("rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up")
+    rise: float = shape(
+        "-", (1.0, 4.0), "friction at standstill / friction at speed - 1"
+    )
+    fade_speed: float = shape(
+        "rad/s", (15.0, 40.0, 100.0), "speed at which the film builds up"
+    )
 
     def _part(self, speed: Array) -> Array:
         return np.asarray(1.0 + self.rise * np.exp(-np.abs(speed) / self.fade_speed))
@@ -314,18 +361,28 @@ class PortPressureDrop(Effect):
     name = "port_pressure_drop"
     component = "motor"
     summary = "ports and lines between pump and motor take pressure: the loss grows as speed cubed"
-    source = "laminar (m = 1), Blasius (1.75) to rough (2) lines; Ivantysyn & Ivantysynova"
+    source = (
+        "laminar (m = 1), Blasius (1.75) to rough (2) lines; Ivantysyn & Ivantysynova"
+    )
     remedy = "measure the pressure at the pump and at the motor"
 
-    drop: float = size("Pa", 3e5, 0.0, 5e6, "pressure drop at the flow of a motor at 200 rad/s")
+    drop: float = size(
+        "Pa", 3e5, 0.0, 5e6, "pressure drop at the flow of a motor at 200 rad/s"
+    )
     exponent: float = shape("-", (1.0, 1.75, 2.0), "power of the flow")
-    leaking_before: float = shape("-", (0.0, 1.0), "part of the leakage off before the lines")
+    leaking_before: float = shape(
+        "-", (0.0, 1.0), "part of the leakage off before the lines"
+    )
 
     def pressure_drop(self, state: ShaftState) -> Value:
         delivered = state.delivered_speed
         x = (delivered + self.leaking_before * (state.motor_speed - delivered)) / 200.0
-        return (self.drop * np.sign(x) * np.abs(x) ** self.exponent
-                * state.viscosity_ratio ** (2.0 - self.exponent))
+        return (
+            self.drop
+            * np.sign(x)
+            * np.abs(x) ** self.exponent
+            * state.viscosity_ratio ** (2.0 - self.exponent)
+        )
 
 
 def walther_log_viscosity(oil_temperature: Array) -> Array:
@@ -354,8 +411,9 @@ class OilTemperature(Effect):
     film_exponent: float = shape("-", (0.67, 1.0), "power of viscosity in the damping")
 
     def viscosity_ratio(self, oil_temperature: Array) -> Value:
-        change = (walther_log_viscosity(oil_temperature)
-                  - walther_log_viscosity(np.array(_REFERENCE)))
+        change = walther_log_viscosity(oil_temperature) - walther_log_viscosity(
+            np.array(_REFERENCE)
+        )
         return np.asarray(np.exp(self.strength * change))
 
     def film_viscosity_ratio(self, oil_temperature: Array) -> Value:

@@ -8,7 +8,9 @@ import numpy as np
 
 from .base import PRESSURE_REFERENCE, Array, Effect, ShaftState, Value, shape, size
 
-_ENGINE_REFERENCE = 150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
+_ENGINE_REFERENCE = (
+    150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
+)
 _OUTPUT_REFERENCE = 180.0  # rad/s, the same at the output of HM4
 _TORQUE_REFERENCE = 250.0  # N m of a path's shaft
 _UNIT_REFERENCE = 200.0  # rad/s of pump or motor
@@ -20,9 +22,13 @@ class ChargePump(Effect):
 
     name = "charge_pump"
     component = "pump"
-    summary = ("the charge pump takes a nearly constant torque, so light loads lose most; the "
-               "base model books it as pump damping")
-    source = "charge pressure 15 to 21 bar, closed-circuit practice; T = p V / efficiency"
+    summary = (
+        "the charge pump takes a nearly constant torque, so light loads lose most; the "
+        "base model books it as pump damping"
+    )
+    source = (
+        "charge pressure 15 to 21 bar, closed-circuit practice; T = p V / efficiency"
+    )
     remedy = "measure charge pressure and flow, or the pump shaft torque"
 
     torque: float = size("N m", 4.0, 0.0, 25.0, "torque on the pump shaft")
@@ -41,7 +47,9 @@ class BearingDrag(Effect):
     source = "Palmgren M0 ~ (nu n)^(2/3); SKF four-source friction model"
     remedy = "spin the transmission without load and without charge pressure"
 
-    torque: float = size("N m", 3.0, 0.0, 20.0, "drag torque on the engine shaft at 150 rad/s")
+    torque: float = size(
+        "N m", 3.0, 0.0, 20.0, "drag torque on the engine shaft at 150 rad/s"
+    )
     exponent: float = shape("-", (0.0, 0.67), "power of speed in the torque")
 
     def engine_drag(self, state: ShaftState) -> Value:
@@ -57,7 +65,9 @@ class Churning(BearingDrag):
     source = "Changenet & Velex 2007; tractor DCT test: Agriculture 2023, 13, 1225"
     remedy = "repeat one point at lowered oil level"
 
-    torque: float = size("N m", 6.0, 0.0, 60.0, "drag torque on the engine shaft at 150 rad/s")
+    torque: float = size(
+        "N m", 6.0, 0.0, 60.0, "drag torque on the engine shaft at 150 rad/s"
+    )
     exponent: float = shape("-", (1.5, 2.0), "power of speed in the torque")
 
 
@@ -67,12 +77,16 @@ class OutputChurning(Effect):
 
     name = "output_churning"
     component = "gears"
-    summary = ("output-side gears churn oil: the loss grows with nearly the cube of output speed, "
-               "so it rises with the displacement ratio")
+    summary = (
+        "output-side gears churn oil: the loss grows with nearly the cube of output speed, "
+        "so it rises with the displacement ratio"
+    )
     source = "Changenet & Velex 2007"
     remedy = "repeat one point at lowered oil level"
 
-    torque: float = size("N m", 3.0, 0.0, 40.0, "drag torque on the output shaft at 180 rad/s")
+    torque: float = size(
+        "N m", 3.0, 0.0, 40.0, "drag torque on the output shaft at 180 rad/s"
+    )
     exponent: float = shape("-", (1.5, 2.0), "power of speed in the torque")
 
     def output_drag(self, state: ShaftState) -> Value:
@@ -94,14 +108,20 @@ class ClutchDrag(Effect):
     name = "clutch_drag"
     form = "output side"
     component = "clutches"
-    summary = ("open wet clutches drag on the output side: the torque rises with slip, peaks and "
-               "falls as the oil film breaks")
+    summary = (
+        "open wet clutches drag on the output side: the torque rises with slip, peaks and "
+        "falls as the oil film breaks"
+    )
     source = "Yuan et al. 2007; Iqbal et al. 2013; review: Lubricants 2025, 13, 27"
     remedy = "spin the output side alone with the clutches open"
 
-    torque: float = size("N m", 6.0, 0.0, 40.0, "drag torque at its peak, engine at 150 rad/s")
+    torque: float = size(
+        "N m", 6.0, 0.0, 40.0, "drag torque at its peak, engine at 150 rad/s"
+    )
     peak_speed: float = shape("rad/s", (60.0, 110.0, 200.0), "slip speed at the peak")
-    feed_exponent: float = shape("-", (0.0, 1.0), "power of engine speed in the feed flow")
+    feed_exponent: float = shape(
+        "-", (0.0, 1.0), "power of engine speed in the feed flow"
+    )
 
     def _drag(self, slip: Array, engine_speed: Array) -> Array:
         feed = (engine_speed / _ENGINE_REFERENCE) ** self.feed_exponent
@@ -110,9 +130,14 @@ class ClutchDrag(Effect):
 
     def _referred(self, state: ShaftState, shaft: int) -> Value:
         """Sum of the drag of the open clutches at the engine (0) or the output (1)."""
-        return sum(slip[shaft] * self._drag(
-            slip[0] * state.engine_speed + slip[1] * state.output_speed, state.engine_speed)
-            for slip in state.open_clutches)
+        return sum(
+            slip[shaft]
+            * self._drag(
+                slip[0] * state.engine_speed + slip[1] * state.output_speed,
+                state.engine_speed,
+            )
+            for slip in state.open_clutches
+        )
 
     def output_drag(self, state: ShaftState) -> Value:
         return self._referred(state, 1)
@@ -126,16 +151,22 @@ class ClutchDragBetween(ClutchDrag):
     """The same between the output and a shaft that the engine turns: x of the difference."""
 
     form = "between engine and output"
-    summary = ("open wet clutches drag between shafts of the engine and of the output: the torque "
-               "vanishes where the two run alike")
+    summary = (
+        "open wet clutches drag between shafts of the engine and of the output: the torque "
+        "vanishes where the two run alike"
+    )
 
     peak_speed: float = shape("rad/s", (70.0, 150.0), "slip speed at the peak")
     feed_exponent: float = shape("-", (0.5,), "power of engine speed in the feed flow")
-    speed_ratio: float = shape("-", (0.8,), "output / engine speed at which the slip vanishes")
+    speed_ratio: float = shape(
+        "-", (0.8,), "output / engine speed at which the slip vanishes"
+    )
 
     def output_drag(self, state: ShaftState) -> Value:
-        return self._drag(state.output_speed - self.speed_ratio * state.engine_speed,
-                          state.engine_speed)
+        return self._drag(
+            state.output_speed - self.speed_ratio * state.engine_speed,
+            state.engine_speed,
+        )
 
     def engine_drag(self, state: ShaftState) -> Value:
         return -self.speed_ratio * self.output_drag(state)
@@ -152,7 +183,9 @@ class GearEfficiency(Effect):
     source = "paper, Table 3 (0.96 to 1); ISO/TR 14179"
     remedy = "calibrate the torque meters: their gain looks the same"
 
-    loss: float = size("-", 0.004, -0.02, 0.05, "further part of the power lost in each pair")
+    loss: float = size(
+        "-", 0.004, -0.02, 0.05, "further part of the power lost in each pair"
+    )
 
     def gear_loss(self, power: Array, speed: Array) -> Value:
         return self.loss
@@ -172,21 +205,28 @@ class GearMesh(Effect):
     form = "load and speed"
     component = "gears"
     summary = "mesh friction depends on load and speed, which a constant gear efficiency leaves out"
-    source = ("ISO/TR 14179-1 and -2; Benedict & Kelley, ASLE Trans. 4 (1961) 59: the friction "
-              "follows load, speed and film")
+    source = (
+        "ISO/TR 14179-1 and -2; Benedict & Kelley, ASLE Trans. 4 (1961) 59: the friction "
+        "follows load, speed and film"
+    )
     remedy = "calibrate the torque meters: their gain looks nearly the same"
 
-    loss: float = size("-", 0.004, 0.0, 0.05,
-                       "further part lost in each pair at 250 N m and 150 rad/s")
+    loss: float = size(
+        "-", 0.004, 0.0, 0.05, "further part lost in each pair at 250 N m and 150 rad/s"
+    )
     load_exponent: float = shape("-", (-0.4, 0.2, 0.8), "power of the torque")
     speed_exponent: float = shape("-", (0.0, 0.5), "falling power of the speed")
 
     def gear_loss(self, power: Array, speed: Array) -> Value:
         torque = np.abs(power) / np.maximum(np.abs(speed), 1.0)
-        return self.loss * _mesh_part(torque, speed, self.load_exponent, self.speed_exponent)
+        return self.loss * _mesh_part(
+            torque, speed, self.load_exponent, self.speed_exponent
+        )
 
 
-def _mesh_part(torque: Array, speed: Array, load_exponent: float, speed_exponent: float) -> Array:
+def _mesh_part(
+    torque: Array, speed: Array, load_exponent: float, speed_exponent: float
+) -> Array:
     """Loss / loss at 250 N m and 150 rad/s."""
     load = np.maximum(np.abs(torque), 1.0) / _TORQUE_REFERENCE
     turning = np.maximum(np.abs(speed), 1.0) / _ENGINE_REFERENCE
@@ -201,8 +241,10 @@ class PlanetaryMesh(Effect):
     name = "planetary_mesh"
     form = "torque ratio"
     component = "planetary"
-    summary = ("the planets' mesh loses a part of the rolling power, which the base model takes "
-               "as lossless")
+    summary = (
+        "the planets' mesh loses a part of the rolling power, which the base model takes "
+        "as lossless"
+    )
     source = "Mueller, Die Umlaufgetriebe: rolling power"
     remedy = "spin the row at two sun speeds with the same torque"
 
@@ -224,8 +266,9 @@ class PlanetaryFilm(PlanetaryMesh):
     speed_exponent: float = shape("-", (0.0, 0.5), "falling power of the rolling speed")
 
     def planetary_loss(self, state: ShaftState) -> Value:
-        return self.loss * _mesh_part(state.sun_torque, state.sun_speed, self.load_exponent,
-                                      self.speed_exponent)
+        return self.loss * _mesh_part(
+            state.sun_torque, state.sun_speed, self.load_exponent, self.speed_exponent
+        )
 
 
 class PlanetaryRolling(PlanetaryMesh):
@@ -238,7 +281,9 @@ class PlanetaryRolling(PlanetaryMesh):
         return 0.0
 
     def engine_drag(self, state: ShaftState) -> Value:
-        return self.loss * state.sun_torque * np.abs(state.sun_speed) / state.engine_speed
+        return (
+            self.loss * state.sun_torque * np.abs(state.sun_speed) / state.engine_speed
+        )
 
 
 @dataclass(frozen=True)
@@ -258,8 +303,11 @@ class _Drag(Effect):
 
     def _torque(self, speed: Array, pressure: Array) -> Value:
         a, b = self.powers
-        return self.torque * np.abs(speed / _UNIT_REFERENCE) ** a * np.abs(
-            pressure / PRESSURE_REFERENCE) ** b
+        return (
+            self.torque
+            * np.abs(speed / _UNIT_REFERENCE) ** a
+            * np.abs(pressure / PRESSURE_REFERENCE) ** b
+        )
 
 
 @dataclass(frozen=True)
@@ -267,8 +315,10 @@ class ConstantTorque(_Drag):
     """T = T_c: what neither pressure nor speed changes."""
 
     name = "constant_torque"
-    summary = ("a torque that is always there: shaft seals, springs and preloaded bearings, or a "
-               "charge pump on the shaft")
+    summary = (
+        "a torque that is always there: shaft seals, springs and preloaded bearings, or a "
+        "charge pump on the shaft"
+    )
     source = "Wilson 1950, T_c; Thoma 1964"
     remedy = "turn the unit by hand without pressure"
     torque: float = size("N m", 4.0, 0.0, 25.0, "torque on the shaft")
@@ -299,4 +349,6 @@ class PressureViscosity(_Drag):
     source = "Barus 1893, alpha = 0.02 / MPa; loaded gaps: Ivantysyn & Ivantysynova"
     remedy = "measure the torque at one pressure and two speeds"
     powers = 1, 1
-    torque: float = size("N m", 8.0, 0.0, 80.0, "further torque at 20 MPa and 200 rad/s")
+    torque: float = size(
+        "N m", 8.0, 0.0, 80.0, "further torque at 20 MPa and 200 rad/s"
+    )

@@ -10,8 +10,10 @@ class _TorqueMeter(Effect):
     name = "torque_sensor"
     component = "sensor"
     source = "paper, section 2.2: meter error up to 10 N m; 0.12 % systematic"
-    remedy = ("check the meter's zero before and after the campaign; calibrate it with a dead "
-              "weight")
+    remedy = (
+        "check the meter's zero before and after the campaign; calibrate it with a dead "
+        "weight"
+    )
 
 
 @dataclass(frozen=True)
@@ -19,12 +21,16 @@ class EngineTorqueZero(_TorqueMeter):
     """The engine torque meter reads T + zero."""
 
     form = "zero of the engine meter"
-    summary = "the engine torque meter is off by a constant: light loads look wrong most"
+    summary = (
+        "the engine torque meter is off by a constant: light loads look wrong most"
+    )
 
     zero: float = size("N m", 3.0, -20.0, 20.0, "reading at no torque")
 
     def reading(self, efficiency: Array, state: ShaftState) -> Array:
-        return efficiency / (1.0 + self.zero * efficiency * state.engine_speed / state.load_power)
+        return efficiency / (
+            1.0 + self.zero * efficiency * state.engine_speed / state.load_power
+        )
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,9 @@ class OutputTorqueZero(_TorqueMeter):
     """The output torque meter reads T + zero."""
 
     form = "zero of the output meter"
-    summary = "the output torque meter is off by a constant: light loads look wrong most"
+    summary = (
+        "the output torque meter is off by a constant: light loads look wrong most"
+    )
 
     zero: float = size("N m", 3.0, -20.0, 20.0, "reading at no torque")
 
@@ -70,7 +78,9 @@ class _PressureGauge(Effect):
     name = "pressure_sensor"
     component = "sensor"
     source = "ISO 4409, classes A to C: 0.5 to 2.5 % of pressure; effective displacement: ISO 8426"
-    remedy = "check the gauge's zero with the unit at rest, and the motor's displacement"
+    remedy = (
+        "check the gauge's zero with the unit at rest, and the motor's displacement"
+    )
 
 
 @dataclass(frozen=True)
@@ -78,7 +88,9 @@ class PressureZero(_PressureGauge):
     """The pressure gauge reads p + zero."""
 
     form = "zero"
-    summary = "the pressure is off by a constant: a zero, or the low side is not taken off"
+    summary = (
+        "the pressure is off by a constant: a zero, or the low side is not taken off"
+    )
 
     zero: float = size("Pa", 3e5, -4e6, 4e6, "reading at no pressure")
 
@@ -110,7 +122,9 @@ class ReferenceDisplacement(Effect):
     unit_only = True
     name = "reference_displacement"
     component = "sensor"
-    summary = "the displacement by which the losses are reckoned is not that of the unit"
+    summary = (
+        "the displacement by which the losses are reckoned is not that of the unit"
+    )
     source = "derived capacity: ISO 8426; Toet et al., Energies 2019, 12, 415"
     remedy = "measure the flow near no pressure at several speeds (ISO 8426)"
 

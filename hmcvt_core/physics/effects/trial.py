@@ -22,31 +22,60 @@ def trial(kind: type[Effect]) -> None:
     effect = kind().with_values({item.name: item.typical for item in kind.sizes()})
     for hook, plain in vars(Effect).items():
         where, state = f"effect {kind.name}: {hook}", _state()
-        given = {**state._asdict(), "state": state, "efficiency": state.displacement_ratio,
-                 "power": state.load_power, "speed": state.output_speed,
-                 "oil_temperature": np.linspace(30.0, 90.0, _POINTS)}
-        names = list(signature(plain).parameters)[1:] if isinstance(plain, FunctionType) else []
+        given = {
+            **state._asdict(),
+            "state": state,
+            "efficiency": state.displacement_ratio,
+            "power": state.load_power,
+            "speed": state.output_speed,
+            "oil_temperature": np.linspace(30.0, 90.0, _POINTS),
+        }
+        names = (
+            list(signature(plain).parameters)[1:]
+            if isinstance(plain, FunctionType)
+            else []
+        )
         # What takes something else is no hook.
         if not names or not given.keys() >= {*names} or not kind.acts_at(hook):
             continue
         try:
-            answer = np.asarray(getattr(effect, hook)(*(given[each] for each in names)),
-                                dtype=np.float64)
+            answer = np.asarray(
+                getattr(effect, hook)(*(given[each] for each in names)),
+                dtype=np.float64,
+            )
         except Exception as error:  # whatever somebody else's code may raise
             raise InputError(f"{where}: {type(error).__name__}: {error}") from error
         if answer.shape not in ((), (1,), (_POINTS,)):
-            raise InputError(f"{where} gives an array of shape {answer.shape} for {_POINTS} "
-                             f"points; allowed: one number, or an array of shape ({_POINTS},)")
+            raise InputError(
+                f"{where} gives an array of shape {answer.shape} for {_POINTS} "
+                f"points; allowed: one number, or an array of shape ({_POINTS},)"
+            )
         if not np.isfinite(answer).any():
             raise InputError(f"{where} gives {answer.flat[0]} at every point tried")
-        changed = [field for field, before, after in zip(
-            state._fields, _state(), state, strict=True) if not np.array_equal(before, after)]
+        changed = [
+            field
+            for field, before, after in zip(state._fields, _state(), state, strict=True)
+            if not np.array_equal(before, after)
+        ]
         if changed and "state" in names:
-            raise InputError(f"{where} changes {changed[0]} of the state; make a new array instead")
+            raise InputError(
+                f"{where} changes {changed[0]} of the state; make a new array instead"
+            )
 
 
 def _state() -> ShaftState:
     """Points as on a bench, an engine that pulls through the hydraulic path."""
     part = np.linspace(0.5, 1.0, _POINTS)
-    return ShaftState(200.0 * part, 180.0 * part, 150.0 * part, 160.0 * part, 0.9 * part,
-                      3e7 * part, np.ones(_POINTS), 120.0 * part, 90.0 * part, 5e4 * part, 1e-5)
+    return ShaftState(
+        200.0 * part,
+        180.0 * part,
+        150.0 * part,
+        160.0 * part,
+        0.9 * part,
+        3e7 * part,
+        np.ones(_POINTS),
+        120.0 * part,
+        90.0 * part,
+        5e4 * part,
+        1e-5,
+    )
