@@ -5,12 +5,14 @@ import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.files.steady import (
+from hmcvt_core.interface import (
     SETTLED,
     Readings,
     Steadiness,
@@ -22,8 +24,13 @@ from hmcvt_core.files.steady import (
     steady_tests,
 )
 
-from .reader import Bag, ImportSettings, find_topics
-from .recording import Array, listed, record
+from .reader import Bag
+from .recording import Array, Recording, listed, record
+from .settings import ImportSettings
+from .topics import find_topics
+
+_EVERY_MESSAGE_APART = -1.0
+"""A gap that lies between any two messages: an average stands alone."""
 
 
 @dataclass(frozen=True)
@@ -31,19 +38,20 @@ class ImportReport:
     """What became of a bag.
 
     Attributes:
-        bag: its path.
+        bag: path of the bag.
         clock: `header stamp` or `time of receipt`.
         read: messages by topic.
         refused: messages by topic and reason.
-        averaged: every message was taken as a steady average; the times below are 0 then.
-        seconds_logged: time covered by usable messages, gaps left out.
-        seconds_steady: in windows.
+        averaged: whether every message was taken as a steady average; the times below are 0 then.
+        seconds_logged: time covered by usable messages without gaps [s].
+        seconds_steady: time in steady windows [s].
         gaps: count of pauses and steps back of the clock.
         windows_found: steady windows, or messages that are averages already.
-        windows_refused: of those, by reason.
-        windows: those that became samples.
-        notes: what else is worth knowing, in sentences.
-        seconds_transient: in no window.
+        windows_refused: refused windows by reason.
+        windows: windows that became samples.
+        notes: what is missing or noteworthy, as sentences.
+        seconds_transient: time in no window [s].
+        stages: samples by stage; empty where the bag names no stages.
     """
 
     bag: str
@@ -59,14 +67,14 @@ class ImportReport:
     windows: tuple[SteadyWindow, ...]
     notes: tuple[str, ...]
     seconds_transient: float
+    stages: Mapping[str, int]
 
     def text(self) -> str:
         """Return the report as lines."""
         lines = [f"{self.bag}, times by {self.clock}"]
         for topic, count in self.read.items():
-            lines.append(
-                f"  {topic}: {count} messages read, {_refused(self.refused[topic])}"
-            )
+            refused = _refused(self.refused[topic])
+            lines.append(f"  {topic}: {count} messages read, {refused}")
         if not self.averaged:
             lines.append(
                 f"  {self.seconds_logged:.1f} s logged: {self.seconds_steady:.1f} s steady, "
@@ -74,14 +82,26 @@ class ImportReport:
             )
         kind = "averages" if self.averaged else "steady windows"
         lines.append(f"  {self.windows_found} {kind}, {_refused(self.windows_refused)}")
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+        if self.stages:
+            counts = [f"{count} in {stage}" for stage, count in self.stages.items()]
+            lines.append(f"  samples by stage: {', '.join(counts)}")
+        lines.extend(f"  note: {note}" for note in self.notes)
+        return "\n".join(lines)
 
 
 class Imported(NamedTuple):
-    """What a bag gave."""
+    """Bench samples of a bag, and what became of its messages."""
 
     samples: BenchSamples
     report: ImportReport
+
+
+class _Test(NamedTuple):
+    """A steady test: its window, its averages by column, and its stage; empty where unknown."""
+
+    window: SteadyWindow
+    values: Mapping[str, float]
+    stage: str
 
 
 def import_bag(
@@ -94,7 +114,7 @@ def import_bag(
     Args:
         path: folder of the bag, or one of its files.
         settings: where to look and how; None takes the defaults.
-        progress: told how far the reading is.
+        progress: called with the progress of reading.
 
     Returns:
         The samples in the order of the log, and what became of the messages.
@@ -104,54 +124,54 @@ def import_bag(
             missing; there is no steady window, or none within the ranges of bench samples.
     """
     settings = settings or ImportSettings()
-    with Bag(path) as bag:
+    with Bag(Path(path)) as bag:
         topics = find_topics(bag, settings)
-        readings, clock, read, refused = record(
-            bag, topics, settings.age_limit, settings.gap, progress
+        recording = record(
+            bag,
+            topics,
+            settings.age_limit,
+            settings.gap,
+            settings.use_stage,
+            progress,
         )
-    # An average stands alone, no matter when the next one comes.
-    index = split_at_gaps(readings.time, -1.0 if settings.averaged else settings.gap)
-    if out_of_order := len(readings.time) - sum(map(len, index)):
-        refused[topics.bench]["out of order"] += out_of_order
+        notes = (*bag.notes, *topics.notes, *recording.notes)
+    readings = recording.readings
+    gap = _EVERY_MESSAGE_APART if settings.averaged else settings.gap
+    index = split_at_gaps(readings.time, gap)
+    out_of_order = len(readings.time) - sum(len(part) for part in index)
+    if out_of_order:
+        recording.refused[topics.bench]["out of order"] += out_of_order
     stretches = [readings.select(part) for part in index]
-    found = steady_tests(stretches, settings.steadiness, settings.averaged)
-    if not found:
+    tests = _steady_tests(recording, index, settings)
+    if not tests:
         raise InputError(
             f"{path}: {_nothing_steady(readings.time, stretches, settings)}"
         )
-    wrong = [complaint(values) for _, values in found]
-    good = [
-        sample for sample, reason in zip(found, wrong, strict=True) if reason is None
-    ]
-    windows_refused = Counter(filter(None, wrong))
-    if not good:
+    usable, refused = _judged(tests)
+    if not usable:
         raise InputError(
-            f"{path}: none of the {len(found)} steady windows can be used: "
-            f"{listed(windows_refused)}"
+            f"{path}: none of the {len(tests)} steady windows can be used: "
+            f"{listed(refused)}"
         )
     logged = float(sum(stretch.span for stretch in stretches))
-    steady = sum(window.duration for window, _ in found)
-    columns: dict[str, Any] = {
-        name: np.array([values[name] for _, values in good]) for name in good[0][1]
-    }
-    return Imported(
-        BenchSamples(**columns, source=str(path)),
-        ImportReport(
-            bag=str(path),
-            clock=clock,
-            read=dict(read),
-            refused={name: dict(count) for name, count in refused.items()},
-            averaged=settings.averaged,
-            seconds_logged=logged,
-            seconds_steady=steady,
-            gaps=0 if settings.averaged else len(stretches) - 1,
-            windows_found=len(found),
-            windows_refused=dict(windows_refused),
-            windows=tuple(window for window, _ in good),
-            notes=topics.notes,
-            seconds_transient=logged - steady,
-        ),
+    steady = sum(test.window.duration for test in tests)
+    report = ImportReport(
+        bag=str(path),
+        clock=recording.clock,
+        read=dict(recording.read),
+        refused={topic: dict(count) for topic, count in recording.refused.items()},
+        averaged=settings.averaged,
+        seconds_logged=logged,
+        seconds_steady=steady,
+        gaps=0 if settings.averaged else len(stretches) - 1,
+        windows_found=len(tests),
+        windows_refused=dict(refused),
+        windows=tuple(test.window for test in usable),
+        notes=notes,
+        seconds_transient=logged - steady,
+        stages=dict(Counter(test.stage for test in usable if test.stage)),
     )
+    return Imported(_samples(usable, recording, str(path)), report)
 
 
 def read_bag(path: str | os.PathLike[str]) -> BenchSamples:
@@ -159,41 +179,94 @@ def read_bag(path: str | os.PathLike[str]) -> BenchSamples:
     return import_bag(path).samples
 
 
+def _steady_tests(
+    recording: Recording, index: Sequence[list[int]], settings: ImportSettings
+) -> list[_Test]:
+    """Average the steady windows; a change of stage ends one."""
+    tests = []
+    for part in index:
+        for piece in _of_one_stage(part, recording.stages):
+            stage = ""
+            if recording.stages is not None:
+                stage = str(recording.stages[piece[0]])
+            stretch = recording.readings.select(piece)
+            for window, values in steady_tests(
+                [stretch], settings.steadiness, settings.averaged
+            ):
+                tests.append(_Test(window, values, stage))
+    return tests
+
+
+def _of_one_stage(part: list[int], stages: NDArray[np.str_] | None) -> list[list[int]]:
+    """Cut a stretch of readings wherever the stage changes."""
+    if stages is None:
+        return [part]
+    names = stages[part]
+    changes = np.flatnonzero(names[1:] != names[:-1]) + 1
+    return [piece.tolist() for piece in np.split(np.array(part), changes)]
+
+
+def _judged(tests: Sequence[_Test]) -> tuple[list[_Test], Counter[str]]:
+    """Return the tests within the ranges of bench samples, and counts of the others by reason."""
+    usable = []
+    refused: Counter[str] = Counter()
+    for test in tests:
+        reason = complaint(test.values)
+        if reason is None:
+            usable.append(test)
+        else:
+            refused[reason] += 1
+    return usable, refused
+
+
+def _samples(tests: Sequence[_Test], recording: Recording, source: str) -> BenchSamples:
+    columns: dict[str, Any] = {
+        name: np.array([test.values[name] for test in tests])
+        for name in tests[0].values
+    }
+    extra = {}
+    if recording.stages is not None:
+        extra["stage"] = tuple(test.stage for test in tests)
+    return BenchSamples(**columns, extra=extra, source=source)
+
+
+# --- sentences -------------------------------------------------------------------------------
+
+
 def _refused(reasons: Mapping[str, int]) -> str:
-    return f"{sum(reasons.values())} refused" + (
-        f" ({listed(reasons)})" if reasons else ""
-    )
+    text = f"{sum(reasons.values())} refused"
+    if reasons:
+        text = f"{text} ({listed(reasons)})"
+    return text
 
 
 def _nothing_steady(
     time: Array, stretches: Sequence[Readings], settings: ImportSettings
 ) -> str:
-    """Return the sentence for a log in which no steady window was found."""
-    least, longest = (
-        settings.steadiness.min_duration,
-        max(stretches, key=lambda item: item.span),
+    """Return the sentence for a log without a steady window."""
+    shortest = settings.steadiness.min_duration
+    longest = max(stretches, key=lambda stretch: stretch.span)
+    seconds = sum(stretch.span for stretch in stretches)
+    head = f"no steady window of {shortest:g} s in {seconds:.1f} s"
+    if longest.span >= shortest:
+        return f"{head}; {_unsettled(longest, settings.steadiness)}"
+    apart = "one message only"
+    if len(time) > 1:
+        apart = f"messages come {np.median(np.abs(np.diff(time))):.3g} s apart"
+    return (
+        f"{head}: the longest stretch without a gap of {settings.gap:g} s lasts "
+        f"{longest.span:.1f} s, {apart} (--gap; or --averaged when each message is a "
+        "steady average)"
     )
-    head = f"no steady window of {least:g} s in {sum(item.span for item in stretches):.1f} s"
-    if longest.span < least:
-        steps = np.abs(np.diff(time))
-        apart = (
-            f"messages come {np.median(steps):.3g} s apart"
-            if len(steps)
-            else "one message only"
-        )
-        return (
-            f"{head}: the longest stretch without a gap of {settings.gap:g} s lasts "
-            f"{longest.span:.1f} s, {apart} (--gap; or --averaged when each message is a "
-            "steady average)"
-        )
-    return f"{head}; {_unsettled(longest, settings.steadiness)}"
 
 
 def _unsettled(readings: Readings, limits: Steadiness) -> str:
+    """Return scatter and change of each channel beside its limits."""
     settled = channels(readings, limits)
     _, means, deviations = block_statistics(readings.time, settled.values, limits.block)
     scale = np.where(settled.relative[:, None], np.abs(means), 1.0)
-    scatter, change = deviations / scale, np.abs(np.diff(means)) / scale[:, 1:]
+    scatter = deviations / scale
+    change = np.abs(np.diff(means)) / scale[:, 1:]
     parts = [
         f"{name} {_median(scatter[i])} (limit {settled.scatter[i]:g}) and "
         f"{_median(change[i])} ({settled.drift[i]:g})"

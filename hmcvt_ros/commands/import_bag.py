@@ -10,31 +10,33 @@ import click
 
 from hmcvt_core import InputError, write_bench
 from hmcvt_core.cli.common import Answer, OutputFile, Progress, answers
-from hmcvt_core.files.guess import UNITS
-from hmcvt_core.files.steady import Shafts
+from hmcvt_core.interface import UNITS, Shafts
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 
 LIMITS = [
     item for item in (*fields(Steadiness), *fields(ImportSettings)) if item.metadata
 ]
+"""Settings that are limits; each becomes an option."""
 
 
 def _limits(function: Callable[..., Any]) -> Callable[..., Any]:
     for item in reversed(LIMITS):
-        function = click.option(
+        option = click.option(
             f"--{item.name.replace('_', '-')}",
             type=float,
             show_default=True,
             default=item.default,
             help=item.metadata["text"],
-        )(function)
+        )
+        function = option(function)
     return function
 
 
 def _signal(text: str) -> tuple[str, tuple[str, float]]:
-    name, _, place = text.partition("=")
-    topic, _, unit = place.partition(":")
+    """Read NAME=TOPIC[:UNIT]: the name of a signal, its topic, and the unit's size in SI."""
+    name, _, source = text.partition("=")
+    topic, _, unit = source.partition(":")
     if name not in Shafts._fields or not topic:
         raise click.BadParameter(
             f"{text!r}: write NAME=TOPIC[:UNIT], the name one of "
@@ -85,7 +87,7 @@ Examples:
     "--namespace",
     default=None,
     metavar="NS",
-    help="Of all topics, when the bag holds several.",
+    help="Namespace of all topics, when the bag holds several.",
 )
 @_limits
 @click.option(
@@ -94,7 +96,12 @@ Examples:
     help="Each message is a steady average already: one sample each.",
 )
 @click.option(
-    "--no-oil-temperature", is_flag=True, help="Leave topic oil_temperature alone."
+    "--no-oil-temperature", is_flag=True, help="Do not read the topic oil_temperature."
+)
+@click.option(
+    "--no-stage",
+    is_flag=True,
+    help="Do not read the stage from header.frame_id and the topic stage.",
 )
 @answers
 def command(
@@ -107,24 +114,26 @@ def command(
     gap: float,
     averaged: bool,
     no_oil_temperature: bool,
+    no_stage: bool,
     **steady: float,
 ) -> Answer:
     """Turn a recorded bag (rosbag2: sqlite3, mcap) into bench samples.
 
     One sample for each window with settled speeds, torques and displacement ratio; transients are
-    rejected. BAG is the folder or one of its files.
+    rejected. BAG is the folder or one of its files. The stage engaged becomes the column `stage`.
     """
     if len(dict(signals)) < len(signals):
         raise click.BadParameter("each signal has one topic", param_hint="--signal")
     settings = ImportSettings(
-        topic,
-        namespace,
-        Steadiness(**steady),
-        age_limit,
-        gap,
-        averaged,
-        not no_oil_temperature,
-        dict(signals),
+        topic=topic,
+        namespace=namespace,
+        steadiness=Steadiness(**steady),
+        age_limit=age_limit,
+        gap=gap,
+        averaged=averaged,
+        use_oil_temperature=not no_oil_temperature,
+        signals=dict(signals),
+        use_stage=not no_stage,
     )
     if Path(out).exists() and Path(out).suffix in BAG_FILES:
         raise InputError(f"{out}: a file of a bag is not written over")

@@ -6,17 +6,21 @@ from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    StoragePlugin,
+    Writer,
+)
 from rosbags.typesys import Stores, get_typestore
 
 RATE = 50.0  # messages a second
 START = 1_700_000_000  # s
 TYPES = get_typestore(Stores.ROS2_JAZZY)
-SHAFTS, NUMBER, TEMPERATURE = (
-    "sensor_msgs/msg/JointState",
-    "std_msgs/msg/Float64",
-    "sensor_msgs/msg/Temperature",
-)
+SHAFTS = "sensor_msgs/msg/JointState"
+NUMBER = "std_msgs/msg/Float64"
+TEMPERATURE = "sensor_msgs/msg/Temperature"
+TEXT = "std_msgs/msg/String"
 JOINTS = ("engine", "output", "displacement")
 STORAGE = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 
@@ -104,21 +108,25 @@ def stamp(seconds):
     return TYPES.types["builtin_interfaces/msg/Time"](sec=whole, nanosec=rest * 1000)
 
 
-def header(seconds):
-    return TYPES.types["std_msgs/msg/Header"](stamp=stamp(seconds), frame_id="")
+def header(seconds, frame=""):
+    return TYPES.types["std_msgs/msg/Header"](stamp=stamp(seconds), frame_id=frame)
 
 
-def joint_state(row, seconds=0.0, names=JOINTS):
+def joint_state(row, seconds=0.0, names=JOINTS, frame=""):
     """The five readings as a message; fields that mean nothing are NaN."""
     nan = math.nan
     speed, torque, output_speed, output_torque, ratio = map(float, row)
     return TYPES.types[SHAFTS](
-        header=header(seconds),
+        header=header(seconds, frame),
         name=list(names),
         position=np.array([nan, nan, ratio][: len(names)]),
         velocity=np.array([speed, output_speed, nan][: len(names)]),
         effort=np.array([torque, output_torque, nan][: len(names)]),
     )
+
+
+def text(value):
+    return TYPES.types[TEXT](data=value)
 
 
 def number(value):
@@ -131,16 +139,18 @@ def temperature(value, seconds=0.0):
     )
 
 
-def bench_records(bench, topic="/bench_sample", stamped=True, latency=0.003):
+def bench_records(
+    bench, topic="/bench_sample", stamped=True, latency=0.003, frame=lambda i: ""
+):
     """The messages of a bench: (topic, type, time of receipt, message)."""
     return [
         (
             topic,
             SHAFTS,
             seconds + latency,
-            joint_state(row, seconds if stamped else 0.0),
+            joint_state(row, seconds if stamped else 0.0, frame=frame(i)),
         )
-        for seconds, row in zip(bench.time, bench.rows, strict=True)
+        for i, (seconds, row) in enumerate(zip(bench.time, bench.rows, strict=True))
     ]
 
 
@@ -176,9 +186,16 @@ def signal_records(bench):
     return records
 
 
-def write_bag(path, records, storage="mcap", topics=()):
-    """Record messages in order of receipt; `topics` are (name, type) without a message."""
-    with Writer(path, version=9, storage_plugin=STORAGE[storage]) as writer:
+def write_bag(path, records, storage="mcap", topics=(), compression=None):
+    """Record messages in order of receipt; `topics` are (name, type) without a message.
+
+    `compression` is `message` or `file` for zstd.
+    """
+    writer = Writer(path, version=9, storage_plugin=STORAGE[storage])
+    if compression is not None:
+        mode = CompressionMode[compression.upper()]
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
         found = {(topic, kind) for topic, kind, *_ in records} | set(topics)
         connections = {
             key: writer.add_connection(*key, typestore=TYPES) for key in sorted(found)

@@ -1,0 +1,96 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Inner interface: what packages built on the core may import besides its public names.
+
+The public names are those of `hmcvt_core` itself. The names below serve programs that process bench
+data or run the model for a long time, as `hmcvt_ros` does. They keep their names and meaning within
+a minor version; everything else inside the core may change at any time. Commands for the command
+line use `hmcvt_core.cli.common` in addition (docs/cli.md).
+
+| for | names |
+|---|---|
+| ranges of quantities | `Range`, `BENCH_COLUMNS`, `POINT_RANGES`, `DISPLACEMENT_RATIO`, ... |
+| files that survive a crash | `write_atomically`, `make_folder`, `sync_folder`, `free_name`, ... |
+| steady windows of a recording | `Shafts`, `Readings`, `Steadiness`, `steady_tests`, ... |
+| a model in service | `refit`, `joined`, `HOLDS` |
+| processes and replies | `ONE_BLAS_THREAD`, `plain`, `UNITS` |
+"""
+
+from .files import plain
+from .files.atomic import (
+    free_name,
+    make_folder,
+    numbered,
+    remove_leftovers,
+    sync_folder,
+    write_atomically,
+)
+from .files.bench import joined
+from .files.guess import UNITS
+from .files.steady import (
+    SETTLED,
+    Readings,
+    Shafts,
+    Steadiness,
+    SteadyWindow,
+    block_statistics,
+    channels,
+    complaint,
+    held,
+    limit,
+    require_positive,
+    split_at_gaps,
+    steady_tests,
+)
+from .fleet import ONE_BLAS_THREAD
+from .identification.refit import refit
+from .model.optimum import HOLDS
+from .transmission.ranges import (
+    BENCH_COLUMNS,
+    DISPLACEMENT_RATIO,
+    EFFICIENCY_STD,
+    ENGINE_SPEED,
+    ENGINE_SPEED_LIMITS,
+    LOAD_TORQUE,
+    OIL_TEMPERATURE,
+    OUTPUT_SPEED,
+    POINT_RANGES,
+    Range,
+)
+
+__all__ = [
+    "BENCH_COLUMNS",
+    "DISPLACEMENT_RATIO",
+    "EFFICIENCY_STD",
+    "ENGINE_SPEED",
+    "ENGINE_SPEED_LIMITS",
+    "HOLDS",
+    "LOAD_TORQUE",
+    "OIL_TEMPERATURE",
+    "ONE_BLAS_THREAD",
+    "OUTPUT_SPEED",
+    "POINT_RANGES",
+    "SETTLED",
+    "UNITS",
+    "Range",
+    "Readings",
+    "Shafts",
+    "Steadiness",
+    "SteadyWindow",
+    "block_statistics",
+    "channels",
+    "complaint",
+    "free_name",
+    "held",
+    "joined",
+    "limit",
+    "make_folder",
+    "numbered",
+    "plain",
+    "refit",
+    "remove_leftovers",
+    "require_positive",
+    "split_at_gaps",
+    "steady_tests",
+    "sync_folder",
+    "write_atomically",
+]
