@@ -1,33 +1,25 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The log of bench samples: a CSV that loses nothing and can be read at any moment.
 
-A sample is on disk when `write` returns. What a power cut leaves half written, or a disk gives
-back otherwise than it was written, is taken out and kept beside the log: every row has a checksum.
-
-All that waits for a disk has a thread of its own: bench samples, and changes of model. Samples that
-come while the disk is busy are written together, with one wait for all of them.
+A sample is on disk when `write` returns. Every row has a checksum: what a power cut leaves half
+written, or a disk returns otherwise than it was written, is taken out and kept in another file.
 """
 
 import contextlib
 import os
-import time
 import zlib
-from collections import deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.files.atomic import (
+from hmcvt_core.interface import (
+    BENCH_COLUMNS,
     free_name,
     make_folder,
     sync_folder,
     write_atomically,
 )
-from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
-from .inputs import Tally
 from .state_folder import keep_newest
 
 COLUMNS = (
@@ -39,26 +31,15 @@ COLUMNS = (
     "output_speed",
 )
 KEPT = 10
-"""Logs set aside that are kept, and damaged ones; the newest."""
+"""Logs set aside that are kept, and as many damaged ones; the newest."""
 
-INVALID, FULL, BUSY, NOT_WRITTEN = (
-    "invalid",
-    "log full",
-    "too many at once",
-    "not written",
-)
-BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
-"""Why a bench sample may be refused."""
-
-MOST_WAITING = 10_000
-STREAMS = 64
-"""Publishers of bench samples that are told apart."""
-_HANGING = 5.0  # seconds without a sign of life from the disk
-_PATIENCE = 2.0  # seconds for what waits for the disk at the end
-_UNNUMBERED = 2**64 - 1  # what a middleware says that does not number its messages
-
-_WITHOUT_CHECKSUMS = ",".join(COLUMNS).encode()  # the header of logs up to version 0.1
-_HEADERS = _WITHOUT_CHECKSUMS + b",crc", _WITHOUT_CHECKSUMS + b",stage,crc"
+_PLAIN_HEADER = ",".join(COLUMNS).encode()
+"""First line of logs up to version 0.1, without checksums."""
+_HEADER = _PLAIN_HEADER + b",crc"
+_HEADER_WITH_STAGE = _PLAIN_HEADER + b",stage,crc"
+_NOT_IN_A_STAGE = frozenset(',"#\n\r')
+"""Characters that would break the line of a stage."""
+_UNKNOWN_SIZE = -1
 _RANGES = {column.name: column for column in BENCH_COLUMNS}
 
 
@@ -66,18 +47,24 @@ class BenchLog:
     """An append-only CSV of bench samples; `hmcvt_core.read_bench` reads it.
 
     Attributes:
-        path: the file; it comes into being with the first sample.
+        path: path of the file, which the first sample creates.
         recovered: what had to be repaired in it, as a sentence; empty when nothing.
     """
 
     def __init__(self, path: Path, limit: int, stages: bool = False) -> None:
-        """Open a log that holds at most `limit` samples, each with its `stage` if so said.
+        """Open a log.
 
         A file that cannot be read or repaired is no error yet: `write` tries again.
+
+        Args:
+            path: path of the file.
+            limit: most samples that it holds.
+            stages: whether each sample has a stage.
         """
-        self._header, self._other = _HEADERS[::-1] if stages else _HEADERS
         self.path = path
         self.recovered = ""
+        self._stages = stages
+        self._header = _HEADER_WITH_STAGE if stages else _HEADER
         self._limit = limit
         self._count = 0
         self._size = 0
@@ -98,255 +85,129 @@ class BenchLog:
         )
 
     def write(self, rows: Sequence[bytes]) -> int:
-        """Write as many rows as there is room for, wait until they are on disk, say how many.
+        """Write as many rows as there is room for, wait until they are on disk, return how many.
 
         Raises:
             OSError: they could not be written; the log is as before.
         """
         if self.path.exists() and self.path.stat().st_size != self._size:
-            self.check()  # changed by someone else
+            self.check()  # another program changed it
         if not self.path.exists():
             make_folder(self.path.parent)
             write_atomically(self.path, self._header + b"\n")
-            self._count, self._size = 0, len(self._header) + 1
+            self._count = 0
+            self._size = len(self._header) + 1
         rows = rows[: max(self._limit - self._count, 0)]
         if not rows:
             return 0
         text = b"".join(rows)
-        with self.path.open("ab", buffering=0) as file:
-            try:
-                left = text
-                while left:
-                    left = left[file.write(left) :]
-                os.fsync(file.fileno())
-            except OSError:
-                with contextlib.suppress(
-                    OSError
-                ):  # if not now, the next call repairs it
-                    file.truncate(self._size)
-                raise
+        self._append(text)
         self._count += len(rows)
         self._size += len(text)
         return len(rows)
 
     def set_aside(self) -> tuple[int, Path | None]:
-        """Begin a new log; return how many samples the old one held and where it is now.
+        """Begin a new log; return how many samples the old one held, and its path.
 
         Raises:
             OSError: the file cannot be renamed; the log is as before.
         """
-        count, kept = 0, None
+        count = 0
+        kept = None
         if self.path.exists():
-            count, kept = self._count, self._free_name("cleared")
+            count = self._count
+            kept = self._free_name("cleared")
             self.path.rename(kept)
             sync_folder(self.path.parent)
-        self._count = self._size = 0
+        self._count = 0
+        self._size = 0
         self.recovered = ""
         return count, kept
 
     def check(self) -> None:
         """Take out of the file what is not as it was written; a log without checksums gets them.
 
-        What had been written and is not there any more can only be told.
+        Samples that had been written and are missing are reported in `recovered`.
 
         Raises:
             OSError: it cannot be read or repaired.
         """
-        before = self._count
+        expected = self._count
         try:
             raw = self.path.read_bytes()
         except FileNotFoundError:
-            self._count = self._size = 0
-            if before:
-                self.recovered = f"{self.path}: is gone, and {before} samples with it"
+            self._count = 0
+            self._size = 0
+            if expected:
+                self.recovered = f"{self.path}: is gone, and {expected} samples with it"
             return
         *lines, torn = raw.split(b"\n")
-        if lines[:1] == [self._other] or (
-            self._header == _HEADERS[1] and lines[:1] == [_WITHOUT_CHECKSUMS]
-        ):
-            self._count = len(lines) - 1
+        header = lines.pop(0) if lines else b""
+        if self._is_of_another_model(header):
+            self._count = len(lines)
             _, aside = self.set_aside()
             self.recovered = (
                 f"{self.path}: was of another model, one with stages or without, "
                 f"and is set aside as {aside}"
             )
             return
-        old = lines[:1] == [_WITHOUT_CHECKSUMS]
-        # A cut in the middle of a number leaves a number: a line counts only with its end.
-        good = (
-            [_sealed(line.strip()) for line in lines[1:] if _is_row(line)]
-            if old
-            else [
-                line for line in lines[1:] if line == _sealed(line.rpartition(b",")[0])
-            ]
-        )
+        good = _intact_rows(lines, with_checksums=header != _PLAIN_HEADER)
         text = b"".join(line + b"\n" for line in (self._header, *good))
-        self._count, self._size = len(good), -1  # no size that it could have
-        lost = max(len(lines) - 1, 0) + bool(torn) - len(good)
-        if lost or lines[:1] not in ([self._header], [_WITHOUT_CHECKSUMS]):
-            kept = self._free_name("damaged")
-            write_atomically(kept, raw)
-            self.recovered = (
-                f"{self.path}: {lost} damaged lines taken out, the file as it was "
-                f"is kept as {kept.name}"
-            )
-        if before > len(good) + lost:
-            gone = f"{before - len(good) - lost} samples that had been logged are gone"
-            self.recovered = (
-                f"{self.recovered}; {gone}" if lost else f"{self.path}: {gone}"
-            )
+        self._count = len(good)
+        self._size = _UNKNOWN_SIZE
+        lost = len(lines) + bool(torn) - len(good)
+        self._report_damage(raw, header, lost, expected)
         if text != raw:
             write_atomically(self.path, text)
         self._size = len(text)
 
-    def _free_name(self, why: str) -> Path:
-        keep_newest(self.path.parent, KEPT - 1, f"{self.path.stem}.{why}-")
-        return free_name(self.path, why)
+    def _append(self, text: bytes) -> None:
+        with self.path.open("ab", buffering=0) as file:
+            try:
+                rest = text
+                while rest:
+                    rest = rest[file.write(rest) :]
+                os.fsync(file.fileno())
+            except OSError:
+                # If the file cannot be cut back now, the next call repairs it.
+                with contextlib.suppress(OSError):
+                    file.truncate(self._size)
+                raise
 
+    def _is_of_another_model(self, header: bytes) -> bool:
+        """Whether the rows have stages and should not, or lack them."""
+        if self._stages:
+            return header in (_HEADER, _PLAIN_HEADER)
+        return header == _HEADER_WITH_STAGE
 
-class Recorder:
-    """Takes bench samples and writes them to a log, in the order in which they came.
-
-    Nothing here waits for a disk but `close`, and what is given to `call`.
-
-    Attributes:
-        log: on disk.
-        numbers: of the messages with the samples.
-        tally: what became of the samples.
-    """
-
-    def __init__(
-        self, log: BenchLog, warn: Callable[[str], None], look: Callable[[], str]
+    def _report_damage(
+        self, raw: bytes, header: bytes, lost: int, expected: int
     ) -> None:
-        """Write to a log; say what could not be written, and what a look at the disk finds."""
-        self.log, self.numbers, self.tally = log, Numbers(), Tally(BENCH_REASONS)
-        self._warn, self._look = warn, look
-        self._missed_before = 0  # this log was begun
-        self._waiting: deque[bytes] = deque()
-        self._thread = ThreadPoolExecutor(1, "storage")
-        self._trouble = ""  # of the disk
-        self._asked, self._sign = (
-            time.monotonic(),
-            self.call(look),
-        )  # for a sign of life
+        """Keep a damaged file, and say which samples are lost.
 
-    @property
-    def complaint(self) -> str:
-        """What this log lacks, as a sentence; empty when nothing."""
-        missed = self._missed - self._missed_before
-        overrun = f"{missed} bench samples were sent and not taken: too many at once"
-        return "; ".join(
-            filter(
-                None, (self._trouble, self.log.recovered, overrun if missed > 0 else "")
+        Args:
+            raw: file as it was found.
+            header: its first line.
+            lost: count of damaged lines.
+            expected: count of samples that had been written.
+        """
+        problems = []
+        if lost or header not in (self._header, _PLAIN_HEADER):
+            kept = self._free_name("damaged")
+            write_atomically(kept, raw)
+            problems.append(
+                f"{lost} damaged lines taken out, the file as it was is kept as "
+                f"{kept.name}"
             )
-        )
+        missing = expected - self._count - lost
+        if missing > 0:
+            problems.append(f"{missing} samples that had been logged are gone")
+        if problems:
+            self.recovered = f"{self.path}: {'; '.join(problems)}"
 
-    @property
-    def _missed(self) -> int:
-        return self.numbers.missing + self.tally.refused[BUSY]
-
-    def poll(self) -> None:
-        """Look at the disk again, where the last look has ended; now and then."""
-        if self._sign.done():
-            self._trouble = self._sign.result()
-            self._asked, self._sign = time.monotonic(), self.call(self._look)
-        elif (silent := time.monotonic() - self._asked) > _HANGING:
-            self._trouble = f"the disk has not answered for {silent:.0f} s"
-
-    def submit(self, samples: BenchSamples) -> None:
-        """Take samples, which are not on disk yet."""
-        if len(self._waiting) + len(samples) > MOST_WAITING:
-            self.refuse(
-                BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk"
-            )
-        else:
-            self._waiting.extend(rows_of(samples))
-            self.call(self._write)
-
-    def refuse(self, reason: str, complaint: str) -> None:
-        """Count a sample as refused."""
-        # Behind what came before, so that the last complaint is that of the last sample.
-        self.call(self._refuse, reason, complaint)
-
-    def call(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Do in the thread, after all that came before, what waits for a disk."""
-        return self._thread.submit(work, *arguments)
-
-    def set_aside(self) -> tuple[int, Path | None]:
-        """Begin a new log, as `BenchLog.set_aside`; for `call`."""
-        done = self.log.set_aside()
-        self._missed_before = self._missed
-        return done
-
-    def close(self) -> bool:
-        """Write what waits, and end; False when the disk takes too long."""
-        written = wait([self.call(bool)], _PATIENCE).done
-        self._thread.shutdown(wait=False)
-        return bool(written)
-
-    # --- the thread; it alone counts, lest two do at once -----------------------------------------
-
-    def _refuse(self, reason: str, complaint: str, count: int = 1) -> None:
-        self.tally.refuse(reason, complaint, count)
-        self._warn(complaint)
-
-    def _write(self) -> None:
-        rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if not rows:
-            return  # they were written with those before
-        try:
-            written = self.log.write(rows)
-        except Exception as error:  # of any kind: what was taken must be accounted for
-            self._refuse(NOT_WRITTEN, f"bench log: {error}", len(rows))
-            return
-        if written:
-            self.tally.accept(written)
-        if written < len(rows):
-            self._refuse(FULL, self.log.full, len(rows) - written)
-
-
-class Numbers:
-    """Counts the messages that are missing, by the numbers of those that came.
-
-    Every publisher numbers its messages from 1, and a message does not tell its publisher. So a
-    number goes with the stream of which it is the next; where there is none, the nearest stream
-    below lacks some, unless that goes on later: then it was the next one below, if any. A stream
-    that is met in the middle lacks nothing: it had begun before we listened.
-
-    Attributes:
-        missing: count of messages.
-    """
-
-    def __init__(self) -> None:
-        self.missing = 0
-        self._last: deque[int] = deque(maxlen=STREAMS)  # of each stream
-        self._jumps: dict[
-            int, int
-        ] = {}  # from the last number before to the first one after
-
-    def take(self, number: int) -> None:
-        """Take the number of a message."""
-        if not 0 < number < _UNNUMBERED:
-            return
-        if number - 1 in self._last:
-            self._last.remove(number - 1)
-        elif number - 1 in self._jumps:
-            after = self._jumps.pop(number - 1)
-            self.missing -= after - number
-            self._jump(number - 1, after)
-        else:
-            self._jump(number, number)
-        self._last.append(number)
-
-    def _jump(self, below: int, after: int) -> None:
-        """Lay a jump to a number to the nearest stream below another."""
-        if streams := [last for last in self._last if last < below]:
-            before = max(streams)
-            self._last.remove(before)
-            self._jumps[before] = after
-            if len(self._jumps) > STREAMS:
-                del self._jumps[next(iter(self._jumps))]
-            self.missing += after - before - 1
+    def _free_name(self, reason: str) -> Path:
+        keep_newest(self.path.parent, KEPT - 1, f"{self.path.stem}.{reason}-")
+        return free_name(self.path, reason)
 
 
 def rows_of(samples: BenchSamples) -> list[bytes]:
@@ -355,25 +216,35 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
     Raises:
         InputError: a column is missing, or the name of a stage would break its line.
     """
-    values = []
+    columns = []
     for name in COLUMNS:
         column = getattr(samples, name)
         if column is None:
             # An empty cell would make a log that `read_bench` refuses.
             raise InputError(f"{samples.source}: {name} is missing")
-        values.append(map(repr, column.tolist()))
-    if stages := samples.extra.get("stage"):
-        if any(set(',"#\n\r') & set(name) for name in stages):
+        columns.append([repr(value) for value in column.tolist()])
+    stages = samples.extra.get("stage")
+    if stages:
+        if any(_NOT_IN_A_STAGE & set(name) for name in stages):
             raise InputError(
                 f"{samples.source}: stage {stages[0]!r} is no name for a log"
             )
-        values.append(map(str, stages))
-    return [
-        _sealed(",".join(row).encode()) + b"\n" for row in zip(*values, strict=True)
-    ]
+        columns.append(list(stages))
+    rows = zip(*columns, strict=True)
+    return [_with_checksum(",".join(row).encode()) + b"\n" for row in rows]
 
 
-def _sealed(row: bytes) -> bytes:
+def _intact_rows(lines: Sequence[bytes], with_checksums: bool) -> list[bytes]:
+    """Return the rows that are as they were written, with checksums."""
+    if with_checksums:
+        return [
+            line for line in lines if line == _with_checksum(line.rpartition(b",")[0])
+        ]
+    # A cut in the middle of a number leaves a number, so a line counts only with its end.
+    return [_with_checksum(line.strip()) for line in lines if _is_row(line)]
+
+
+def _with_checksum(row: bytes) -> bytes:
     return b"%b,%08x" % (row, zlib.crc32(row))
 
 
@@ -382,9 +253,10 @@ def _is_row(line: bytes) -> bool:
     if len(cells) != len(COLUMNS):
         return False
     try:
-        return all(
-            _RANGES[name].contains(float(cell))
-            for name, cell in zip(COLUMNS, cells, strict=True)
-        )
+        values = [float(cell) for cell in cells]
     except ValueError:
         return False
+    return all(
+        _RANGES[name].contains(value)
+        for name, value in zip(COLUMNS, values, strict=True)
+    )

@@ -1,76 +1,211 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""When a message came, on a clock that nobody can set."""
+"""When a message arrived, on a clock by which ages can be counted.
+
+Ages follow a steady clock that nobody can set, or with `use_sim_time` the clock of a simulation.
+"""
 
 import time
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 from rclpy.clock import Clock
+from rclpy.node import Node
 
-# It goes on while the machine sleeps, where the system has such a clock.
+# This clock continues while the machine sleeps, where the system has it.
 _STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-_STEP = 20_000_000  # ns between two looks by which no clock is drawn right, only set
-_STOPPED = (
-    1_000_000_000  # ns between two looks: the process, or the machine, has been stopped
-)
-_DRAINED = 200_000_000  # ns in which the messages that have waited meanwhile are taken
+# Chosen by us; a clock that NTP adjusts drifts less between two readings.
+_SET = 20_000_000
+"""Change between two readings beyond which the system clock was set [ns]."""
+_STOPPED = 1_000_000_000
+"""Time between two readings beyond which the process or the machine was stopped [ns]."""
+_DRAIN_TIME = 200_000_000
+"""Time in which the messages that waited meanwhile are taken [ns]."""
+_SILENCE = 2_000_000_000
+"""Time without /clock while inputs arrive, beyond which the clock counts as lost [ns]."""
+
+CLOCK_TOPIC = "/clock"
+NO_CLOCK = f"use_sim_time is set but nothing came on {CLOCK_TOPIC}"
+
+
+class Arrival(NamedTuple):
+    """When a message is taken and when it was received [ns].
+
+    Attributes:
+        now: time by the clock of the ages.
+        received: time of reception by the same clock.
+        steady: time of reception by the steady clock.
+    """
+
+    now: int
+    received: int
+    steady: int
+
+
+class AgeClock(Protocol):
+    """A clock by which the ages of inputs are counted."""
+
+    @property
+    def jumps(self) -> int:
+        """How often the system clock was set."""
+
+    @property
+    def complaint(self) -> str:
+        """Why the clock cannot be trusted, as a sentence; empty when it can."""
+
+    def now(self) -> int:
+        """Return the time [ns]."""
+
+    def arrival(self, stamp: int) -> Arrival:
+        """Return when a message with a stamp of the middleware was received."""
+
+    def warning(self) -> str:
+        """Return the complaint once, when it is time to log it; empty otherwise."""
 
 
 class SteadyClock:
-    """Times in nanoseconds by a steady clock.
+    """Times by a steady clock [ns].
 
-    The middleware stamps what it receives by the system clock. As long as that keeps its distance
-    from the steady clock, the stamp tells the age of a message, however long it has waited. When
-    the system clock is set, stamps of before mean nothing; and a process that was stopped stamps
-    late. What is taken right afterwards counts as received when all was last seen well.
+    The middleware stamps messages by the system clock. As long as that keeps its distance from the
+    steady clock, the stamp gives the age of a message, however long the message has waited. After
+    the system clock was set, earlier stamps mean nothing, and a process that was stopped stamps
+    late. What is taken right afterwards counts as received before that happened.
 
     Attributes:
         jumps: how often the system clock was set.
     """
 
+    complaint = ""
+
     def __init__(self) -> None:
         self.jumps = 0
-        self._seen = time.clock_gettime_ns(_STEADY)
-        self._offset = time.time_ns() - self._seen
-        self._last_well = self._doubtful_until = self._seen
+        self._last = time.clock_gettime_ns(_STEADY)
+        self._offset = time.time_ns() - self._last
+        self._last_undisturbed = self._last
+        self._doubtful_until = self._last
 
     def now(self) -> int:
-        """Return the time; to be asked ten times a second at least."""
+        """Return the time; must be called at least ten times a second."""
         now = time.clock_gettime_ns(_STEADY)
         offset = time.time_ns() - now
-        was_set = not -_STEP < offset - self._offset < _STEP
-        if was_set or now - self._seen > _STOPPED:
-            self.jumps += was_set
-            self._last_well, self._doubtful_until = self._seen, now + _DRAINED
-        self._offset, self._seen = offset, now
+        was_set = abs(offset - self._offset) >= _SET
+        if was_set:
+            self.jumps += 1
+        if was_set or now - self._last > _STOPPED:
+            self._last_undisturbed = self._last
+            self._doubtful_until = now + _DRAIN_TIME
+        self._offset = offset
+        self._last = now
         return now
 
-    def received(self, stamp: int, now: int) -> int:
-        """Return when a message came.
+    def arrival(self, stamp: int) -> Arrival:
+        """Return when a message was received.
 
         Args:
-            stamp: of the middleware, by the system clock; 0 when it gives none.
-            now: what `now` has just given.
+            stamp: stamp of the middleware by the system clock [ns]; 0 when it gives none.
         """
+        now = self.now()
+        received = now
         if now < self._doubtful_until:
-            return self._last_well
-        return min(stamp - self._offset, now) if stamp > 0 else now
+            received = self._last_undisturbed
+        elif stamp > 0:
+            received = min(stamp - self._offset, now)
+        return Arrival(now, received, received)
+
+    def warning(self) -> str:
+        """Return nothing: this clock is always right."""
+        return ""
 
 
-class NodeClock:
-    """Times by the clock of a node, which a simulation drives: when a message is taken.
+class SimulatedClock:
+    """Times by the clock of a simulation [ns], as long as one is published on /clock.
+
+    A simulation may pause, and nothing ages meanwhile. But before the first message on /clock, and
+    when inputs keep arriving without one, there is no simulation: ages then follow a steady clock.
 
     Attributes:
-        jumps: always 0; those of the simulation are counted where they are heard of.
+        jumps: always 0; jumps of the simulation are counted where they are reported.
     """
 
     jumps = 0
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, changed: Callable[[int, int], None]) -> None:
+        """Follow the clock of a node.
+
+        Args:
+            clock: clock that the middleware sets by /clock.
+            changed: called with the time [ns] and the time by the steady clock [ns] whenever ages
+                begin to follow the other clock.
+        """
         self._clock = clock
+        self._changed = changed
+        self._steady = SteadyClock()
+        self._lost = True
+        self._lost_since = self._steady.now()
+        self._heard = False
+        self._waiting_since: int | None = None
+        self._warned = False
+
+    def listen(self, node: Node) -> None:
+        """Hear of every message that the node takes from /clock."""
+        for subscription in node.subscriptions:
+            if subscription.topic_name == CLOCK_TOPIC:
+                subscription.callback = self._hearing(subscription.callback)
+
+    @property
+    def complaint(self) -> str:
+        """Why ages follow a steady clock; empty when they follow /clock."""
+        if not self._lost:
+            return ""
+        silence = ""
+        if self._heard:
+            seconds = (self._steady.now() - self._lost_since) * 1e-9
+            silence = f" for {seconds:.0f} s while inputs came"
+        return f"{NO_CLOCK}{silence}; ages follow the wall clock"
 
     def now(self) -> int:
-        """Return the time."""
+        """Return the time; must be called at least ten times a second."""
+        steady = self._steady.now()
+        return steady if self._lost else self._simulated()
+
+    def arrival(self, stamp: int) -> Arrival:
+        """Return when a message was received: when it is taken, by the clock of a simulation."""
+        arrival = self._steady.arrival(stamp)
+        self._expect_clock(arrival.now)
+        if self._lost:
+            return arrival
+        now = self._simulated()
+        return Arrival(now, now, arrival.steady)
+
+    def warning(self) -> str:
+        """Return the complaint once, when the clock has been missing for a while."""
+        silent = self._steady.now() - self._lost_since
+        if self._warned or not self._lost or silent < _SILENCE:
+            return ""
+        self._warned = True
+        return self.complaint
+
+    def _simulated(self) -> int:
         return int(self._clock.now().nanoseconds)
 
-    def received(self, stamp: int, now: int) -> int:
-        """Return the time now: stamps are by another clock."""
-        return now
+    def _hearing(self, take: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        def heard(message: Any) -> None:
+            take(message)  # raises for a message that is no time
+            self._waiting_since = None
+            self._heard = True
+            if self._lost:
+                self._lost = False
+                self._warned = False
+                self._changed(self._simulated(), self._steady.now())
+
+        return heard
+
+    def _expect_clock(self, now: int) -> None:
+        """Count the time since the first input without a message on /clock."""
+        if self._lost:
+            return
+        if self._waiting_since is None:
+            self._waiting_since = now
+        elif now - self._waiting_since > _SILENCE:
+            self._lost = True
+            self._lost_since = self._waiting_since
+            self._changed(now, now)

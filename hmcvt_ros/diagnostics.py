@@ -2,7 +2,7 @@
 """The three statuses of the node on /diagnostics: its inputs, its model and the gap."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,46 +11,33 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from hmcvt_core import Opening
 
-from .bench_log import NOT_WRITTEN, Recorder
 from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
 from .parameters import Settings
+from .recorder import NOT_WRITTEN, Recorder
 
-_LEVELS = {
+LEVELS = {
     State.FRESH: DiagnosticStatus.OK,
     State.COASTING: DiagnosticStatus.OK,
     State.MISSING: DiagnosticStatus.WARN,
     State.STALE: DiagnosticStatus.STALE,
     State.INVALID: DiagnosticStatus.ERROR,
 }
-
-
-def gap_values(found: Mapping[str, Any], model: str, when: str) -> dict[str, str]:
-    """Return what is shown of an answer of `~/diagnose` about the model with a fingerprint."""
-    causes, fraction = found["causes"], found["shrinkage"]["fraction"]
-    return {
-        "gap verdict": found["verdict"],
-        "gap leading cause": f"{causes[0]['effect']}, probability {causes[0]['probability']:.2f}"
-        if causes
-        else "-",
-        "gap rmse [-]": f"{found['gap']['rmse']:.4g}",
-        "gap shrinkage [-]": "-" if fraction is None else f"{fraction:.3f}",
-        "gap diagnosed": f"{when}, {found['gap']['samples']} samples",
-        "gap of model": model,
-        "report": found["report"] or "-",
-    }
+"""Level of `inputs` by the state of an input."""
+_FROM_GOOD_TO_BAD = list(State)
+_NOTHING = "-"
 
 
 @dataclass
 class Job:
-    """What is under way for a caller of a service; one at a time.
+    """A job under way for a caller of a service; one at a time.
 
     Attributes:
-        name: of the service.
-        started: when, by the monotonic clock [s].
-        working: whether the worker does it; else it waits for a disk.
+        name: name of the service.
+        started: start by the monotonic clock [s].
+        working: whether the worker does it; otherwise it waits for a disk.
         stopped: whether the worker was found stopped.
-        ended: why before its end; empty when it was not.
+        ended: why it was ended early; empty when it was not.
     """
 
     name: str
@@ -69,7 +56,7 @@ class Job:
 
 
 class Staged(NamedTuple):
-    """A refit that waits for `~/adopt`: its file, and what it is to take the place of."""
+    """A refit that waits for `~/adopt`: its file, and the file that it is to replace."""
 
     path: Path
     fingerprint: str
@@ -81,14 +68,15 @@ class Staged(NamedTuple):
 
 @dataclass
 class Activity:
-    """What the node has done so far and does now.
+    """What the node has done and does.
 
     Attributes:
         ends: how the last refit and the last diagnosis ended, by service.
         gap: `gap_values` of the last diagnosis that succeeded; empty before.
-        job: under way, if any.
-        trouble: why the last job did not come to its end; empty when it did, or was cancelled.
-        staged: the refit staged last, until the model in service or the log is another.
+        job: job under way, if any.
+        trouble: why the last job was ended early; empty when it was not, or was cancelled.
+        staged: refit staged last, until the model in service or the log is another.
+        sample_stage: stage of the last bench sample and where it comes from; empty before.
     """
 
     ends: dict[str, str] = field(
@@ -98,133 +86,187 @@ class Activity:
     job: Job | None = None
     trouble: str = ""
     staged: Staged | None = None
+    sample_stage: str = ""
+
+
+def gap_values(answer: Mapping[str, Any], model: str, when: str) -> dict[str, str]:
+    """Return the values that diagnostics show of an answer of `~/diagnose`.
+
+    Args:
+        answer: object of the answer.
+        model: fingerprint of the model that was diagnosed.
+        when: time of the diagnosis.
+    """
+    leading = _NOTHING
+    if answer["causes"]:
+        cause = answer["causes"][0]
+        leading = f"{cause['effect']}, probability {cause['probability']:.2f}"
+    shrinkage = _NOTHING
+    if answer["shrinkage"]["fraction"] is not None:
+        shrinkage = f"{answer['shrinkage']['fraction']:.3f}"
+    return {
+        "gap verdict": answer["verdict"],
+        "gap leading cause": leading,
+        "gap rmse [-]": f"{answer['gap']['rmse']:.4g}",
+        "gap shrinkage [-]": shrinkage,
+        "gap diagnosed": f"{when}, {answer['gap']['samples']} samples",
+        "gap of model": model,
+        "report": answer["report"] or _NOTHING,
+    }
 
 
 def inputs_status(
-    name: str, inputs: Inputs, now: int, settings: Settings, counts: Mapping[str, int]
+    name: str,
+    inputs: Inputs,
+    now: int,
+    settings: Settings,
+    counts: Mapping[str, int],
+    warnings: Sequence[str] = (),
 ) -> DiagnosticStatus:
-    """Return the status of the inputs: the worst of the three and the last operating point."""
+    """Return the status of the inputs: the worst of the three and the last operating point.
+
+    Args:
+        name: name of the node.
+        inputs: the three inputs.
+        now: time by the clock of the ages [ns].
+        settings: parameters of the node.
+        counts: counts of what was answered and refused.
+        warnings: complaints that make the level at least WARN.
+    """
     values: dict[str, Any] = {}
-    found = []
-    for (key, item), limit in zip(
-        inputs.by_name.items(), settings.age_limits.ages, strict=True
-    ):
+    states = []
+    limits = settings.age_limits.ages
+    for (key, item), limit in zip(inputs.by_name.items(), limits, strict=True):
         age = item.age(now)
-        found.append(item.state(now, limit))
-        values |= {
-            f"{key} state": found[-1][0].value,
-            f"{key} age [s]": "-" if age is None else f"{age:.3f}",
-            f"{key} age limit [s]": f"{limit * NANOSECONDS:g}",
-            **item.tally.values(key),
-        }
+        state, message = item.state(now, limit)
+        states.append((state, message))
+        values[f"{key} state"] = state.value
+        values[f"{key} age [s]"] = _NOTHING if age is None else f"{age:.3f}"
+        values[f"{key} age limit [s]"] = f"{limit * NANOSECONDS:g}"
+        values.update(item.tally.values(key))
+    text = "three fresh inputs"
     if inputs.asked:
         if all(item.stamp is None for item in inputs.by_name.values()):
-            found = []  # whoever sends operating points alone lacks nothing
-        found.append(inputs.asked)
-    level = _LEVELS[max((state for state, _ in found), key=list(State).index)]
-    problems = [problem for _, problem in found if problem]
-    if inputs.apart_reason:
-        problems.append(inputs.apart_reason)
+            # A client that sends operating points alone lacks nothing.
+            states = []
+            text = "operating points"
+        states.append(inputs.asked)
+    worst = max((state for state, _ in states), key=_FROM_GOOD_TO_BAD.index)
+    level = LEVELS[worst]
+    problems = [message for _, message in states if message]
+    if warnings:
+        problems.extend(warnings)
         level = max(level, DiagnosticStatus.WARN)
-    message = "; ".join(problems) or (
-        "three fresh inputs" if found[2:] else "operating points"
+    return _status(
+        name, "inputs", level, "; ".join(problems) or text, {**values, **counts}
     )
-    return _status(name, "inputs", level, message, {**values, **counts})
 
 
 def model_status(
     name: str,
-    now: InService,
+    served: InService,
     complaint: str,
     activity: Activity,
     log: Recorder,
     point: OperatingPoint | None,
     refusal: str,
 ) -> DiagnosticStatus:
-    """Return the status of the model: which one, how good, and whether it covers the point now.
+    """Return the status of the model: which one, how good, and whether it covers the point.
 
     Args:
-        name: of the node.
-        now: the model in service.
-        complaint: why another than the last one adopted serves; empty when that does.
-        activity: of the node.
-        log: of the bench samples.
-        point: the operating point now, None without one.
+        name: name of the node.
+        served: model in service.
+        complaint: why it is not the last model put into service; empty when it is.
+        activity: what the node has done and does.
+        log: log of the bench samples.
+        point: present operating point, None without one.
         refusal: why the model has no answer there; empty when it has.
     """
-    domain = now.model.domain
-    outside = [] if point is None or domain is None else domain.departures(*point)
-    extrapolation = "extrapolation: " + "; ".join(outside) if outside else ""
+    extrapolation = _extrapolation(served, point)
     state = "; ".join(filter(None, (complaint, log.complaint)))
-    warnings = _refit_warnings(now)
+    warnings = _refit_warnings(served)
     complaints = [
         refusal if point is not None else "",
-        extrapolation,
+        f"extrapolation: {extrapolation}" if extrapolation else "",
         log.tally.complaint,
         state,
         activity.trouble,
         warnings,
     ]
-    message = "; ".join(filter(None, complaints)) or f"serving {now.path}"
-    level = (
-        DiagnosticStatus.ERROR
-        if log.tally.reason == NOT_WRITTEN  # data is being lost
-        else DiagnosticStatus.WARN
-        if any(complaints)
-        else DiagnosticStatus.OK
-    )
-    model = now.model
+    level = DiagnosticStatus.OK
+    if any(complaints):
+        level = DiagnosticStatus.WARN
+    if log.tally.reason == NOT_WRITTEN:  # data is being lost
+        level = DiagnosticStatus.ERROR
+    provenance = served.model.provenance
     values = {
-        "file": now.path,
-        "fingerprint": model.fingerprint,
-        "formulation": model.formulation,
-        "source": model.provenance.get("source", "-"),
-        "identified": model.provenance.get("date", "-"),
-        "fit error [-]": model.provenance.get("fit_error", "-"),
-        "drift [-]": model.provenance.get("drift", "-"),
+        "file": served.path,
+        "fingerprint": served.model.fingerprint,
+        "formulation": served.model.formulation,
+        "source": provenance.get("source", _NOTHING),
+        "identified": provenance.get("date", _NOTHING),
+        "fit error [-]": provenance.get("fit_error", _NOTHING),
+        "drift [-]": provenance.get("drift", _NOTHING),
         "refit warnings": warnings or "none",
-        "in service since": now.since,
-        "extrapolation": "; ".join(outside) or "no",
+        "in service since": served.since,
+        "extrapolation": extrapolation or "no",
         "state folder": state or "intact",
         "bench samples logged": len(log.log),
         **log.tally.values("bench samples"),
         "bench samples lost": log.numbers.missing,
-        "last refit": activity.ends["reidentify"],
-        "staged refit": activity.staged or "-",
-        "last diagnosis": activity.ends["diagnose"],
-        **activity.gap,
-        "running": activity.job if activity.job and activity.job.working else "-",
+        **_activity_values(activity),
     }
+    message = "; ".join(filter(None, complaints)) or f"serving {served.path}"
     return _status(name, "model", level, message, values)
 
 
-def gap_status(name: str, found: Opening) -> DiagnosticStatus:
+def gap_status(name: str, opening: Opening) -> DiagnosticStatus:
     """Return the status of the gap between the bench samples that came and the model in service."""
-    level = DiagnosticStatus.WARN if found.open else DiagnosticStatus.OK
-    return _status(
-        name,
-        "gap",
-        level,
-        str(found),
-        {key.replace("_", " "): _shown(value) for key, value in asdict(found).items()},
-    )
+    level = DiagnosticStatus.WARN if opening.open else DiagnosticStatus.OK
+    values = {
+        key.replace("_", " "): _in_words(value)
+        for key, value in asdict(opening).items()
+    }
+    return _status(name, "gap", level, str(opening), values)
 
 
-def _shown(value: Any) -> str:
+def _extrapolation(served: InService, point: OperatingPoint | None) -> str:
+    """Return which inputs lie outside the data of the identification; empty when none does."""
+    domain = served.model.domain
+    if point is None or domain is None:
+        return ""
+    return "; ".join(domain.departures(*point))
+
+
+def _activity_values(activity: Activity) -> dict[str, Any]:
+    running: Any = _NOTHING
+    if activity.job is not None and activity.job.working:
+        running = activity.job
+    return {
+        "stage of the last bench sample": activity.sample_stage or _NOTHING,
+        "last refit": activity.ends["reidentify"],
+        "staged refit": activity.staged or _NOTHING,
+        "last diagnosis": activity.ends["diagnose"],
+        **activity.gap,
+        "running": running,
+    }
+
+
+def _in_words(value: Any) -> str:
+    if value is None:
+        return _NOTHING
     if isinstance(value, tuple):
-        return " to ".join(map(_shown, value))
-    return (
-        "-"
-        if value is None
-        else f"{value:.6g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+        return " to ".join(_in_words(part) for part in value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)
 
 
-def _refit_warnings(now: InService) -> str:
-    found = now.model.provenance.get("warnings", [])
-    return "; ".join(map(str, found)) if isinstance(found, list) else str(found)
+def _refit_warnings(served: InService) -> str:
+    warnings = served.model.provenance.get("warnings", [])
+    if isinstance(warnings, list):
+        return "; ".join(str(warning) for warning in warnings)
+    return str(warnings)
 
 
 def _status(

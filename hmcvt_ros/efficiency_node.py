@@ -1,31 +1,46 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The executable of the node `hmcvt`: arguments, signals, exit codes.
 
-The process for heavy work is given this module too, as every process that Python spawns is given
-the main module of its parent; so nothing that takes time to load is loaded before `main`.
+The process for heavy work loads this module too, as every process that Python spawns loads the main
+module of its parent; so nothing that takes time is imported before `main`.
 """
 
+from __future__ import annotations
+
 import gc
-import math
 import os
 import signal
 import sys
 import time
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-PATIENCE = 10.0  # seconds, a hundred times the period of the node's timer
-_TURN = 2e-4  # seconds; about what an answer takes
+if TYPE_CHECKING:
+    from .node import EfficiencyNode
+
+PATIENCE = 10.0
+"""Time without the node's timer, after a failure, beyond which ROS counts as stuck [s]: a hundred
+periods of the timer."""
+_SWITCH_INTERVAL = 2e-4
+"""Longest time that another thread keeps the interpreter [s]; about what an answer takes."""
+
+WRONG_ARGUMENT = 2
+"""Exit code for a wrong argument, parameter or model file, or a missing ROS."""
+STUCK = 1
+"""Exit code when ROS does not call the node any more; it may be started again."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM.
 
+    Args:
+        arguments: command line with the name of the program; None takes `sys.argv`.
+
     Returns:
-        Exit code: 0; 2 when an argument, a parameter or the model file is wrong, or ROS missing; 1
-        when ROS does not call the node any more, so that whoever started it may start another.
+        Exit code: 0, `WRONG_ARGUMENT` or `STUCK`.
     """
     given = list(sys.argv if arguments is None else arguments)
-    asked = _stop_signals()
+    signals = _stop_signals()
     try:
         import rclpy
     except ImportError as error:
@@ -33,21 +48,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"the node needs ROS 2 ({error}): source its setup.bash, or, in the "
             'folder of hmcvt, pip install ".[ros]"'
         )
-    from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
 
     from hmcvt_core import HmcvtError
-    from hmcvt_core.fleet import ONE_BLAS_THREAD
+    from hmcvt_core.interface import ONE_BLAS_THREAD
 
     from .node import EfficiencyNode
     from .parameters import usage
 
-    os.environ.update(
-        ONE_BLAS_THREAD
-    )  # for the worker process, which computes with one thread
-    # The thread that waits for disks reads and maps models too: an answer waits for it no longer.
-    sys.setswitchinterval(_TURN)
+    # For the worker process, which computes with one thread.
+    os.environ.update(ONE_BLAS_THREAD)
+    # The thread that waits for disks also reads and maps models; an answer must not wait for it.
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     try:
         other = remove_ros_args(given)[1:]
         if other[:1] in (["-h"], ["--help"]):
@@ -59,34 +72,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         node = EfficiencyNode()
     except (HmcvtError, OSError, RuntimeError) as error:
         rclpy.try_shutdown()
-        # A RuntimeError is what rclpy raises on a parameter file or argument that it cannot read.
+        # rclpy raises a RuntimeError for a parameter file or argument that it cannot read.
         kind = f"{type(error).__name__}: " if isinstance(error, RuntimeError) else ""
         return _failed(f"{kind}{error}")
-    # What has been loaded stays: to look through it for garbage again and again holds up answers.
+    # What has been loaded stays; looking through it for garbage again and again delays answers.
     gc.freeze()
+    return _run(node, signals)
+
+
+def _run(node: EfficiencyNode, signals: list[int]) -> int:
+    """Spin until a signal arrives; end the node and return the exit code."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    ticks, failed = (
-        node.ticks,
-        math.inf,
-    )  # since when a failure has not been followed by a tick
     try:
-        while not asked:
-            try:
-                # The node's timer wakes it up every 0.1 s, unless what failed left rclpy stuck.
-                executor.spin_once(timeout_sec=None if failed == math.inf else 0.1)
-            except Exception as error:  # of a callback of rclpy's own
-                node.guard.contain("rclpy", error)
-                # Nothing is to be waited for where ROS itself has ended.
-                failed = min(
-                    failed, time.monotonic() if node.context.ok() else -math.inf
-                )
-            if node.ticks != ticks:
-                ticks, failed = node.ticks, math.inf
-            elif time.monotonic() > failed + PATIENCE:
-                node.get_logger().fatal("stopping: ROS does not call the node any more")
-                return 1
-        node.get_logger().info("stopping: asked to by a signal")
+        return _spin(node, executor, signals)
     finally:
         written = node.close()
         executor.shutdown()
@@ -94,30 +96,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rclpy.try_shutdown()
         if not written:  # Python would wait for that thread for ever
             _failed("the disk does not answer: what waited for it is lost")
-            os._exit(1)
+            os._exit(STUCK)
+
+
+def _spin(node: EfficiencyNode, executor: Any, signals: list[int]) -> int:
+    """Serve callbacks until a signal arrives, or until the timer stays away after a failure."""
+    ticks = node.ticks
+    deadline: float | None = None  # for the next tick after a failure
+    while not signals:
+        try:
+            # The node's timer wakes it every 0.1 s, unless a failure left rclpy stuck.
+            executor.spin_once(timeout_sec=None if deadline is None else 0.1)
+        except Exception as error:  # of a callback of rclpy itself
+            node.guard.contain("rclpy", error)
+            if not node.context.ok():  # ROS itself has ended
+                deadline = 0.0
+            elif deadline is None:
+                deadline = time.monotonic() + PATIENCE
+        if node.ticks != ticks:
+            ticks = node.ticks
+            deadline = None
+        elif deadline is not None and time.monotonic() > deadline:
+            node.get_logger().fatal("stopping: ROS does not call the node any more")
+            return STUCK
+    node.get_logger().info("stopping: asked to by a signal")
     return 0
 
 
 def _stop_signals() -> list[int]:
-    """Return a list that SIGINT and SIGTERM fill; it is looked at between two callbacks.
+    """Return a list that SIGINT and SIGTERM fill; it is read between two callbacks.
 
     The handlers of rclpy raise in the middle of whatever runs, which ends in tracebacks now and
-    then. A second signal ends the process the hard way.
+    then. A second signal ends the process at once.
     """
-    asked: list[int] = []
+    received: list[int] = []
 
-    def ask(number: int, frame: object) -> None:
-        asked.append(number)
+    def note(number: int, frame: object) -> None:
+        received.append(number)
         signal.signal(number, signal.SIG_DFL)
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, ask)
-    return asked
+        signal.signal(number, note)
+    return received
 
 
 def _failed(text: str) -> int:
     print(f"hmcvt: error: {' '.join(text.split())}", file=sys.stderr)
-    return 2
+    return WRONG_ARGUMENT
 
 
 if __name__ == "__main__":

@@ -7,23 +7,27 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from hmcvt_core.transmission.ranges import (
+from hmcvt_core.interface import (
     DISPLACEMENT_RATIO,
     LOAD_TORQUE,
     POINT_RANGES,
     Range,
 )
 
+from .clocks import Arrival
+
 INPUT_RANGES = POINT_RANGES
 STROKE_TOLERANCE = 0.02
-"""How far beyond full stroke noise of its sensor may lead; it is taken as full stroke [-]."""
+"""How far sensor noise may lead beyond full stroke, which is taken instead [-]; chosen by us."""
 NANOSECONDS = 1e-9
-REASONS = ("not finite", "out of range")
+NOT_FINITE = "not finite"
+OUT_OF_RANGE = "out of range"
+REASONS = (NOT_FINITE, OUT_OF_RANGE)
 """Why a message may be refused."""
 
 
 class OperatingPoint(NamedTuple):
-    """What the three inputs say together: [-], rad/s, N m."""
+    """The values of the three inputs: [-], rad/s, N m."""
 
     displacement_ratio: float
     engine_speed: float
@@ -34,8 +38,8 @@ class AgeLimits(NamedTuple):
     """How old inputs may be [ns].
 
     Attributes:
-        ages: of each input, in the order of `INPUT_RANGES`.
-        skew: time between the oldest and the newest.
+        ages: limit of each input, in the order of `INPUT_RANGES`.
+        skew: limit of the time between the oldest and the newest.
     """
 
     ages: tuple[int, int, int]
@@ -57,12 +61,12 @@ class Tally:
     """What became of the messages of one kind.
 
     Attributes:
-        reasons: why one may be refused.
-        accepted: count of messages.
-        refused: counts by `reasons`.
-        at_limit: count of strokes a hair beyond 1 that were taken as 1.
-        reason: why the last one was refused; empty when it was not.
-        complaint: the same for a person.
+        reasons: why a message may be refused.
+        accepted: count of accepted messages.
+        refused: counts of refused messages by `reasons`.
+        at_limit: count of strokes slightly beyond 1 that were taken as 1.
+        reason: why the last message was refused; empty when it was accepted.
+        complaint: the same as a sentence.
     """
 
     reasons: tuple[str, ...]
@@ -73,30 +77,31 @@ class Tally:
     complaint: str = ""
 
     def accept(self, count: int = 1) -> None:
-        """Count what was taken."""
+        """Count accepted messages."""
         self.accepted += count
-        self.reason = self.complaint = ""
+        self.reason = ""
+        self.complaint = ""
 
     def expect(self, reason: str, complaint: str) -> None:
-        """Say why one would be refused before one is; the first that is taken proves it wrong."""
-        self.reason, self.complaint = reason, complaint
+        """State why the next message will be refused; an accepted message clears it."""
+        self.reason = reason
+        self.complaint = complaint
 
     def refuse(self, reason: str, complaint: str, count: int = 1) -> None:
-        """Count what was not taken."""
+        """Count refused messages."""
         self.refused[reason] += count
         self.expect(reason, complaint)
 
     def values(self, subject: str) -> dict[str, int]:
-        """Return the counts as diagnostics name them."""
-        return {
+        """Return the counts by the keys that diagnostics use."""
+        values = {
             f"{subject} received": self.accepted + self.refused.total(),
             f"{subject} accepted": self.accepted,
-            **{
-                f"{subject} refused, {reason}": self.refused[reason]
-                for reason in self.reasons
-            },
-            f"{subject} taken as the limit": self.at_limit,
         }
+        for reason in self.reasons:
+            values[f"{subject} refused, {reason}"] = self.refused[reason]
+        values[f"{subject} taken as the limit"] = self.at_limit
+        return values
 
 
 @dataclass
@@ -104,39 +109,42 @@ class Input:
     """One input.
 
     Attributes:
-        limits: its range.
-        value: of the last message, None when that was refused or none came.
-        stamp: when the last message came [ns], None before the first.
+        limits: range of the input.
+        value: value of the last message, None when it was refused or none came.
+        stamp: when the last message was received [ns], None before the first.
+        received_steady: the same by the steady clock [ns].
         tally: what became of its messages.
     """
 
     limits: Range
     value: float | None = None
     stamp: int | None = None
+    received_steady: int = 0
     tally: Tally = field(default_factory=lambda: Tally(REASONS))
 
-    def take(self, value: float, received: int) -> bool:
-        """Take a message; False when the value is refused, the tally says why."""
-        self.stamp = received
+    def take(self, value: float, arrival: Arrival) -> bool:
+        """Take a message; return False when its value is refused, for the reason in the tally."""
+        self.stamp = arrival.received
+        self.received_steady = arrival.steady
         if not self.limits.low <= value <= self.limits.high:  # true for NaN
             value = tolerated(self.limits, value, self.tally)
             if not (self.limits.contains(value) or coasting(self.limits, value)):
-                # The last good value is gone with it: what the sensor says now is not known.
+                # The value before is discarded too: what the sensor reads now is not known.
                 self.value = None
-                self.tally.refuse(
-                    REASONS[math.isfinite(value)], self.limits.complaint(value)
-                )
+                reason = OUT_OF_RANGE if math.isfinite(value) else NOT_FINITE
+                self.tally.refuse(reason, self.limits.complaint(value))
                 return False
         self.value = value
         self.tally.accept()
         return True
 
     def forget(self) -> None:
-        """Be as if nothing had come yet; the counts stay."""
-        self.value = self.stamp = None
+        """Discard the last message; the counts stay."""
+        self.value = None
+        self.stamp = None
 
     def fresh(self, now: int, limit: int) -> bool:
-        """Tell whether there is a value, not older than a limit [ns]."""
+        """Return whether there is a value that is not older than a limit [ns]."""
         return (
             self.value is not None
             and self.stamp is not None
@@ -144,24 +152,29 @@ class Input:
         )
 
     def age(self, now: int) -> float | None:
-        """Seconds since the last message, None when there is none."""
-        return None if self.stamp is None else (now - self.stamp) * NANOSECONDS
+        """Return the time since the last message [s], None when there is none."""
+        if self.stamp is None:
+            return None
+        return (now - self.stamp) * NANOSECONDS
 
     def state(self, now: int, limit: int) -> tuple[State, str]:
-        """Return the state at a time, for an age limit [ns], and what is to be said of it."""
-        age, name = self.age(now), self.limits.name
+        """Return the state for an age limit [ns], and a message about it; empty when fresh."""
+        name = self.limits.name
+        age = self.age(now)
         if age is None:
             return State.MISSING, f"{name}: nothing received"
         if age > limit * NANOSECONDS:
             return State.STALE, f"{name}: nothing received for {age:.1f} s"
         if self.value is None:
             return State.INVALID, self.tally.complaint
-        why = coasting(self.limits, self.value)
-        return State.COASTING if why else State.FRESH, why
+        reason = coasting(self.limits, self.value)
+        if reason:
+            return State.COASTING, reason
+        return State.FRESH, ""
 
 
 def tolerated(limits: Range, value: float, tally: Tally) -> float:
-    """Return a value; the limit instead, and count it, where noise leads a hair beyond it."""
+    """Return a value, or full stroke where noise leads slightly beyond it; the tally counts it."""
     if limits is DISPLACEMENT_RATIO and 1.0 < abs(value) <= 1.0 + STROKE_TOLERANCE:
         tally.at_limit += 1
         return math.copysign(1.0, value)
@@ -169,7 +182,7 @@ def tolerated(limits: Range, value: float, tally: Tally) -> float:
 
 
 def coasting(limits: Range, value: float) -> str:
-    """Say that a load torque is near zero or drives the engine, as on every way downhill, if so."""
+    """Return a message if a load torque is near zero or drives the engine; empty otherwise."""
     if limits is not LOAD_TORQUE or not -limits.high <= value < limits.low:
         return ""
     return (
@@ -182,19 +195,21 @@ class Inputs:
     """The set of the three inputs.
 
     Attributes:
-        by_name: each input.
+        by_name: inputs by name.
         clock_jumps: how often a simulated clock was set back or exchanged.
         coasting: count of arrivals without an answer because the load torque was near zero or less.
-        apart: count of arrivals without an answer because the inputs were of different times.
-        apart_reason: of the last one, to be taken away when it has been told.
-        asked: state of the last message on `operating_point` and what is to be said of it, to be
-            taken away too; None when none came.
+        apart: count of arrivals without an answer because of `max_input_skew`.
+        apart_reason: reason of the last one; the reader clears it.
+        asked: state and message of the last message on `operating_point`; the reader clears it.
+            None when none came.
     """
 
     def __init__(self) -> None:
         self.by_name = {limits.name: Input(limits) for limits in INPUT_RANGES}
         self._all = tuple(self.by_name.values())
-        self.clock_jumps = self.coasting = self.apart = 0
+        self.clock_jumps = 0
+        self.coasting = 0
+        self.apart = 0
         self.apart_reason = ""
         self.asked: tuple[State, str] | None = None
 
@@ -211,28 +226,37 @@ class Inputs:
         return OperatingPoint(stroke.value, speed.value, torque.value)  # type: ignore[arg-type]
 
     def count_silence(self, now: int, limits: AgeLimits) -> None:
-        """Count an arrival without an answer, where it is not for an input that has trouble."""
+        """Count an arrival without an answer although all inputs are fresh."""
         if not self._fresh(now, limits):
             return
-        if self._skew() > limits.skew:
-            self.apart += 1
-            ages = {name: item.age(now) or 0.0 for name, item in self.by_name.items()}
-            newest, oldest = (
-                min(ages, key=ages.__getitem__),
-                max(ages, key=ages.__getitem__),
-            )
-            self.apart_reason = (
-                f"{oldest} is {ages[oldest] - ages[newest]:.3f} s older than {newest}; "
-                f"max_input_skew = {limits.skew * NANOSECONDS:g}"
-            )
-        else:
+        if self._skew() <= limits.skew:
             self.coasting += 1
+            return
+        self.apart += 1
+        ages = {name: item.age(now) or 0.0 for name, item in self.by_name.items()}
+        newest = min(ages, key=ages.__getitem__)
+        oldest = max(ages, key=ages.__getitem__)
+        self.apart_reason = (
+            f"{oldest} is {ages[oldest] - ages[newest]:.3f} s older than {newest}; "
+            f"max_input_skew = {limits.skew * NANOSECONDS:g}"
+        )
 
     def clock_jumped(self) -> None:
-        """Forget what came by the clock before: its ages mean nothing now."""
+        """Discard all inputs: their ages by the clock before mean nothing."""
         self.clock_jumps += 1
         for item in self._all:
             item.forget()
+
+    def change_clock(self, now: int, steady: int) -> None:
+        """Express all stamps by another clock, with the ages by the steady clock.
+
+        Args:
+            now: time by the clock that ages follow from here on [ns].
+            steady: time by the steady clock [ns].
+        """
+        for item in self._all:
+            if item.stamp is not None:
+                item.stamp = now - (steady - item.received_steady)
 
     def _fresh(self, now: int, limits: AgeLimits) -> bool:
         return all(map(Input.fresh, self._all, (now, now, now), limits.ages))

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The heavy work of the node: a refit, a diagnosis. Done in a process of its own."""
+"""The heavy work of the node, a refit or a diagnosis, which runs in another process."""
 
 import json
 from collections.abc import Callable
@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import hmcvt_core as hmcvt
-from hmcvt_core.files import plain
-from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.identification.refit import refit
+from hmcvt_core.interface import plain, refit, write_atomically
 
 from .model_store import Promised, proven, servable
 from .state_folder import next_name
@@ -25,16 +23,17 @@ def with_proven(
     effects: str,
     **options: Any,
 ) -> dict[str, Any]:
-    """Do a job on the model in service, once it has proved to be what was put there.
+    """Do a job on the model in service, once that has proved to be what was put there.
 
-    Here rather than in the node, whose answers would wait for the files to be read.
+    It is checked here rather than in the node, whose answers would wait for the files to be read.
 
     Args:
-        work: one of the jobs below; `options` are its own.
-        promised: the model in service, and what else has to be as it was.
-        effects: module or file with effects of one's own; empty for none.
+        work: one of the jobs below.
+        promised: files of the model in service and of the base, with their fingerprints.
+        effects: module or file with effects of the user; empty for none.
+        options: arguments of the job.
     """
-    if effects:  # this process is another than the node's
+    if effects:  # this process has not loaded them
         hmcvt.load_effects(effects)
     return work(model=proven(promised), **options)
 
@@ -52,12 +51,14 @@ def reidentify(
     """Refit a model to samples.
 
     Args:
-        samples, model: files to read.
+        samples: bench file.
+        model: parameter file of the model in service.
         base: parameter file of the model that the refits began with.
-        seed: of the random numbers.
+        seed: seed of the random numbers.
         max_drift: largest difference to `base` within the domain [-].
-        output: file for the refit; in the folder `candidates` instead, when it must not serve.
-        min_samples: fewer are refused.
+        output: file for the refit.
+        candidates: folder for the refit instead, when it must not serve.
+        min_samples: fewest samples that are accepted.
 
     Returns:
         Sample count, error (mean |predicted - measured| / measured) before and after, parameters
@@ -65,6 +66,9 @@ def reidentify(
         what the samples leave open, by how much answers change, and the comparison on samples held
         back; `model` (the fingerprint) and `file` of the refit, or `refused` and `candidate` when
         something speaks against it.
+
+    Raises:
+        HmcvtError: the samples are too few, or determine nothing.
     """
     bench = hmcvt.read_bench(samples)
     if len(bench) < min_samples:
@@ -72,69 +76,74 @@ def reidentify(
             f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
             f"= {min_samples}"
         )
-    found = refit(
+    result = refit(
         bench,
         hmcvt.load_model(model),
         hmcvt.load_model(base),
         seed=seed,
         max_drift=max_drift,
     )
-    # In the file: they hold as long as the model serves, also after a restart.
-    fitted = replace(
-        found.model,
-        provenance={
-            **found.model.provenance,
-            "drift": float(f"{found.drift:.6g}"),
-            "warnings": list(found.warnings),
-        },
-    )
+    # Drift and warnings go into the file: they hold as long as the model serves.
+    provenance = {
+        **result.model.provenance,
+        "drift": float(f"{result.drift:.6g}"),
+        "warnings": list(result.warnings),
+    }
+    fitted = replace(result.model, provenance=provenance)
+    held_back = None
+    if result.held_back is not None:
+        held_back = asdict(result.held_back)
     answer = {
         "samples": len(bench),
         "source": bench.source,
-        "error_before": found.error_before,
-        "error_after": found.error_after,
+        "error_before": result.error_before,
+        "error_after": result.error_after,
         "parameters": fitted.to_mapping()["parameters"],
-        "warnings": found.warnings,
-        "set_aside": found.set_aside,
-        "kept": found.kept,
-        "largest_change": found.largest_change,
-        "drift": found.drift,
-        "held_back": None if found.held_back is None else asdict(found.held_back),
+        "warnings": result.warnings,
+        "set_aside": result.set_aside,
+        "kept": result.kept,
+        "largest_change": result.largest_change,
+        "drift": result.drift,
+        "held_back": held_back,
     }
-    if found.refused:
+    if result.refused:
         path = next_name(candidates, CANDIDATES_KEPT).with_suffix(".yaml")
         hmcvt.save_model(fitted, path)
-        return {
-            **answer,
-            "candidate": str(path),
-            "refused": f"{found.refused}; it is kept as {path}",
-        }
+        refusal = f"{result.refused}; it is kept as {path}"
+        return {**answer, "candidate": str(path), "refused": refusal}
     hmcvt.save_model(fitted, output)
-    # As a restart would read it, to the last digit.
+    # The fingerprint of the model as a restart would read it, to the last digit.
     return {**answer, "model": servable(output).fingerprint, "file": str(output)}
 
 
-def diagnose(samples: Path, model: Path, seed: int, reports: Path) -> dict[str, Any]:
-    """Say why a model and samples disagree.
+def diagnose(
+    samples: Path, model: Path, seed: int, reports: Path, noise: float
+) -> dict[str, Any]:
+    """Diagnose the gap between a model and samples.
+
+    Args:
+        samples: bench file.
+        model: parameter file of the model in service.
+        seed: seed of the random numbers.
+        reports: folder for the page of the diagnosis.
+        noise: standard deviation of the efficiency [-]; 0 for what the samples state.
 
     Returns:
-        The object of `hmcvt diagnose --json`, and `report`: the page of it in the folder `reports`,
-        None with a reason in `report_error` when that cannot be written.
+        The object of `hmcvt diagnose --json`, and `report`: path of the page, None with a reason in
+        `report_error` when it cannot be written.
     """
-    from hmcvt_core.report import write_html
-
-    found = hmcvt.diagnose(
-        hmcvt.load_model(model), hmcvt.read_bench(samples), seed=seed
+    diagnosis = hmcvt.diagnose(
+        hmcvt.load_model(model),
+        hmcvt.read_bench(samples),
+        noise=noise or None,
+        seed=seed,
     )
-    answer = found.to_dict()
+    answer = diagnosis.to_dict()
     try:
         path = next_name(reports, REPORTS_KEPT).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
-        write_html(found, path)
-    except (
-        OSError,
-        hmcvt.InputError,
-    ) as error:  # such as a full disk, or no matplotlib
-        # The answer is worth more than the page.
+        hmcvt.write_html(diagnosis, path)
+    except (OSError, hmcvt.InputError) as error:
+        # Such as a full disk, or no matplotlib: the answer is worth more than the page.
         return {**answer, "report": None, "report_error": str(error)}
     return {**answer, "report": str(path)}

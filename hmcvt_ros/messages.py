@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Between ROS messages and values of the core.
+"""Conversion between ROS messages and values of the core.
 
 Every number goes through `float`: the generated message classes send a NumPy scalar or an int as
-garbage without a word.
+garbage without an error.
 """
 
 from array import array
@@ -22,18 +22,24 @@ from hmcvt_core import (
     HmcvtError,
     InputError,
 )
-from hmcvt_core.files.steady import Shafts
-from hmcvt_core.transmission.ranges import DISPLACEMENT_RATIO
+from hmcvt_core.interface import DISPLACEMENT_RATIO, Shafts
 
-from .inputs import INPUT_RANGES, OperatingPoint, Tally, coasting, tolerated
+from .inputs import (
+    INPUT_RANGES,
+    NANOSECONDS,
+    OperatingPoint,
+    Tally,
+    coasting,
+    tolerated,
+)
 from .shafts import read_shafts
 
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 RAW_LIMIT = 16_384
-"""Most bytes of a bench sample or operating point; three joints take 200."""
+"""Largest size of a bench sample or operating point [bytes]; three joints take 200."""
 
 _SOURCE = "bench_sample"
-_OF_SHAFTS = (
+_COLUMNS_FROM_SHAFTS = (
     "displacement_ratio",
     "engine_speed",
     "load_torque",
@@ -43,27 +49,33 @@ _OF_SHAFTS = (
 
 
 def joint_state(raw: bytes) -> JointState:
-    """Read a message as it came; what is too long is not even looked at.
+    """Read a message from its bytes; one that is too long is refused unread.
 
     Raises:
-        InputError: it is too long, or no JointState.
+        InputError: the bytes are too many, or no JointState.
     """
     if len(raw) > RAW_LIMIT:
         raise InputError(f"a message of {len(raw)} bytes; allowed are {RAW_LIMIT}")
     try:
         return deserialize_message(raw, JointState)
-    except Exception as error:  # of a kind that depends on the middleware
+    except Exception as error:  # its kind depends on the middleware
         raise InputError(f"no sensor_msgs/JointState ({error})") from None
 
 
 def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
-    """Read an operating point; the engine's torque is not needed. `tally` as in `tolerated`.
+    """Read an operating point; the engine's torque is not needed.
+
+    Args:
+        message: see `read_shafts`.
+        tally: counts a stroke that is taken as the limit, as in `tolerated`.
 
     Raises:
         HmcvtError: a joint or field is missing or doubled, or a value is wrong; coasting is not.
     """
-    shafts = _running(message, tally)
-    point = OperatingPoint(*(getattr(shafts, limits.name) for limits in INPUT_RANGES))
+    shafts = _running_shafts(message, tally)
+    point = OperatingPoint(
+        shafts.displacement_ratio, shafts.engine_speed, shafts.load_torque
+    )
     for limits, value in zip(INPUT_RANGES, point, strict=True):
         if not coasting(limits, value):
             limits.check(value)
@@ -84,42 +96,30 @@ def bench_sample_from_message(
         InputError: a joint or field is missing or doubled, or a value is out of range.
     """
     try:
-        shafts = _running(message, tally)
+        shafts = _running_shafts(message, tally)
         if not shafts.engine_power > 0.0:
             raise InputError(f"engine power {shafts.engine_power:g} W must be positive")
     except HmcvtError as error:
         raise InputError(f"{_SOURCE}: {error}") from None
-    stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+    stamp = message.header.stamp.sec + message.header.stamp.nanosec * NANOSECONDS
+    if stamp <= 0.0:
+        stamp = now
     columns: dict[str, Any] = {
-        name: np.array(getattr(shafts, name)) for name in _OF_SHAFTS
+        name: np.array(getattr(shafts, name)) for name in _COLUMNS_FROM_SHAFTS
     }
-    return BenchSamples(
-        **columns, stamp=np.array(stamp if stamp > 0.0 else now), source=_SOURCE
-    )
-
-
-def _running(message: JointState, tally: Tally) -> Shafts:
-    shafts = read_shafts(message)
-    if not shafts.engine_speed > 0.0:  # a load torque is a power for each unit of it
-        raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
-    return shafts._replace(
-        displacement_ratio=tolerated(
-            DISPLACEMENT_RATIO, shafts.displacement_ratio, tally
-        )
-    )
+    return BenchSamples(**columns, stamp=np.array(stamp), source=_SOURCE)
 
 
 def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> String:
     """Return a model as YAML; a file with this text is a parameter file.
 
     Args:
-        model: the model in service.
-        served: what the node adds, under the key `served`.
+        model: model in service.
+        served: what the node adds under the key `served`.
     """
     data = {**model.to_mapping(), "served": dict(served)}
-    dumper = getattr(
-        yaml, "CSafeDumper", yaml.SafeDumper
-    )  # libyaml, where PyYAML has it
+    # libyaml is faster, where PyYAML has it.
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     return String(data=yaml.dump(data, Dumper=dumper, sort_keys=False))
 
 
@@ -130,15 +130,24 @@ def map_to_message(grid: EfficiencyMap) -> Float64MultiArray:
     efficiencies in the order of `layout.dim`; NaN where the model has no answer.
     """
     axes = [getattr(grid, name) for name in MAP_AXES]
+    sizes = [len(axis) for axis in axes]
     message = Float64MultiArray()
-    strides = np.cumprod([len(axis) for axis in reversed(axes)])[::-1]
+    strides = np.cumprod(sizes[::-1])[::-1]
     message.layout.dim = [
-        MultiArrayDimension(label=name, size=len(axis), stride=int(stride))
-        for name, axis, stride in zip(MAP_AXES, axes, strides, strict=True)
+        MultiArrayDimension(label=name, size=size, stride=int(stride))
+        for name, size, stride in zip(MAP_AXES, sizes, strides, strict=True)
     ]
-    message.layout.data_offset = sum(len(axis) for axis in axes)
-    # As an array of the kind that the message holds; it would look at every item of a list.
-    message.data = array(
-        "d", np.concatenate([*axes, grid.efficiency.ravel()]).tobytes()
-    )
+    message.layout.data_offset = sum(sizes)
+    # An array of the message's kind is taken as it is; a list is checked item by item.
+    values = np.concatenate([*axes, grid.efficiency.ravel()])
+    message.data = array("d", values.tobytes())
     return message
+
+
+def _running_shafts(message: JointState, tally: Tally) -> Shafts:
+    """Read the shafts of a running engine: a load torque is power divided by its speed."""
+    shafts = read_shafts(message)
+    if not shafts.engine_speed > 0.0:
+        raise InputError(f"engine speed {shafts.engine_speed:g} rad/s must be positive")
+    stroke = tolerated(DISPLACEMENT_RATIO, shafts.displacement_ratio, tally)
+    return shafts._replace(displacement_ratio=stroke)

@@ -1,22 +1,23 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The models of a node: the one it starts from, those refitted, and which one is in service.
+"""The models of a node: the one it starts from, those refitted, and the one in service.
 
     <state folder>/models/0001.yaml ...   every refitted model, never overwritten
     <state folder>/in_service.json        the models put into service one after the other
 
 The second file is replaced as a whole, so that a crash at any moment leaves the model before or
-the one after in service. It has a checksum and tells the fingerprints of the models: one that is
-not what was put into service is not served, but the one before it.
+the one after in service. It has a checksum and names the fingerprints of the models: a model that
+is not what was put into service is not served, and the one before it is.
 """
 
 import hashlib
 import json
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from hmcvt_core import EfficiencyModel, HmcvtError, InputError, load_model
-from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.interface import write_atomically
 
 from .state_folder import next_name
 
@@ -27,9 +28,11 @@ KEPT = 50
 
 Promised = tuple[tuple[Path, str], ...]
 """Parameter files, each with the fingerprint that it must have."""
-_Stack = list[
-    tuple[str, str]
-]  # names of parameter files and fingerprints; '' if not known
+_Stack = list[tuple[str, str]]
+"""Names of parameter files and their fingerprints; '' where unknown. The last is in service."""
+
+_KEYS_BEFORE_CHECKSUMS = {"base", "base_fingerprint", "in_service"}
+"""Keys of a state that version 0.1 wrote."""
 
 
 class InService(NamedTuple):
@@ -40,15 +43,30 @@ class InService(NamedTuple):
     since: str
 
 
+@dataclass(frozen=True)
+class _Selection:
+    """A model to serve.
+
+    Attributes:
+        stack: models put into service, this one last.
+        model: model itself.
+        complaint: why it is not the last model put into service; empty when it is.
+    """
+
+    stack: _Stack
+    model: EfficiencyModel
+    complaint: str = ""
+
+
 class ModelStore:
     """Which model is in service, and the way back.
 
-    One thread at a time may change it; others may look at `in_service` meanwhile.
+    One thread at a time may change it; others may read `in_service` meanwhile.
 
     Attributes:
-        base: the parameter file that the node was given.
-        in_service: the model in service.
-        complaint: why another than the last model put into service serves; empty when that does.
+        base: parameter file that the node was given.
+        in_service: model in service.
+        complaint: why it is not the last model put into service; empty when it is.
     """
 
     def __init__(self, base: Path, folder: Path) -> None:
@@ -62,16 +80,16 @@ class ModelStore:
         self._models = folder / "models"
         self._state = folder / "in_service.json"
         self._base_model = servable(base)
-        stack = self._resumed()
-        self._stack, model, fallen_back = self._newest_good(stack)
-        self.complaint = self.complaint or fallen_back
-        self.in_service = InService(model, self._path(self._stack), utc_now())
+        selection = self._newest_intact(self._resumed())
+        self._stack = selection.stack
+        self.complaint = self.complaint or selection.complaint
+        self.in_service = self._serving(selection)
 
     def new_path(self) -> Path:
-        """Return a free name for a refitted model; old refits that nothing leads back to make room.
+        """Return a free name for a refitted model; remove old refits that cannot be reverted to.
 
         Raises:
-            OSError: the folder cannot be made.
+            OSError: the folder cannot be created.
         """
         names = [name for name, _ in self._stack]
         return next_name(self._models, KEPT, spared=names).with_suffix(".yaml")
@@ -82,9 +100,9 @@ class ModelStore:
         """Put a model written under `new_path` into service.
 
         Args:
-            path: of the model.
-            fingerprint: that it must have; any when left out.
-            instead_of: the parameter file that must be in service; any when left out.
+            path: parameter file of the model.
+            fingerprint: fingerprint that it must have; any when left out.
+            instead_of: parameter file that must be in service; any when left out.
 
         Raises:
             HmcvtError: another is in service.
@@ -97,10 +115,11 @@ class ModelStore:
                 "compared with the one before; call ~/reidentify again"
             )
         model = _with_fingerprint(path, fingerprint)
-        return self._commit([*self._stack, (path.name, model.fingerprint)], model)
+        stack = [*self._stack, (path.name, model.fingerprint)]
+        return self._commit(_Selection(stack, model))
 
     def revert(self) -> EfficiencyModel:
-        """Put the model before into service, or the newest before it that is as it was.
+        """Put the model before into service, or the newest before it that is intact.
 
         Raises:
             HmcvtError: there is none.
@@ -110,14 +129,13 @@ class ModelStore:
             raise HmcvtError(
                 "the model in service is the one of model_file; there is none before"
             )
-        return self._commit(*self._newest_good(self._stack[:-1]))
+        return self._commit(self._newest_intact(self._stack[:-1]))
 
     @property
     def promised(self) -> Promised:
-        """The parameter file in service, then that of the base."""
-        now = self.in_service
+        """The parameter file in service, then that of the base, with their fingerprints."""
         return (
-            (now.path, now.model.fingerprint),
+            (self.in_service.path, self.in_service.model.fingerprint),
             (self.base, self._base_model.fingerprint),
         )
 
@@ -127,50 +145,54 @@ class ModelStore:
 
         A base that states no errors was not identified from this unit.
         """
-        return (
-            self.base
-            if self._base_model.standard_errors
-            else self._path(self._stack[:1])
-        )
+        if self._base_model.standard_errors:
+            return self.base
+        return self._path(self._stack[:1])
 
     def _path(self, stack: _Stack) -> Path:
         return self._models / stack[-1][0] if stack else self.base
 
-    def _newest_good(self, stack: _Stack) -> tuple[_Stack, EfficiencyModel, str]:
-        """Return a stack up to its last model that is as it was, that model, and what is wrong."""
-        model, wrong = self._base_model, []
+    def _serving(self, selection: _Selection) -> InService:
+        return InService(selection.model, self._path(selection.stack), utc_now())
+
+    def _newest_intact(self, stack: _Stack) -> _Selection:
+        """Return the last model that is as it was put into service; the base when none is."""
+        problems: list[str] = []
         while stack:
             *before, (name, fingerprint) = stack
             try:
                 model = _with_fingerprint(self._models / name, fingerprint)
             except HmcvtError as error:
-                wrong.append(str(error))
+                problems.append(str(error))
                 stack = before
-            else:
-                stack = [*before, (name, model.fingerprint)]
-                break
-        if wrong:
-            wrong.append(f"{self._path(stack)} serves instead")
-        return stack, model, "; ".join(wrong)
+                continue
+            stack = [*before, (name, model.fingerprint)]
+            return _Selection(stack, model, self._fallback(problems, stack))
+        return _Selection([], self._base_model, self._fallback(problems, []))
 
-    def _commit(
-        self, stack: _Stack, model: EfficiencyModel, complaint: str = ""
-    ) -> EfficiencyModel:
-        stack = stack[-WAYS_BACK:]
+    def _fallback(self, problems: list[str], stack: _Stack) -> str:
+        if not problems:
+            return ""
+        return "; ".join([*problems, f"{self._path(stack)} serves instead"])
+
+    def _commit(self, selection: _Selection) -> EfficiencyModel:
+        """Write the state, and serve a model."""
+        stack = selection.stack[-WAYS_BACK:]
         state = {
             "base": str(self.base),
             "base_fingerprint": self._base_model.fingerprint,
             "in_service": [name for name, _ in stack],
-            "fingerprints": [known for _, known in stack],
+            "fingerprints": [fingerprint for _, fingerprint in stack],
         }
         sealed = {**state, "checksum": _checksum(state)}
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
-        self._stack, self.complaint = stack, complaint
-        self.in_service = InService(model, self._path(stack), utc_now())
-        return model
+        self._stack = stack
+        self.complaint = selection.complaint
+        self.in_service = self._serving(selection)
+        return selection.model
 
     def _resumed(self) -> _Stack:
-        """Return the models of an earlier run; none, with a complaint, if that is of no use."""
+        """Return the models of an earlier run; none, with a complaint, if they are of no use."""
         try:
             state = json.loads(self._state.read_text(encoding="utf-8"))
             stack = _stack_of(state)
@@ -190,30 +212,12 @@ class ModelStore:
             )
             return []
         if state["base_fingerprint"] != self._base_model.fingerprint:
-            # Whoever starts the node from another model wants that one, not an old refit.
+            # Another model_file asks for that model, not for an old refit of another.
             self.complaint = (
                 f"{self._state}: is of another model_file ({state['base']})"
             )
             return []
         return stack
-
-
-def _stack_of(state: dict[str, Any]) -> _Stack:
-    """Read a state, with a checksum or as version 0.1 wrote it, without fingerprints."""
-    names = state["in_service"]
-    if set(state) == {"base", "base_fingerprint", "in_service"}:
-        fingerprints = [""] * len(names)
-    elif state.pop("checksum") == _checksum(state):
-        fingerprints = state["fingerprints"]
-    else:
-        raise ValueError("checksum does not match")
-    if any(Path(name).name != name for name in names):
-        raise ValueError("names are no file names")
-    return list(zip(names, fingerprints, strict=True))
-
-
-def _checksum(state: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
 
 
 def proven(promised: Promised) -> Path:
@@ -227,19 +231,8 @@ def proven(promised: Promised) -> Path:
     return promised[0][0]
 
 
-def _with_fingerprint(path: Path, fingerprint: str) -> EfficiencyModel:
-    """Load the model that has a fingerprint; any where that is not known."""
-    model = servable(path)
-    if fingerprint not in ("", model.fingerprint):
-        raise InputError(
-            f"{path}: is not what was written: fingerprint "
-            f"{model.fingerprint}, not {fingerprint}"
-        )
-    return model
-
-
 def servable(path: Path) -> EfficiencyModel:
-    """Load the model of a transmission: not what the meters of one bench make of it.
+    """Load the model of a transmission without the errors of one bench's meters.
 
     Raises:
         InputError: the file is missing, damaged or not to be served.
@@ -256,3 +249,32 @@ def servable(path: Path) -> EfficiencyModel:
 def utc_now() -> str:
     """Return the time as the node writes it everywhere."""
     return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _stack_of(state: dict[str, Any]) -> _Stack:
+    """Read a state, with a checksum or as version 0.1 wrote it, without fingerprints."""
+    names = state["in_service"]
+    if set(state) == _KEYS_BEFORE_CHECKSUMS:
+        fingerprints = [""] * len(names)
+    elif state.pop("checksum") == _checksum(state):
+        fingerprints = state["fingerprints"]
+    else:
+        raise ValueError("checksum does not match")
+    if any(Path(name).name != name for name in names):
+        raise ValueError("names are no file names")
+    return list(zip(names, fingerprints, strict=True))
+
+
+def _checksum(state: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
+
+
+def _with_fingerprint(path: Path, fingerprint: str) -> EfficiencyModel:
+    """Load the model that has a fingerprint; any where that is not known."""
+    model = servable(path)
+    if fingerprint not in ("", model.fingerprint):
+        raise InputError(
+            f"{path}: is not what was written: fingerprint "
+            f"{model.fingerprint}, not {fingerprint}"
+        )
+    return model

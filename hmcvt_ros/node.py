@@ -1,16 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The node `hmcvt`: efficiency and optimal displacement ratio as topics.
 
-It computes nothing itself. It takes messages, checks ages and ranges, asks the model of
-`hmcvt_core`, and publishes the answers. A plain node and a single-threaded executor: a lookup takes
-a millisecond, and the rest runs in a process of its own.
+It computes nothing itself: it takes messages, checks ages and ranges, asks the model of
+`hmcvt_core`, and publishes the answers. It is a plain node with a single-threaded executor: a
+lookup takes a millisecond, and everything longer runs in another process.
 """
 
 import math
 import os
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from hmcvt_core import (
     BenchSamples,
     EfficiencyMap,
+    EfficiencyModel,
     HmcvtError,
     InputError,
     Watch,
@@ -35,12 +37,11 @@ from hmcvt_core import (
     load_effects,
     load_engine,
 )
-from hmcvt_core.files.bench import joined
-from hmcvt_core.transmission.ranges import LOAD_TORQUE
+from hmcvt_core.interface import LOAD_TORQUE, joined
 
 from . import messages, parameters, qos
-from .bench_log import INVALID, MOST_WAITING, NOT_WRITTEN, BenchLog, Recorder
-from .clocks import NodeClock, SteadyClock
+from .bench_log import BenchLog
+from .clocks import AgeClock, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
 from .guard import Guard
 from .inputs import (
@@ -54,13 +55,42 @@ from .inputs import (
 )
 from .model_store import ModelStore
 from .outputs import Outputs, Served
+from .recorder import INVALID, MOST_WAITING, NOT_WRITTEN, Recorder
 from .services import Services
 from .state_folder import StateFolder
 
 TICK = 0.1
-STAGE_LIMIT = 200  # characters of a name
-DIAGNOSTICS_EVERY = 10  # ticks: 1 Hz
-WATCHED_AT_ONCE = 200  # samples: 10 ms
+"""Period of the timer [s]."""
+DIAGNOSTICS_EVERY = 10
+"""Ticks between two diagnostics: 1 Hz."""
+STAGE_LIMIT = 200
+"""Most characters of the name of a stage."""
+WATCHED_AT_ONCE = 200
+"""Samples that the watch takes between two diagnostics; they take 10 ms."""
+
+POINT_INVALID = "invalid"
+POINT_STALE = "stale"
+POINT_WITHOUT_STAGE = "no stage"
+POINT_REASONS = (POINT_INVALID, POINT_STALE, POINT_WITHOUT_STAGE)
+"""Why an operating point may be refused."""
+
+
+class _PointError(HmcvtError):
+    """A message on `operating_point` that gets no answer; `reason` is one of `POINT_REASONS`."""
+
+    def __init__(self, reason: str, state: State, text: str) -> None:
+        super().__init__(f"operating_point: {text}")
+        self.reason = reason
+        self.state = state
+
+
+@contextmanager
+def _invalid_point() -> Iterator[None]:
+    """Turn errors of reading a message into those of an operating point."""
+    try:
+        yield
+    except HmcvtError as error:
+        raise _PointError(POINT_INVALID, State.INVALID, str(error)) from None
 
 
 class EfficiencyNode(Node):
@@ -73,7 +103,7 @@ class EfficiencyNode(Node):
     `~/clear_samples`, `~/cancel`.
 
     Attributes:
-        guard: contains what goes wrong.
+        guard: contains errors of callbacks.
         ticks: how often the timer has run.
 
     Raises:
@@ -83,59 +113,31 @@ class EfficiencyNode(Node):
 
     def __init__(self) -> None:
         super().__init__("hmcvt")
+        self._inputs = Inputs()
+        self._ages = self._clock_of_ages()
         self.guard = Guard(self)
         self._settings = parameters.declare(self)
-        self.add_on_set_parameters_callback(
-            lambda changes: parameters.check_changes(self, changes)
-        )
-        self.add_post_set_parameters_callback(self.guard.callback(self._take_settings))
-        # Ages follow the clock that is chosen at the start: no stranger may exchange it.
-        simulated = bool(self.get_parameter("use_sim_time").value)
-        self.set_descriptor(
-            "use_sim_time",
-            ParameterDescriptor(
-                type=ParameterType.PARAMETER_BOOL,
-                description="Whether to follow /clock.",
-                read_only=True,
-            ),
-        )
-        self._ages = NodeClock(self.get_clock()) if simulated else SteadyClock()
-        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-        folder = Path(
-            self._settings.state_folder
-            or home / self.get_fully_qualified_name().strip("/")
-        ).absolute()
+        self._follow_parameters()
+        folder = self._state_path()
         if self._settings.effects_file:
             load_effects(self._settings.effects_file)
         self._state = StateFolder(folder)
-        self._store = ModelStore(
-            Path(self._settings.model_file or data_path("params/hm4.yaml")), folder
-        )
-        self._inputs, self._activity = Inputs(), Activity()
-        self._log = Recorder(
-            BenchLog(
-                folder / "bench_samples.csv",
-                self._settings.bench_log_limit,
-                bool(self._store.in_service.model.other_stages),
-            ),
-            lambda text: self.guard.warn("bench_sample", text),
-            self._state.gone,
-        )
-        if not self._state.writable:
-            self._log.tally.expect(NOT_WRITTEN, self._state.complaint)
+        model_file = self._settings.model_file or data_path("params/hm4.yaml")
+        self._store = ModelStore(Path(model_file), folder)
+        self._activity = Activity()
+        self._log = self._recorder(folder)
         self._last_output = -math.inf
-        self._output_due = self._map_due = False
+        self._output_due = False
+        self._map_due = False
         self._served = self._store.in_service
-        self._engine = (
-            load_engine(self._settings.engine_file)
-            if self._settings.engine_file
-            else (None)
-        )
-        self._stage = ""  # engaged; empty before it is known
-        self._points = Tally(("invalid", "stale"))
+        self._engine = None
+        if self._settings.engine_file:
+            self._engine = load_engine(self._settings.engine_file)
+        self._stage = ""  # the stage engaged; empty before it is known
+        self._points = Tally(POINT_REASONS)
         self._unwatched: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
         self.ticks = 0
-        # Held on to: the callback lives as long as what is returned.
+        # The callback lives as long as the handle is held.
         self._jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
             post_callback=lambda jump: self._inputs.clock_jumped(),
@@ -160,7 +162,7 @@ class EfficiencyNode(Node):
         self._report_start()
 
     def close(self) -> bool:
-        """End what runs beside the node; False when a thread still waits for the disk."""
+        """End the thread and the process of the node; False when the thread waits for the disk."""
         self._service_handlers.close()
         written = self._log.close()
         self._state.close()
@@ -168,22 +170,69 @@ class EfficiencyNode(Node):
 
     # --- set-up -------------------------------------------------------------------------------
 
-    def _create_topics(self) -> None:
-        # rclpy goes through every event of every topic before each message. The default ones warn
-        # of a peer that asks for or offers too little: hardly possible with these profiles, and
-        # the peer is told as well. A best-effort publisher of bench samples is another matter.
-        quiet = PublisherEventCallbacks(use_default_callbacks=False)
-        quiet_too = SubscriptionEventCallbacks(use_default_callbacks=False)
+    def _clock_of_ages(self) -> AgeClock:
+        """Return the clock that ages follow; it is chosen at the start for good."""
+        if not self.get_parameter("use_sim_time").value:
+            return SteadyClock()
+        clock = SimulatedClock(self.get_clock(), self._inputs.change_clock)
+        clock.listen(self)
+        return clock
 
-        def create(kind: Any, topic: str, profile: Any) -> Any:
+    def _follow_parameters(self) -> None:
+        self.add_on_set_parameters_callback(
+            lambda changes: parameters.check_changes(self, changes)
+        )
+        self.add_post_set_parameters_callback(self.guard.callback(self._take_settings))
+        # A client must not exchange the clock of the ages.
+        self.set_descriptor(
+            "use_sim_time",
+            ParameterDescriptor(
+                type=ParameterType.PARAMETER_BOOL,
+                description="Whether to follow /clock.",
+                read_only=True,
+            ),
+        )
+
+    def _state_path(self) -> Path:
+        if self._settings.state_folder:
+            return Path(self._settings.state_folder).absolute()
+        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
+        return (home / self.get_fully_qualified_name().strip("/")).absolute()
+
+    def _recorder(self, folder: Path) -> Recorder:
+        log = BenchLog(
+            folder / "bench_samples.csv",
+            self._settings.bench_log_limit,
+            stages=bool(self._store.in_service.model.other_stages),
+        )
+        recorder = Recorder(
+            log, lambda text: self.guard.warn("bench_sample", text), self._state.gone
+        )
+        if not self._state.writable:
+            recorder.tally.expect(NOT_WRITTEN, self._state.complaint)
+        return recorder
+
+    def _create_topics(self) -> None:
+        # rclpy checks every event of every topic before each message. The default events warn of a
+        # peer whose quality of service does not fit, which these profiles hardly allow, and the
+        # peer is warned as well. A best-effort publisher of bench samples is another matter.
+        no_publisher_events = PublisherEventCallbacks(use_default_callbacks=False)
+        no_events = SubscriptionEventCallbacks(use_default_callbacks=False)
+
+        def publisher(kind: Any, topic: str, profile: Any) -> Any:
             return self.create_publisher(
-                kind, topic, **qos.overridable(profile), event_callbacks=quiet
+                kind,
+                topic,
+                **qos.overridable(profile),
+                event_callbacks=no_publisher_events,
             )
 
-        self._outputs = Outputs(create)
-        self._model_publisher = create(String, "~/model", qos.LATCHED)
-        self._map_publisher = create(Float64MultiArray, "~/efficiency_map", qos.LATCHED)
-        self._diagnostics_publisher = create(
+        self._outputs = Outputs(publisher)
+        self._model_publisher = publisher(String, "~/model", qos.LATCHED)
+        self._map_publisher = publisher(
+            Float64MultiArray, "~/efficiency_map", qos.LATCHED
+        )
+        self._diagnostics_publisher = publisher(
             DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS
         )
         for limits in INPUT_RANGES:
@@ -192,50 +241,56 @@ class EfficiencyNode(Node):
                 limits.name,
                 self._input_callback(limits.name),
                 **qos.overridable(qos.INPUT),
-                event_callbacks=quiet_too,
+                event_callbacks=no_events,
             )
         self.create_subscription(
             String,
             "stage",
             self.guard.callback(self._on_stage),
             **qos.overridable(qos.LATCHED),
-            event_callbacks=quiet_too,
+            event_callbacks=no_events,
         )
-        # Raw: whether a message is too long is to be known before work is spent on it.
-        for topic, callback, profile, events in (
-            ("operating_point", self._on_operating_point, qos.INPUT, quiet_too),
-            ("bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None),
-        ):
-            self.create_subscription(
-                JointState,
-                topic,
-                self.guard.callback(callback),
-                raw=True,
-                **qos.overridable(profile),
-                event_callbacks=events,
-            )
+        self._subscribe_raw(
+            "operating_point", self._on_operating_point, qos.INPUT, no_events
+        )
+        self._subscribe_raw(
+            "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None
+        )
+
+    def _subscribe_raw(
+        self, topic: str, callback: Callable[..., None], profile: Any, events: Any
+    ) -> None:
+        """Subscribe to the bytes of messages: one that is too long is refused unread."""
+        self.create_subscription(
+            JointState,
+            topic,
+            self.guard.callback(callback),
+            raw=True,
+            **qos.overridable(profile),
+            event_callbacks=events,
+        )
 
     def _report_start(self) -> None:
         logger = self.get_logger()
-        # Typing errors, as a rule; ROS drops them without a word.
+        # ROS ignores misspelt names without a warning.
         for name in sorted(self._parameter_overrides):
             if not self.has_parameter(name):
                 logger.warning(f"parameter {name} is unknown and has no effect")
-        for complaint in filter(
-            None, (self._state.complaint, self._store.complaint, self._log.complaint)
+        for complaint in (
+            self._state.complaint,
+            self._store.complaint,
+            self._log.complaint,
         ):
-            logger.warning(complaint)
-        if (
-            not self._settings.model_file
-            and self._store.in_service.path == self._store.base
-        ):
+            if complaint:
+                logger.warning(complaint)
+        path = self._store.in_service.path
+        if not self._settings.model_file and path == self._store.base:
             logger.warning(
                 "parameter model_file is empty: the model that comes with hmcvt is "
                 "served, an example identified from five tests of one transmission"
             )
         logger.info(
-            f"serving {self._store.in_service.path}, {len(self._log.log)} bench "
-            f"samples in {self._log.log.path}"
+            f"serving {path}, {len(self._log.log)} bench samples in {self._log.log.path}"
         )
 
     # --- parameters ---------------------------------------------------------------------------
@@ -246,24 +301,7 @@ class EfficiencyNode(Node):
         if self._settings.engine_speed_limits != before.engine_speed_limits:
             self._map_due = True  # not at once: one request may change them many times
 
-    # --- inputs -> outputs --------------------------------------------------------------------
-
-    def _input_callback(self, name: str) -> Any:
-        item = self._inputs.by_name[name]
-
-        def take(message: Float64, info: Mapping[str, int]) -> None:
-            try:  # here, not in a wrapper: this is what runs at every message
-                now = self._ages.now()
-                if not item.take(
-                    message.data, self._ages.received(info["received_timestamp"], now)
-                ):
-                    self.guard.warn(name, item.tally.complaint)
-                self._output_due = True
-                self._publish_outputs(now)
-            except Exception as error:
-                self.guard.contain(name, error)
-
-        return take
+    # --- stages -------------------------------------------------------------------------------
 
     def _on_stage(self, message: String) -> None:
         self._stage = message.data[:STAGE_LIMIT]
@@ -273,30 +311,48 @@ class EfficiencyNode(Node):
         self._publish_outputs(self._ages.now())
 
     def _engaged(self) -> Served | None:
-        """What answers in the stage engaged; None where the model has several and it is none."""
-        whole = self._served.model
-        if not whole.other_stages:
-            return Served(whole, whole, self._engine)
-        model = whole.stages.get(self._stage)
-        return None if model is None else Served(model, whole, self._engine)
+        """Return what answers; None where the model has several stages and none is engaged."""
+        transmission = self._served.model
+        if not transmission.other_stages:
+            return Served(transmission, transmission, self._engine)
+        model = transmission.stages.get(self._stage)
+        if model is None:
+            return None
+        return Served(model, transmission, self._engine)
 
     def _without_stage(self) -> str:
+        """Return why no stage is engaged."""
         stages = ", ".join(self._served.model.stages)
-        return (
-            f"stage {self._stage!r} is not known; there is {stages}"
-            if self._stage
-            else f"stage: nothing received, and the model has several: {stages}"
-        )
+        if self._stage:
+            return f"stage {self._stage!r} is not known; there is {stages}"
+        return f"stage: nothing received, and the model has several: {stages}"
+
+    # --- inputs and outputs -------------------------------------------------------------------
+
+    def _input_callback(self, name: str) -> Any:
+        item = self._inputs.by_name[name]
+
+        def take(message: Float64, info: Mapping[str, int]) -> None:
+            # Guarded here rather than by a wrapper: this runs at every message.
+            try:
+                arrival = self._ages.arrival(info["received_timestamp"])
+                if not item.take(message.data, arrival):
+                    self.guard.warn(name, item.tally.complaint)
+                self._output_due = True
+                self._publish_outputs(arrival.now)
+            except Exception as error:
+                self.guard.contain(name, error)
+
+        return take
 
     def _point(self, now: int) -> OperatingPoint | None:
-        return (
-            None
-            if self._engaged() is None
-            else self._inputs.point(now, self._settings.age_limits)
-        )
+        """Return the present operating point, None without one or without a stage."""
+        if self._engaged() is None:
+            return None
+        return self._inputs.point(now, self._settings.age_limits)
 
     def _publish_outputs(self, now: int) -> None:
-        """Answer the inputs as they stand, unless the rate limit says later."""
+        """Answer the inputs as they are, unless the rate limit says later."""
         rate = self._settings.max_output_rate
         if rate > 0.0 and time.monotonic() - self._last_output < 1.0 / rate:
             return
@@ -317,80 +373,118 @@ class EfficiencyNode(Node):
             self._last_output = time.monotonic()
 
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
-        now = self._ages.now()
-        age = (now - self._ages.received(info["received_timestamp"], now)) * NANOSECONDS
-        message, point, state, why = JointState(), None, State.INVALID, ""
+        arrival = self._ages.arrival(info["received_timestamp"])
+        age = (arrival.now - arrival.received) * NANOSECONDS
+        message = JointState()
+        point = None
         try:
-            message = messages.joint_state(raw)
-            point = messages.point_from_message(message, self._points)
-            if age > self._settings.input_timeout:
-                point, state = None, State.STALE
-                raise InputError(f"it has waited for {age:.1f} s; input_timeout")
+            with _invalid_point():
+                message = messages.joint_state(raw)
+                point = messages.point_from_message(message, self._points)
+            self._require_answerable(age)
+        except _PointError as error:
+            point = None
+            self._points.refuse(error.reason, str(error))
+            self.guard.warn("operating_point", str(error))
+            self._inputs.asked = (error.state, str(error))
+        else:
             self._points.accept()
-            if why := coasting(LOAD_TORQUE, point.load_torque):
+            reason = coasting(LOAD_TORQUE, point.load_torque)
+            self._inputs.asked = (State.FRESH, "")
+            if reason:
+                point = None
                 self._inputs.coasting += 1
-                point, why = None, f"operating_point: {why}"
-            state = State.COASTING if why else State.FRESH
-            if self._engaged() is None:
-                raise InputError(self._without_stage())
-        except HmcvtError as error:
-            why = f"operating_point: {error}"
-            self._points.refuse(state.value, why)
-            self.guard.warn("operating_point", why)
-        self._inputs.asked = state, why
+                self._inputs.asked = (State.COASTING, f"operating_point: {reason}")
         served = self._engaged()
-        whole = self._served.model
+        transmission = self._served.model
         self._outputs.advise(
-            served or Served(whole, whole, None),
+            served or Served(transmission, transmission, None),
             message,
-            point if served else None,
+            point,
             self._settings,
+            stage_known=served is not None,
         )
+
+    def _require_answerable(self, age: float) -> None:
+        """Refuse an operating point that waited too long [s], or whose stage is not known."""
+        if age > self._settings.input_timeout:
+            raise _PointError(
+                POINT_STALE,
+                State.STALE,
+                f"it has waited for {age:.1f} s; input_timeout",
+            )
+        if self._engaged() is None:
+            raise _PointError(POINT_WITHOUT_STAGE, State.MISSING, self._without_stage())
 
     # --- bench samples ------------------------------------------------------------------------
 
     def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
         self._log.numbers.take(info["publication_sequence_number"])
         try:
-            message, model = messages.joint_state(raw), self._served.model
-            sample = messages.bench_sample_from_message(
-                message,
-                self.get_clock().now().nanoseconds * NANOSECONDS,
-                self._log.tally,
-            )
-            if model.other_stages:
-                # Topics keep no order among them: better than `stage` is the sample's own word.
-                named = message.header.frame_id
-                stage = named if named in model.stages else self._stage
-                if stage not in model.stages:
-                    raise InputError(f"bench_sample: {self._without_stage()}")
+            message = messages.joint_state(raw)
+            now = self.get_clock().now().nanoseconds * NANOSECONDS
+            sample = messages.bench_sample_from_message(message, now, self._log.tally)
+            if self._served.model.other_stages:
+                stage = self._stage_of_sample(message.header.frame_id)
                 sample = replace(sample, extra={"stage": (stage,)})
         except InputError as error:
             self._log.refuse(INVALID, str(error))
-        else:
-            self._log.submit(sample)
-            self._unwatched.append(sample)
+            return
+        self._log.submit(sample)
+        self._unwatched.append(sample)
+
+    def _stage_of_sample(self, frame: str) -> str:
+        """Return the stage of a bench sample: of its `frame_id`, else the one engaged.
+
+        The sample's word comes first because topics keep no order among themselves.
+
+        Raises:
+            InputError: neither is a stage of the model.
+        """
+        stages = self._served.model.stages
+        if frame in stages:
+            self._activity.sample_stage = f"{frame}, from header.frame_id"
+            return frame
+        # Any text may come in a frame_id, so its length is limited.
+        stranger = ""
+        if frame:
+            stranger = (
+                f"header.frame_id {frame[:STAGE_LIMIT]!r} is no stage of the model"
+            )
+        if self._stage not in stages:
+            parts = [stranger, self._without_stage()]
+            raise InputError(f"bench_sample: {'; '.join(filter(None, parts))}")
+        source = "from topic stage"
+        if stranger:
+            source = f"{source}: {stranger}"
+        self._activity.sample_stage = f"{self._stage}, {source}"
+        return self._stage
 
     # --- model --------------------------------------------------------------------------------
 
     def _announce(
         self, settings: parameters.Settings, grid: EfficiencyMap | None = None
     ) -> None:
-        """Tell of the model in service; its map, where there is one, is that of some settings."""
-        now = self._store.in_service
+        """Publish the model in service and its map, and answer with it from here on.
+
+        Args:
+            settings: parameters that the map was made with.
+            grid: map of the model; None to make it.
+        """
+        in_service = self._store.in_service
         self._model_publisher.publish(
             messages.model_to_message(
-                now.model,
+                in_service.model,
                 {
-                    "file": str(now.path),
-                    "since": now.since,
-                    "fingerprint": now.model.fingerprint,
+                    "file": str(in_service.path),
+                    "since": in_service.since,
+                    "fingerprint": in_service.model.fingerprint,
                 },
             )
         )
-        self._watch = Watch(now.model, self._settings.bench_noise or None)
-        # Only now: whoever hears an answer has been sent the model that it is of.
-        self._served = now
+        self._watch = Watch(in_service.model, self._settings.bench_noise or None)
+        # Only after publication: a client that hears an answer has been sent its model.
+        self._served = in_service
         # The limits of the map may have changed meanwhile.
         self._publish_map(grid if settings is self._settings else None)
         self._publish_outputs(self._ages.now())
@@ -398,16 +492,19 @@ class EfficiencyNode(Node):
     def _publish_map(self, grid: EfficiencyMap | None = None) -> None:
         self._map_due = False
         served = self._engaged()
-        model = self._served.model if served is None else served.model
-        grid = grid or model.efficiency_map(*self._settings.map_axes)
+        model: EfficiencyModel = self._served.model
+        if served is not None:
+            model = served.model
+        if grid is None:
+            grid = model.efficiency_map(*self._settings.map_axes)
         self._map_publisher.publish(messages.map_to_message(grid))
 
     # --- time ---------------------------------------------------------------------------------
 
     def _tick(self) -> None:
         self._service_handlers.poll()
-        # NaN is said again and again, so that whoever listens only now hears it too.
         now = self._ages.now()
+        # NaN is repeated, so that a client that has just begun to listen receives it too.
         unanswered = (
             self._settings.invalid_output == parameters.NAN and self._point(now) is None
         )
@@ -415,45 +512,57 @@ class EfficiencyNode(Node):
             self._publish_outputs(now)
         if self._map_due:
             self._publish_map()
+        if warning := self._ages.warning():
+            self.get_logger().warning(warning)
         self.ticks += 1
         if self.ticks % DIAGNOSTICS_EVERY == 0:
             self._publish_diagnostics()
 
     def _publish_diagnostics(self) -> None:
         self._log.poll()
+        self._watch_samples()
+        name = self.get_fully_qualified_name().strip("/")
+        now = self._ages.now()
+        warnings = [self._ages.complaint, self._inputs.apart_reason]
         if self._engaged() is None:
-            self._inputs.apart_reason = self._without_stage()
-        name, now = self.get_fully_qualified_name().strip("/"), self._ages.now()
-        if count := min(len(self._unwatched), WATCHED_AT_ONCE):
-            self._watch.take(joined([self._unwatched.popleft() for _ in range(count)]))
-        array = DiagnosticArray(
-            status=[
-                inputs_status(
-                    name,
-                    self._inputs,
-                    now,
-                    self._settings,
-                    {
-                        "points answered": self._outputs.answered,
-                        "points not answered, coasting": self._inputs.coasting,
-                        "points not answered, inputs apart": self._inputs.apart,
-                        **self._points.values("operating points"),
-                        "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
-                        "requests contained": self.guard.contained,
-                    },
-                ),
-                model_status(
-                    name,
-                    self._served,
-                    self._store.complaint,
-                    self._activity,
-                    self._log,
-                    self._point(now),
-                    self._outputs.refusal,
-                ),
-                gap_status(name, self._watch.found),
-            ]
-        )
+            warnings.append(self._without_stage())
+        counts = {
+            "points answered": self._outputs.answered,
+            "points not answered, coasting": self._inputs.coasting,
+            "points not answered, inputs apart": self._inputs.apart,
+            **self._points.values("operating points"),
+            "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
+            "requests contained": self.guard.contained,
+        }
+        array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
+        array.status = [
+            inputs_status(
+                name,
+                self._inputs,
+                now,
+                self._settings,
+                counts,
+                [warning for warning in warnings if warning],
+            ),
+            model_status(
+                name,
+                self._served,
+                self._store.complaint,
+                self._activity,
+                self._log,
+                self._point(now),
+                self._outputs.refusal,
+            ),
+            gap_status(name, self._watch.found),
+        ]
         self._diagnostics_publisher.publish(array)
-        self._inputs.apart_reason, self._inputs.asked = "", None
+        self._inputs.apart_reason = ""
+        self._inputs.asked = None
+
+    def _watch_samples(self) -> None:
+        """Give the watch on the gap some of the samples that came."""
+        count = min(len(self._unwatched), WATCHED_AT_ONCE)
+        if count:
+            samples = [self._unwatched.popleft() for _ in range(count)]
+            self._watch.take(joined(samples))

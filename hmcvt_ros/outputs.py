@@ -24,15 +24,60 @@ ADVICE = (
     "optimal_engine_speed",
     "fuel_rate",
 )
-"""The names in `advice`; the last one is that of the point asked, NaN without an engine."""
+"""Names in `advice`; the fuel rate is that of the point asked, NaN without an engine."""
+UNKNOWN_STAGE = "unknown"
+"""Stage in the `frame_id` of `advice` where the model has several and none of them is engaged."""
 
 
 class Served(NamedTuple):
-    """What answers: the model of the stage engaged, among all stages, and the engine if known."""
+    """What answers: the model of the stage engaged, the model of all stages, and the engine."""
 
     model: EfficiencyModel
     transmission: EfficiencyModel
     engine: Engine | None
+
+
+class _Question(NamedTuple):
+    """What an optimum depends on.
+
+    Attributes:
+        served: what answers.
+        engine_speed: [rad/s].
+        load_torque: [N m].
+        hold: parameter `optimum_hold`.
+        displacement_ratio: [-]; None where it does not matter.
+        limits: engine speeds that the optimum may use [rad/s].
+    """
+
+    served: Served
+    engine_speed: float
+    load_torque: float
+    hold: str
+    displacement_ratio: float | None
+    limits: tuple[float, float]
+
+
+class _Best(NamedTuple):
+    """An optimum: displacement ratio [-], engine speed [rad/s], and stage; None without one."""
+
+    displacement_ratio: float
+    engine_speed: float
+    stage: str | None
+
+
+class _NumberOutput:
+    """A topic of numbers.
+
+    One message is filled again for every publication: creating one takes longer.
+    """
+
+    def __init__(self, create_publisher: Callable[..., Any], topic: str) -> None:
+        self._publisher = create_publisher(Float64, topic, qos.OUTPUT)
+        self._message = Float64()
+
+    def publish(self, value: float) -> None:
+        self._message.data = value
+        self._publisher.publish(self._message)
 
 
 class Outputs:
@@ -46,86 +91,91 @@ class Outputs:
     def __init__(self, create_publisher: Callable[..., Any]) -> None:
         self.answered = 0
         self.refusal = ""
-        # Each with a message of its own, which is filled anew: to make one takes longer.
-        self._efficiency, self._stroke, self._speed = (
-            (create_publisher(Float64, topic, qos.OUTPUT), Float64())
-            for topic in (
-                "efficiency",
-                "optimal_displacement_ratio",
-                "optimal_engine_speed",
-            )
-        )
+        self._efficiency = _NumberOutput(create_publisher, "efficiency")
+        self._stroke = _NumberOutput(create_publisher, "optimal_displacement_ratio")
+        self._speed = _NumberOutput(create_publisher, "optimal_engine_speed")
         self._stage = create_publisher(String, "optimal_stage", qos.OUTPUT)
         self._advice = create_publisher(JointState, "advice", qos.OUTPUT)
-        # Most often the question is the same as the last time, on the topics and in the advice.
+        # Most often the question is that of the last time, on the topics and in the advice.
         self._best = functools.lru_cache(2)(_best)
 
     def answer(self, served: Served, point: OperatingPoint, settings: Settings) -> None:
-        """Publish what the model says at an operating point."""
-        model = served.model
-        efficiency = model.efficiency(*point)
-        # Out with it at once: the optimum takes longer to find.
+        """Publish the answer of the model at an operating point."""
+        efficiency = served.model.efficiency(*point)
+        # At once: the optimum takes longer to find.
         _publish(self._efficiency, efficiency, settings)
         if math.isfinite(efficiency):
             self.answered += 1
             self.refusal = ""
         else:
-            self.refusal = model.refusal(*point) or ""
-        stroke, speed, stage = self._best(*_asked(served, point, settings))
-        _publish(self._stroke, stroke, settings)
-        _publish(self._speed, speed, settings)
-        if stage is not None:
-            self._stage.publish(String(data=stage))
+            self.refusal = served.model.refusal(*point) or ""
+        best = self._best(_question(served, point, settings))
+        _publish(self._stroke, best.displacement_ratio, settings)
+        _publish(self._speed, best.engine_speed, settings)
+        if best.stage is not None:
+            self._stage.publish(String(data=best.stage))
 
     def deny(self) -> None:
         """Publish NaN: there is no operating point to answer."""
-        for publisher, message in (self._efficiency, self._stroke, self._speed):
-            message.data = math.nan
-            publisher.publish(message)
+        for output in (self._efficiency, self._stroke, self._speed):
+            output.publish(math.nan)
 
     def advise(
         self,
         served: Served,
-        asked: JointState,
+        message: JointState,
         point: OperatingPoint | None,
         settings: Settings,
+        stage_known: bool = True,
     ) -> None:
-        """Answer a message on `operating_point`; with NaN where it holds no point to answer."""
-        values, model = [math.nan] * len(ADVICE), served.model
+        """Answer a message on `operating_point`.
+
+        Args:
+            served: what answers.
+            message: message that asks.
+            point: operating point in the message; None for an answer of NaN.
+            settings: parameters of the node.
+            stage_known: whether the stage engaged is a stage of the model.
+        """
+        values = [math.nan] * len(ADVICE)
         if point is not None:
-            found = model.predict(*point)
-            extrapolated = (
-                math.nan if model.domain is None else float(not found.inside_domain)
-            )
-            loss = model.power_loss(*point)
-            fuel = (
-                math.nan
-                if served.engine is None
-                else served.engine.fuel_rate(
-                    point.engine_speed, point.load_torque + loss / point.engine_speed
-                )
-            )
-            values = [
-                found.efficiency,
-                found.standard_error,
-                extrapolated,
-                loss,
-                *self._best(*_asked(served, point, settings))[:2],
-                fuel,
-            ]
-        answer = JointState(header=asked.header, name=list(ADVICE), position=values)
-        answer.header.frame_id = f"{served.transmission.fingerprint}:{model.stage.name}"
+            values = self._advice_values(served, point, settings)
+        stage = served.model.stage.name if stage_known else UNKNOWN_STAGE
+        answer = JointState(header=message.header, name=list(ADVICE), position=values)
+        answer.header.frame_id = f"{served.transmission.fingerprint}:{stage}"
         self._advice.publish(answer)
 
+    def _advice_values(
+        self, served: Served, point: OperatingPoint, settings: Settings
+    ) -> list[float]:
+        model = served.model
+        prediction = model.predict(*point)
+        extrapolated = math.nan
+        if model.domain is not None:
+            extrapolated = float(not prediction.inside_domain)
+        loss = model.power_loss(*point)
+        fuel_rate = math.nan
+        if served.engine is not None:
+            engine_torque = point.load_torque + loss / point.engine_speed
+            fuel_rate = served.engine.fuel_rate(point.engine_speed, engine_torque)
+        best = self._best(_question(served, point, settings))
+        return [
+            prediction.efficiency,
+            prediction.standard_error,
+            extrapolated,
+            loss,
+            best.displacement_ratio,
+            best.engine_speed,
+            fuel_rate,
+        ]
 
-def _asked(
-    served: Served, point: OperatingPoint, settings: Settings
-) -> tuple[Any, ...]:
-    """What the optimum depends on: the displacement ratio only where it tells the output speed."""
-    ratio = (
-        point.displacement_ratio if settings.optimum_hold == "output_speed" else None
-    )
-    return (
+
+def _question(served: Served, point: OperatingPoint, settings: Settings) -> _Question:
+    # The displacement ratio matters only where it determines the output speed.
+    ratio = None
+    if settings.optimum_hold == "output_speed":
+        ratio = point.displacement_ratio
+    return _Question(
         served,
         point.engine_speed,
         point.load_torque,
@@ -135,45 +185,37 @@ def _asked(
     )
 
 
-def _best(
-    served: Served,
-    engine_speed: float,
-    load_torque: float,
-    hold: str,
-    ratio: float | None,
-    limits: tuple[float, float],
-) -> tuple[float, float, str | None]:
-    """Return the best displacement ratio [-], its engine speed [rad/s] and stage.
+def _best(question: _Question) -> _Best:
+    """Return the optimum.
 
     At a held output speed the drive line is free where there are several stages or an engine.
     """
+    served = question.served
     model = served.model
-    if ratio is not None and (
-        served.engine is not None or served.transmission.other_stages
-    ):
-        found = served.transmission.optimal_drive(
-            model.output_speed(ratio, engine_speed, load_torque),
-            engine_speed * load_torque,
+    ratio = question.displacement_ratio
+    free = served.engine is not None or bool(served.transmission.other_stages)
+    if ratio is not None and free:
+        drive = served.transmission.optimal_drive(
+            model.output_speed(ratio, question.engine_speed, question.load_torque),
+            question.engine_speed * question.load_torque,
             engine=served.engine,
-            engine_speed_limits=limits,
+            engine_speed_limits=question.limits,
         )
-        return found.displacement_ratio, found.engine_speed, found.stage
+        return _Best(drive.displacement_ratio, drive.engine_speed, drive.stage)
     best = model.optimal_displacement_ratio(
-        engine_speed,
-        load_torque,
-        hold=hold,
+        question.engine_speed,
+        question.load_torque,
+        hold=question.hold,
         displacement_ratio=ratio,
-        engine_speed_limits=limits,
+        engine_speed_limits=question.limits,
     )
     # An engine speed belongs to a displacement ratio, and there is none without it.
     if not math.isfinite(best.displacement_ratio):
-        return math.nan, math.nan, None
-    return best.displacement_ratio, best.engine_speed, model.stage.name
+        return _Best(math.nan, math.nan, None)
+    return _Best(best.displacement_ratio, best.engine_speed, model.stage.name)
 
 
-def _publish(output: tuple[Any, Float64], value: float, settings: Settings) -> None:
+def _publish(output: _NumberOutput, value: float, settings: Settings) -> None:
     # Silence unless NaN is asked for: a controller takes a number for what it is.
     if math.isfinite(value) or settings.invalid_output == NAN:
-        publisher, message = output
-        message.data = value
-        publisher.publish(message)
+        output.publish(value)

@@ -26,12 +26,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hmcvt_core import InputError
-from hmcvt_core.model.optimum import HOLDS
-from hmcvt_core.transmission.ranges import (
+from hmcvt_core.interface import (
     DISPLACEMENT_RATIO,
     EFFICIENCY_STD,
     ENGINE_SPEED,
     ENGINE_SPEED_LIMITS,
+    HOLDS,
     LOAD_TORQUE,
     Range,
 )
@@ -41,17 +41,23 @@ from .inputs import INPUT_RANGES, NANOSECONDS, AgeLimits
 MAP_POINTS_LIMIT = 100_000
 """Most points of the efficiency map (0.8 MB as a message)."""
 
-SHORTEST_TIMEOUT, LONGEST_TIMEOUT = 0.01, 60.0
+SHORTEST_TIMEOUT = 0.01
+LONGEST_TIMEOUT = 60.0
 """Limits of the age limits of the inputs [s]."""
 
-SILENCE, NAN = "silence", "nan"
+SILENCE = "silence"
+NAN = "nan"
 """What the outputs do where there is no answer."""
 
-ADOPT, STAGE = "adopt", "stage"
+ADOPT = "adopt"
+STAGE = "stage"
 """What becomes of a refit."""
 
 TEXT_LIMIT = 4096
 """Most characters of a text: parameters can be set from the network."""
+
+
+_HELP_WIDTH = 88
 
 
 @dataclass(frozen=True)
@@ -59,13 +65,13 @@ class Declaration:
     """One parameter.
 
     Attributes:
-        default: also tells the type.
-        description: what it does, for a person.
+        default: default value; its type is that of the parameter.
+        description: what it does, as a sentence.
         limits: closed interval of the value, or of each element of an array.
-        unit: empty where there is none.
-        choices: what a text may be; empty when anything.
-        read_only: settled at start.
-        name: as in YAML; a dot stands for a level.
+        unit: unit of the value; empty where there is none.
+        choices: allowed texts; empty when any text is.
+        read_only: whether it can be given at the start only.
+        name: name as in YAML; a dot stands for a level.
     """
 
     default: Any
@@ -78,14 +84,16 @@ class Declaration:
 
     @property
     def allowed(self) -> str:
-        """What the value may be, in words; empty when anything of its type."""
+        """Allowed values in words; empty when all of its type are."""
         if self.choices:
             return " or ".join(self.choices)
         if self.limits is None:
             return ""
-        each = "each " if isinstance(self.default, list) else ""
-        low, high = (f"{limit:.10g}" for limit in self.limits)
-        return f"{each}{low} to {high} {self.unit}".rstrip()
+        low, high = self.limits
+        interval = f"{low:.10g} to {high:.10g} {self.unit}".rstrip()
+        if isinstance(self.default, list):
+            return f"each {interval}"
+        return interval
 
     def check(self, value: Any) -> None:
         """Refuse a value.
@@ -101,28 +109,34 @@ class Declaration:
             raise InputError(
                 f"{self.name} = {value!r}; there is {', '.join(self.choices)}"
             )
-        if self.limits is not None and not (
-            isinstance(value, (int, float))
-            and self.limits[0] <= value <= self.limits[1]
-        ):
-            # The middleware checks single numbers too, but lets NaN through and skips arrays.
-            Range(self.name, *self.limits, self.unit or "-").check(value)
+        if self.limits is None:
+            return
+        low, high = self.limits
+        if isinstance(value, (int, float)) and low <= value <= high:
+            return
+        # The middleware checks single numbers too, but lets NaN through and skips arrays.
+        Range(self.name, low, high, self.unit or "-").check(value)
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows."""
-        text = f"{self.description} [{self.unit}]" if self.unit else self.description
+        text = self.description
+        if self.unit:
+            text = f"{text} [{self.unit}]"
         descriptor = ParameterDescriptor(
             description=text,
             read_only=self.read_only,
             additional_constraints=self.allowed,
         )
         if self.limits is not None and not isinstance(self.default, list):
-            low, high = map(type(self.default), self.limits)
-            ends = {"from_value": low, "to_value": high}
+            low, high = self.limits
             if isinstance(self.default, int):
-                descriptor.integer_range = [IntegerRange(**ends)]
+                descriptor.integer_range = [
+                    IntegerRange(from_value=int(low), to_value=int(high))
+                ]
             else:
-                descriptor.floating_point_range = [FloatingPointRange(**ends)]
+                descriptor.floating_point_range = [
+                    FloatingPointRange(from_value=float(low), to_value=float(high))
+                ]
         return descriptor
 
 
@@ -141,7 +155,7 @@ def _input_timeout(limits: Range) -> Any:
 
 @dataclass(frozen=True)
 class Settings:
-    """The values of all parameters, checked; the fields are the table of them.
+    """The values of all parameters, checked; the fields are the table of parameters.
 
     Raises:
         InputError: a value is out of range; the parameter is named.
@@ -256,8 +270,9 @@ class Settings:
     )
     bench_noise: float = _parameter(
         0.0,
-        "Standard deviation of the efficiency of a bench sample, for the watch on the gap; 0 "
-        "for 1.12 % of the efficiency, as the paper states.",
+        "Standard deviation of the efficiency of a bench sample, for the watch on the gap and "
+        "~/diagnose; 0 for 1.12 % of the efficiency, as the paper states (~/diagnose: for the "
+        "scatter of repeated samples, where there are any).",
         (0.0, EFFICIENCY_STD.high),
         read_only=True,
     )
@@ -277,12 +292,18 @@ class Settings:
     def __post_init__(self) -> None:
         for declaration in PARAMETERS:
             declaration.check(getattr(self, _field(declaration.name)))
+        self._check_timeouts()
+        self._check_map()
+
+    def _check_timeouts(self) -> None:
         for name, timeout in self.input_timeouts.items():
             if timeout < SHORTEST_TIMEOUT:
                 raise InputError(
                     f"input_timeouts.{name} = {timeout:g}; needs 0 for input_timeout, "
                     f"or at least {SHORTEST_TIMEOUT:g} s"
                 )
+
+    def _check_map(self) -> None:
         for name in ("engine_speed_limits", "map_load_torque_limits"):
             limits = getattr(self, name)
             if len(limits) != 2 or not limits[0] < limits[1]:
@@ -296,12 +317,12 @@ class Settings:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
         """Take the fields from a mapping of parameter values, ignoring the rest."""
-        taken: dict[str, Any] = {
-            _field(item.name): tuple(values[item.name])
-            if isinstance(item.default, list)
-            else values[item.name]
-            for item in PARAMETERS
-        }
+        taken: dict[str, Any] = {}
+        for item in PARAMETERS:
+            value = values[item.name]
+            if isinstance(item.default, list):
+                value = tuple(value)
+            taken[_field(item.name)] = value
         return cls(**taken)
 
     @cached_property
@@ -316,13 +337,16 @@ class Settings:
     @cached_property
     def age_limits(self) -> AgeLimits:
         """How old the inputs may be, as they are compared at every arrival."""
-        first, second, third = (
-            round(limit / NANOSECONDS) for limit in self.input_timeouts.values()
-        )
-        # Without a limit of its own, the skew is held by the longest age.
+        timeouts = self.input_timeouts
+        # Without a limit for it, the skew is bounded by the longest age.
+        skew = self.max_input_skew or LONGEST_TIMEOUT
         return AgeLimits(
-            (first, second, third),
-            round((self.max_input_skew or LONGEST_TIMEOUT) / NANOSECONDS),
+            ages=(
+                _nanoseconds(timeouts[DISPLACEMENT_RATIO.name]),
+                _nanoseconds(timeouts[ENGINE_SPEED.name]),
+                _nanoseconds(timeouts[LOAD_TORQUE.name]),
+            ),
+            skew=_nanoseconds(skew),
         )
 
     @cached_property
@@ -330,16 +354,12 @@ class Settings:
         self,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Displacement ratios [-], engine speeds [rad/s], load torques [N m] of the map."""
-        intervals = (
-            (DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high),
-            self.engine_speed_limits,
-            self.map_load_torque_limits,
+        strokes, speeds, torques = self.map_points
+        return (
+            np.linspace(DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high, strokes),
+            np.linspace(*self.engine_speed_limits, speeds),
+            np.linspace(*self.map_load_torque_limits, torques),
         )
-        first, second, third = (
-            np.linspace(low, high, count)
-            for (low, high), count in zip(intervals, self.map_points, strict=True)
-        )
-        return first, second, third
 
 
 _LEVEL = ("input_timeouts_", "input_timeouts.")
@@ -347,11 +367,15 @@ PARAMETERS: tuple[Declaration, ...] = tuple(
     replace(item.metadata["declaration"], name=item.name.replace(*_LEVEL))
     for item in fields(Settings)
 )
-"""All of them, in the order of the table."""
+"""All parameters, in the order of the table."""
 
 
 def _field(name: str) -> str:
     return name.replace(".", "_")
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds / NANOSECONDS)
 
 
 def declare(node: Node) -> Settings:
@@ -361,31 +385,34 @@ def declare(node: Node) -> Settings:
         InputError: a value given at start is of the wrong type or out of range.
     """
     for declaration in PARAMETERS:
-        name, default = declaration.name, declaration.default
+        name = declaration.name
         given = node._parameter_overrides.get(name, Parameter(name)).value
-        if (
-            NAN in declaration.choices
-            and isinstance(given, float)
-            and math.isnan(given)
-        ):
-            # ROS reads nan on the command line and in a file as a number, with or without a dot.
+        if NAN in declaration.choices and _is_nan(given):
+            # ROS reads nan on the command line and in a file as a number.
             node._parameter_overrides[name] = Parameter(name, value=NAN)
         try:
-            node.declare_parameter(name, default, declaration.descriptor())
+            node.declare_parameter(name, declaration.default, declaration.descriptor())
         except InvalidParameterTypeException:
-            cure = (
-                f"; write {float(given)!r}, a whole number is another type in ROS"
-                if isinstance(default, float) and isinstance(given, int)
-                else ""
-            )
-            raise InputError(
-                f"parameter {name} = {given!r}: needs one like {default!r}{cure}"
-            ) from None
+            raise InputError(_wrong_type(declaration, given)) from None
         except InvalidParameterValueException as error:
             raise InputError(
                 f"parameter {name} = {given!r}: allowed {declaration.allowed}"
             ) from error
     return current(node)
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)
+
+
+def _wrong_type(declaration: Declaration, given: Any) -> str:
+    text = (
+        f"parameter {declaration.name} = {given!r}: needs one like "
+        f"{declaration.default!r}"
+    )
+    if isinstance(declaration.default, float) and isinstance(given, int):
+        return f"{text}; write {float(given)!r}, a whole number is another type in ROS"
+    return text
 
 
 def current(node: Node, changes: Sequence[Parameter] = ()) -> Settings:
@@ -395,7 +422,7 @@ def current(node: Node, changes: Sequence[Parameter] = ()) -> Settings:
 
 
 def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResult:
-    """Tell whether changed values fit together with the rest; for the on-set callback."""
+    """Check that changed values fit together with the rest; for the on-set callback."""
     if not all(change.name for change in changes):  # rclpy would declare it
         return SetParametersResult(
             successful=False, reason="a parameter without a name"
@@ -408,7 +435,7 @@ def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResu
 
 
 def usage() -> str:
-    """Return what `--help` prints: how to give parameters, and which there are."""
+    """Return what `--help` prints: how parameters are given, and the list of them."""
     lines = [
         "usage: hmcvt-node [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]",
         "",
@@ -416,14 +443,13 @@ def usage() -> str:
         "",
     ]
     for item in PARAMETERS:
-        facts = (
-            f"default {item.default!r}",
-            item.allowed,
-            "read at start only" * item.read_only,
-        )
+        facts = [f"default {item.default!r}"]
+        if item.allowed:
+            facts.append(item.allowed)
+        if item.read_only:
+            facts.append("read at start only")
         unit = f" [{item.unit}]" if item.unit else ""
-        lines += [
-            f"  {item.name}{unit}, {'; '.join(filter(None, facts))}",
-            textwrap.indent(textwrap.fill(item.description, 88), " " * 6),
-        ]
+        lines.append(f"  {item.name}{unit}, {'; '.join(facts)}")
+        description = textwrap.fill(item.description, _HELP_WIDTH)
+        lines.append(textwrap.indent(description, " " * 6))
     return "\n".join(lines)

@@ -11,12 +11,12 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 # No deadline: a subscription that asks for one refuses every publisher that offers none.
 INPUT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-# Bench samples come in bursts and none may be lost.
+# Bench samples come in bursts, and none may be lost.
 BENCH_SAMPLE = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 
 OUTPUT = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
-# A subscriber that joins late gets the last one.
+# A subscriber that joins late gets the last message.
 LATCHED = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -28,7 +28,7 @@ DIAGNOSTICS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 def overridable(profile: QoSProfile) -> dict[str, Any]:
     """Let `qos_overrides.<topic>.<publisher|subscription>.<policy>` change a profile at start."""
-    # A copy for each topic: rclpy writes the overrides into what it is given.
+    # A copy for each topic: rclpy writes the overrides into the profile that it is given.
     return {
         "qos_profile": copy.copy(profile),
         "qos_overriding_options": QoSOverridingOptions.with_default_policies(),

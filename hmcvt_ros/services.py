@@ -16,13 +16,13 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from hmcvt_core import EfficiencyMap, EfficiencyModel, HmcvtError, InputError
-from hmcvt_core.files import plain
+from hmcvt_core.interface import plain
 
 from . import jobs
-from .bench_log import Recorder
 from .diagnostics import Activity, Job, Staged, gap_values
 from .model_store import ModelStore, utc_now
 from .parameters import ADOPT, Settings
+from .recorder import Recorder
 from .worker import Worker
 
 Data = dict[str, Any]
@@ -30,22 +30,23 @@ MOST_WAITING = 50
 """Requests that may wait for a disk together."""
 
 _CANCELLED = "ended by ~/cancel"
-_FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"']+)+/""")  # of an absolute path
+_FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"']+)+/""")
+"""Folders in an absolute path."""
 
 
 class _NotAdoptedError(HmcvtError):
-    """A refit that must not serve; `found` tells what was compared."""
+    """A refit that must not serve; `details` holds what was compared."""
 
-    def __init__(self, found: Data) -> None:
-        super().__init__(found["refused"])
-        self.found = {key: value for key, value in found.items() if key != "refused"}
+    def __init__(self, result: Data) -> None:
+        super().__init__(result["refused"])
+        self.details = {key: value for key, value in result.items() if key != "refused"}
 
 
 class Services:
-    """The services of the node; each method without an underscore up to `cancel` is one.
+    """The services of the node; each method without an underscore from `reidentify` on is one.
 
-    None takes a file name: whoever can reach the node over the network can call them. Refits and
-    diagnoses are done by the worker process, the rest by the thread that waits for disks.
+    None takes a file name, because everyone on the network can call them. Refits and diagnoses are
+    done by the worker process, the rest by the thread that waits for disks.
     """
 
     def __init__(
@@ -58,13 +59,29 @@ class Services:
         announce: Callable[[Settings, EfficiencyMap], None],
         warn: Callable[[str, str], None],
     ) -> None:
-        self._node, self._store, self._log, self._activity = node, store, log, activity
-        self._settings, self._announce, self._warn = settings, announce, warn
+        """Create the services.
+
+        Args:
+            node: node that offers them.
+            store: models of the node.
+            log: log of the bench samples.
+            activity: what the node does; kept up to date.
+            settings: returns the parameters of the node.
+            announce: called after a change of model, with the settings of its map and the map.
+            warn: logs a warning about a subject.
+        """
+        self._node = node
+        self._store = store
+        self._log = log
+        self._activity = activity
+        self._settings = settings
+        self._announce = announce
+        self._warn = warn
         self._folder = log.log.path.parent
         self._worker = Worker()
-        self._served = 0  # requests that have no reply yet
-        # Of their own group: one that awaits a job would hold up all else in the node's default
-        # group; and re-entrant: a second request is refused while the first is being served.
+        self._unanswered = 0  # requests
+        # A group apart: a service that awaits a job would block the node's default group. It is
+        # re-entrant, so that a second request can be refused while the first is served.
         group = ReentrantCallbackGroup()
         for work in (
             self.reidentify,
@@ -82,15 +99,13 @@ class Services:
             )
 
     def poll(self) -> None:
-        """End a job that must not go on; from the node's timer."""
+        """End a job that must not continue; called by the node's timer."""
         job = self._activity.job
-        if (
-            job is not None
-            and job.working
-            and not job.ended
-            and (why := self._trouble(job))
-        ):
-            self._end(job, why)
+        if job is None or not job.working or job.ended:
+            return
+        reason = self._reason_to_end(job)
+        if reason:
+            self._end(job, reason)
 
     def close(self) -> None:
         """Kill a running job."""
@@ -100,7 +115,8 @@ class Services:
 
     async def reidentify(self) -> Data:
         """Refit the model in service to the bench samples, and adopt or stage the refit."""
-        settings, before = self._settings(), self._store.in_service.path
+        settings = self._settings()
+        before = self._store.in_service.path
         with self._under_way("reidentify"):
             output = await self._on_disk(self._store.new_path)
             result = await self._in_worker(
@@ -131,11 +147,13 @@ class Services:
         return await self._put_into_service(lambda: self._store.adopt(*staged))
 
     async def diagnose(self) -> Data:
-        """Say why model and bench samples disagree."""
+        """Diagnose the gap between model and bench samples."""
         fingerprint = self._store.in_service.model.fingerprint
         with self._under_way("diagnose"):
             result = await self._in_worker(
-                jobs.diagnose, reports=self._folder / "reports"
+                jobs.diagnose,
+                reports=self._folder / "reports",
+                noise=self._settings().bench_noise,
             )
         self._activity.gap = gap_values(result, fingerprint, utc_now())
         return result
@@ -145,10 +163,9 @@ class Services:
         return await self._put_into_service(self._store.revert)
 
     async def clear_samples(self) -> Data:
-        """Begin a new bench log and keep the old one beside it."""
-        with self._under_way(
-            "clear_samples"
-        ):  # a job must not end with samples that are gone
+        """Begin a new bench log and keep the old one."""
+        # Under way, because a job must not end with samples that are gone.
+        with self._under_way("clear_samples"):
             count, kept = await self._on_disk(self._log.set_aside)
             self._activity.staged = None
         return {"cleared": count, "kept_as": None if kept is None else str(kept)}
@@ -163,49 +180,71 @@ class Services:
         self._end(job, _CANCELLED)
         return {"cancelled": job.name, "seconds": round(job.seconds, 3)}
 
-    # --- helpers ------------------------------------------------------------------------------
+    # --- requests and replies -----------------------------------------------------------------
 
     def _answering(self, work: Callable[[], Awaitable[Data]]) -> Callable[..., Any]:
-        """Make a service callback of what returns the answer or raises why there is none."""
-        name, logger = work.__name__, self._node.get_logger()
+        """Return a service callback for work that returns the answer or raises the reason."""
+        name = work.__name__
 
         async def serve(
             request: Trigger.Request, response: Trigger.Response
         ) -> Trigger.Response:
-            self._served += 1
+            self._unanswered += 1
             try:
-                if self._served > MOST_WAITING:
+                if self._unanswered > MOST_WAITING:
                     raise HmcvtError(
                         f"busy: {MOST_WAITING} requests wait already for the disk"
                     )
                 answer = await work()
-                end = self._told(answer)
-                logger.info(f"{name}: {end}")
+                end = self._summary(answer)
+                self._node.get_logger().info(f"{name}: {end}")
                 response.success = True
             except Exception as error:  # of any kind: it must not end the node
-                expected = isinstance(error, (HmcvtError, OSError))
-                text = str(error) if expected else f"{type(error).__name__}: {error}"
-                answer = {"error": text, **getattr(error, "found", {})}
-                how = "not adopted" if isinstance(error, _NotAdoptedError) else "failed"
-                end = f"{how}: {text}"
-                # Who is refused may ask again at once, and for ever: that must not fill a disk.
-                self._warn(f"{name} {text.startswith('busy')}", f"{name}: {text}")
+                answer, end = self._failure(name, error)
             finally:
-                self._served -= 1
+                self._unanswered -= 1
             if name in self._activity.ends:
                 self._activity.ends[name] = f"{utc_now()}, {end}"
-            response.message = self._without_folders(
-                json.dumps(plain(answer), allow_nan=False)
-            )
+            text = json.dumps(plain(answer), allow_nan=False)
+            response.message = self._without_folders(text)
             return response
 
         return serve
 
+    def _failure(self, name: str, error: Exception) -> tuple[Data, str]:
+        """Log why a request failed; return the answer, and how it ended for diagnostics."""
+        text = str(error)
+        if not isinstance(error, (HmcvtError, OSError)):
+            text = f"{type(error).__name__}: {error}"
+        answer = {"error": text}
+        outcome = "failed"
+        if isinstance(error, _NotAdoptedError):
+            answer.update(error.details)
+            outcome = "not adopted"
+        # A client that is refused may ask again at once, for ever: that must not fill a disk.
+        self._warn(f"{name} {text.startswith('busy')}", f"{name}: {text}")
+        return answer, f"{outcome}: {text}"
+
+    def _summary(self, answer: Data) -> str:
+        """Return what the log and diagnostics say of an answer."""
+        if "verdict" in answer:
+            report = answer["report"] or f"not written: {answer['report_error']}"
+            cause = self._activity.gap["gap leading cause"]
+            return f"{answer['verdict']}, leading cause {cause}; report {report}"
+        if "file" not in answer:
+            return "done"
+        basis = f"{answer['samples']} samples, " if "samples" in answer else ""
+        state = "waits for ~/adopt" if answer.get("staged") else "in service"
+        return f"{basis}{answer['file']} ({answer['model']}) {state}"
+
     def _without_folders(self, text: str) -> str:
-        """Name files as within the state folder: where that is is nobody's business."""
+        """Name files as within the state folder: do not disclose where that is."""
         for folder in (self._folder.resolve(), self._folder):
-            text = text.replace(json.dumps(f"{folder}/")[1:-1], "")
+            escaped = json.dumps(f"{folder}/")[1:-1]
+            text = text.replace(escaped, "")
         return _FOLDERS.sub("", text)
+
+    # --- jobs ---------------------------------------------------------------------------------
 
     @contextmanager
     def _under_way(self, name: str) -> Iterator[None]:
@@ -217,27 +256,27 @@ class Services:
         finally:
             self._activity.job = None
 
-    def _trouble(self, job: Job) -> str:
-        """Say why the worker must not go on; empty when it may."""
+    def _reason_to_end(self, job: Job) -> str:
+        """Return why the worker must not continue; empty when it may."""
         limit = self._settings().job_time_limit
         if job.seconds > limit:
             return f"ended after job_time_limit = {limit:g} s"
-        # Twice: whoever stops and continues node and worker together means no harm.
-        before, job.stopped = job.stopped, self._worker.stopped
-        return (
-            "the worker process was stopped by a signal, and has been ended"
-            if (before and job.stopped)
-            else ""
-        )
+        # Twice in a row: stopping and continuing node and worker together is no fault.
+        was_stopped = job.stopped
+        job.stopped = self._worker.stopped
+        if was_stopped and job.stopped:
+            return "the worker process was stopped by a signal, and has been ended"
+        return ""
 
-    def _end(self, job: Job, why: str) -> None:
-        job.ended = why
+    def _end(self, job: Job, reason: str) -> None:
+        job.ended = reason
         self._worker.kill()
 
     async def _in_worker(self, work: Callable[..., Data], **options: Any) -> Data:
         """Let the worker do the job under way, without blocking the executor."""
-        job, settings = self._activity.job, self._settings()
+        job = self._activity.job
         assert job is not None
+        settings = self._settings()
         samples = await self._on_disk(self._samples)
         self._activity.trouble = ""
         job.working = True
@@ -253,7 +292,7 @@ class Services:
                 **options,
             )
             self._node.get_logger().info(f"{job.name}: started on {samples}")
-            done: Data = await _finished(running)
+            result: Data = await _result_of(running)
         except (BrokenProcessPool, CancelledError):
             job.ended = job.ended or (
                 f"the worker process ended with status {self._worker.exit_status}"
@@ -269,15 +308,12 @@ class Services:
             if job.ended != _CANCELLED:
                 self._activity.trouble = f"{job.name}: {job.ended}"
             raise HmcvtError(f"{job.name}: {job.ended}")
-        return {**done, "seconds": round(job.seconds, 3)}
-
-    async def _on_disk(self, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Do in the thread that waits for disks, after all samples that came before."""
-        return await _finished(self._log.call(work, *arguments))
+        return {**result, "seconds": round(job.seconds, 3)}
 
     def _samples(self) -> Path:
-        """Return the samples of a job, as they were written."""
-        name, log = self._settings().samples_file, self._log.log
+        """Return the file with the samples of a job, checked."""
+        name = self._settings().samples_file
+        log = self._log.log
         if not name:
             log.check()
             if not len(log):
@@ -288,37 +324,29 @@ class Services:
         # Parameters can be set from the network: they must not reach files elsewhere.
         if not path.is_relative_to(folder):
             raise InputError(f"samples_file = {name!r} lies outside the state folder")
-        if path.exists() and not path.is_file():  # to read it might never end
+        if path.exists() and not path.is_file():  # reading it might never end
             raise InputError(f"samples_file = {name!r} is no regular file")
         return path
 
-    def _told(self, result: Data) -> str:
-        """What the log and diagnostics say of an answer."""
-        if "verdict" in result:
-            report = result["report"] or f"not written: {result['report_error']}"
-            cause = self._activity.gap["gap leading cause"]
-            return f"{result['verdict']}, leading cause {cause}; report {report}"
-        if "file" not in result:
-            return "done"
-        basis = f"{result['samples']} samples, " if "samples" in result else ""
-        state = "waits for ~/adopt" if result.get("staged") else "in service"
-        return f"{basis}{result['file']} ({result['model']}) {state}"
-
     async def _put_into_service(self, change: Callable[[], EfficiencyModel]) -> Data:
-        """Change the model; tell everyone of it, and the caller of its name and file."""
+        """Change the model in service and announce it; return its fingerprint and file."""
         settings = self._settings()
         grid = await self._on_disk(lambda: change().efficiency_map(*settings.map_axes))
-        self._activity.staged = None  # it was compared with the one before
+        self._activity.staged = None  # it was compared with the model before
         self._announce(settings, grid)
-        now = self._store.in_service
-        return {"model": now.model.fingerprint, "file": str(now.path)}
+        served = self._store.in_service
+        return {"model": served.model.fingerprint, "file": str(served.path)}
+
+    async def _on_disk(self, work: Callable[..., Any], *arguments: Any) -> Any:
+        """Run work in the thread that waits for disks, after all samples that came before."""
+        return await _result_of(self._log.call(work, *arguments))
 
 
 @types.coroutine
-def _finished(running: Future[Any]) -> Generator[None, None, Any]:
-    """Wait for what another thread or process does.
+def _result_of(running: Future[Any]) -> Generator[None, None, Any]:
+    """Wait for another thread or process.
 
-    The executor looks after its coroutines whenever it wakes up, which the node's timer sees to.
+    The executor resumes its coroutines whenever it wakes up; the node's timer wakes it.
     """
     while not running.done():
         yield

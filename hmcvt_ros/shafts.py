@@ -1,17 +1,20 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a bench message says of the shafts: one reader for live messages and for those in bags."""
+"""Readings of the shafts in a bench message: one reader for live messages and for bags."""
 
 import math
 from typing import Any
 
 from hmcvt_core import HmcvtError
-from hmcvt_core.files.steady import Shafts
+from hmcvt_core.interface import Shafts
 
-JOINTS = ("engine", "output", "displacement")
+ENGINE = "engine"
+OUTPUT = "output"
+DISPLACEMENT = "displacement"
+JOINTS = (ENGINE, OUTPUT, DISPLACEMENT)
 
 
 class UnreadableError(HmcvtError):
-    """A message does not say what it should; `reason` is a word or two to count it by."""
+    """A message lacks something; `reason` is a word or two to count it by."""
 
     def __init__(self, reason: str, text: str = "") -> None:
         super().__init__(text or reason)
@@ -27,35 +30,45 @@ def read_shafts(message: Any, *, stroke_elsewhere: bool = False) -> Shafts:
             displacement ratio [-].
         stroke_elsewhere: whether the joint `displacement` may be missing.
 
+    Returns:
+        The readings; a displacement ratio of NaN where the joint is missing.
+
     Raises:
-        UnreadableError: a joint is missing or doubled, or a field has not a value for each.
+        UnreadableError: a joint is missing or doubled, or a field lacks a value for a joint.
     """
     names = list(message.name)
-    for joint in JOINTS:
-        count = names.count(joint)
-        if count != 1 and not (
-            count == 0 and joint == "displacement" and stroke_elsewhere
-        ):
-            raise UnreadableError(
-                "wrong names",
-                f"joint {joint!r} stands {count} times in name; "
-                f"needs {', '.join(JOINTS)}",
-            )
-    has_stroke = "displacement" in names
-    for field in ("velocity", "effort", *(("position",) if has_stroke else ())):
+    _require_joints(names, stroke_elsewhere)
+    has_stroke = DISPLACEMENT in names
+    fields = ["velocity", "effort"]
+    if has_stroke:
+        fields.append("position")
+    for field in fields:
         count = len(getattr(message, field))
         if count != len(names):
             raise UnreadableError(
                 "unequal arrays", f"{field} has {count} values for {len(names)} joints"
             )
-    engine, output = names.index("engine"), names.index("output")
-    stroke = (
-        float(message.position[names.index("displacement")]) if has_stroke else math.nan
-    )
+    engine = names.index(ENGINE)
+    output = names.index(OUTPUT)
+    stroke = math.nan
+    if has_stroke:
+        stroke = float(message.position[names.index(DISPLACEMENT)])
     return Shafts(
-        float(message.velocity[engine]),
-        float(message.effort[engine]),
-        float(message.velocity[output]),
-        float(message.effort[output]),
-        stroke,
+        engine_speed=float(message.velocity[engine]),
+        engine_torque=float(message.effort[engine]),
+        output_speed=float(message.velocity[output]),
+        output_torque=float(message.effort[output]),
+        displacement_ratio=stroke,
     )
+
+
+def _require_joints(names: list[str], stroke_elsewhere: bool) -> None:
+    for joint in JOINTS:
+        count = names.count(joint)
+        optional = joint == DISPLACEMENT and stroke_elsewhere
+        if count == 1 or (count == 0 and optional):
+            continue
+        raise UnreadableError(
+            "wrong names",
+            f"joint {joint!r} stands {count} times in name; needs {', '.join(JOINTS)}",
+        )

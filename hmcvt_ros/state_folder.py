@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The folder in which a node keeps, for itself alone, what must outlive it; numbered files."""
+"""The state folder of a node: what it keeps over restarts, locked for one node; numbered files."""
 
 import contextlib
 import fcntl
@@ -8,26 +8,26 @@ from collections.abc import Collection
 from pathlib import Path
 
 from hmcvt_core import InputError
-from hmcvt_core.files.atomic import make_folder, numbered, remove_leftovers
+from hmcvt_core.interface import make_folder, numbered, remove_leftovers
 
 
 class StateFolder:
     """A folder that no other node uses meanwhile, cleared of what killed writes left.
 
-    The folder itself is locked, not a file in it: nothing has to be written, so that it works on a
-    full disk and in a read-only folder, and the kernel takes the lock back however a node ends.
+    The folder itself is locked, not a file in it: nothing has to be written, so this works on a
+    full disk and in a read-only folder, and the kernel releases the lock however a node ends.
 
     Attributes:
-        path: the folder.
-        writable: whether anything can be kept in it, as far as can be told at start.
+        path: path of the folder.
+        writable: whether anything can be kept in it, as far as can be seen at the start.
         complaint: what is wrong with it, as a sentence; empty when nothing.
     """
 
     def __init__(self, path: Path) -> None:
-        """Make the folder if need be, and take it.
+        """Create the folder if needed, and lock it.
 
         Raises:
-            InputError: another node has it.
+            InputError: another node has locked it.
         """
         self.path = path
         self.writable = False
@@ -37,23 +37,10 @@ class StateFolder:
             make_folder(path)
             self._handle = os.open(path, os.O_RDONLY)
         except OSError as error:
-            # Nothing can be logged or refitted; what is there can still be served.
+            # Nothing can be logged or refitted, but the model can still be served.
             self.complaint = f"state_folder: {error}"
             return
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            self.close()
-            raise InputError(
-                f"state_folder: {path} is in use by another node; give each node a name, a "
-                "namespace or a state_folder of its own"
-            ) from None
-        except OSError as error:
-            # Some network file systems cannot; that is no reason not to serve.
-            self.complaint = (
-                f"state_folder: {path} cannot be locked ({error.strerror}); "
-                "see to it that no other node uses it"
-            )
+        self._lock(self._handle)
         self.writable = os.access(path, os.W_OK)
         if not self.writable:
             self.complaint = (
@@ -64,7 +51,10 @@ class StateFolder:
                 remove_leftovers(folder)
 
     def gone(self) -> str:
-        """Say that the folder was removed or replaced: another node may take the new one."""
+        """Return a complaint if the folder was removed or replaced; empty otherwise.
+
+        Another node may lock the folder that took its name.
+        """
         with contextlib.suppress(OSError):
             if self._handle is None or os.path.samestat(
                 os.fstat(self._handle), self.path.stat()
@@ -75,19 +65,35 @@ class StateFolder:
         )
 
     def close(self) -> None:
-        """Let others have the folder."""
+        """Release the folder."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
 
+    def _lock(self, handle: int) -> None:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.close()
+            raise InputError(
+                f"state_folder: {self.path} is in use by another node; give each node its "
+                "name, namespace or state_folder"
+            ) from None
+        except OSError as error:
+            # Some network file systems cannot lock; that is no reason not to serve.
+            self.complaint = (
+                f"state_folder: {self.path} cannot be locked ({error.strerror}); "
+                "make sure that no other node uses it"
+            )
+
 
 def next_name(folder: Path, kept: int, spared: Collection[str] = ()) -> Path:
-    """Return a path in `folder`, such as 0001, without a suffix; its number is above all there.
+    """Return a path in `folder`, such as 0001, without a suffix, numbered above all others.
 
-    Of what is numbered there, all but the newest make room, so that `kept` are left with this one.
+    Of the numbered files only the newest are kept, so that `kept` remain with this one.
 
     Raises:
-        OSError: the folder cannot be made or read.
+        OSError: the folder cannot be created or read.
     """
     make_folder(folder)
     keep_newest(folder, kept - 1, spared=spared)
@@ -97,17 +103,21 @@ def next_name(folder: Path, kept: int, spared: Collection[str] = ()) -> Path:
 def keep_newest(
     folder: Path, count: int, prefix: str = "", spared: Collection[str] = ()
 ) -> None:
-    """Remove files named by a prefix and a number but those with the `count` highest numbers.
+    """Remove files named by a prefix and a number except those with the highest numbers.
 
-    Others are left alone, and those whose names are `spared`.
+    Args:
+        folder: folder of the files.
+        count: numbers to keep.
+        prefix: beginning of the names; files with other names stay.
+        spared: names of files to keep in addition.
     """
-    with contextlib.suppress(OSError):  # a file more does no harm
-        found = {
+    with contextlib.suppress(OSError):  # one file more does no harm
+        numbers = {
             path: number
             for path, number in numbered(folder, prefix).items()
             if path.name not in spared
         }
-        kept = sorted(set(found.values()))[-count:]
-        for path, number in found.items():
+        kept = sorted(set(numbers.values()))[-count:]
+        for path, number in numbers.items():
             if number not in kept:
                 path.unlink()

@@ -1,9 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A process beside the node for heavy work, so that lookups keep their latency meanwhile.
+"""A second process for heavy work, so that lookups keep their latency meanwhile.
 
-One process for all jobs, started for the first: a start in itself costs the neighbours more time
-than a refit. It can be killed, and it does not outlive a node that was. This module is the first
-that the process loads, and at full priority: nothing but the standard library.
+One process serves all jobs and is started for the first: starting it takes the node longer than a
+refit. It can be killed, and it does not outlive the node. The process loads this module first, at
+full priority, so it imports nothing but the standard library.
 """
 
 import os
@@ -19,7 +19,11 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-_YIELD = 5e-4  # seconds; about what an answer takes
+_YIELD_PERIOD = 5e-4
+"""Time between two offers of the processor to others [s]; about what an answer takes."""
+_LOWEST_PRIORITY = 19
+_FIRST_OUT_OF_MEMORY = "1000"
+"""Score of the process that Linux ends first where memory runs out."""
 
 
 class Worker:
@@ -32,9 +36,16 @@ class Worker:
     def submit(
         self, job: Callable[..., Any], memory: int, **options: Any
     ) -> Future[Any]:
-        """Start a job that may take so much memory [MiB].
+        """Start a job.
 
-        The future raises `BrokenProcessPool` when the process dies meanwhile, and `MemoryError`.
+        Args:
+            job: function to call in the other process.
+            memory: memory that it may take [MiB].
+            options: arguments of the job.
+
+        Returns:
+            A future that raises `BrokenProcessPool` when the process dies meanwhile, and
+            `MemoryError` beyond `memory`.
 
         Raises:
             OSError: no process can be started.
@@ -43,7 +54,7 @@ class Worker:
             self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
         try:
             return self._pool.submit(_limited, job, memory, options)
-        except BrokenProcessPool:  # it has died while it had nothing to do
+        except BrokenProcessPool:  # it died while it was idle
             self.kill()
             return self.submit(job, memory, **options)
         except OSError:
@@ -57,7 +68,9 @@ class Worker:
         """How the process ended, negative by a signal; None while it runs."""
         for process in self._processes:
             process.join(timeout=1.0)
-        return next((process.exitcode for process in self._processes), None)
+        for process in self._processes:
+            return process.exitcode
+        return None
 
     @property
     def stopped(self) -> bool:
@@ -73,29 +86,29 @@ class Worker:
     def kill(self, wait: bool = False) -> None:
         """Kill the process, and a running job with it.
 
-        Wait for the thread of the pool before Python ends, which would wake it without its lock and
-        may meet a pipe just closed (CPython's `_python_exit`). A process that a dead disk holds
-        does not even die of a kill, and its thread is not waited for.
+        Args:
+            wait: whether to wait for the thread of the pool. Before Python ends this is needed:
+                Python would wake that thread without its lock, and the thread may meet a pipe just
+                closed (CPython's `_python_exit`). A process that a dead disk holds does not even
+                die of a kill, and its thread is not waited for.
         """
         for process in self._processes:
             process.kill()
         if self._pool is not None:
-            self._pool.shutdown(
-                wait and self.exit_status is not None, cancel_futures=True
-            )
-        self._pool, self._processes = None, []
+            dead = self.exit_status is not None if wait else False
+            self._pool.shutdown(wait=dead, cancel_futures=True)
+        self._pool = None
+        self._processes = []
 
 
 def _begin() -> None:
-    """Make the new process step back, and end with its parent."""
-    if hasattr(os, "SCHED_IDLE"):  # Linux: compute only while nobody else wants to
+    """Give the new process the lowest priority, and let it end with its parent."""
+    if hasattr(os, "SCHED_IDLE"):  # Linux: compute only while no other process wants to
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     else:
-        os.nice(19)
-    with suppress(
-        OSError
-    ):  # Linux: where memory runs out, end this process and not the node
-        Path("/proc/self/oom_score_adj").write_text("1000")
+        os.nice(_LOWEST_PRIORITY)
+    with suppress(OSError):  # on Linux only
+        Path("/proc/self/oom_score_adj").write_text(_FIRST_OUT_OF_MEMORY)
     # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -105,17 +118,16 @@ def _limited(job: Callable[..., Any], memory: int, options: Mapping[str, Any]) -
     """Do a job within a limit to the memory that it may write to [MiB]."""
     hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
     limit = memory << 20
-    resource.setrlimit(
-        resource.RLIMIT_DATA,
-        (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard),
-    )
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     if hasattr(os, "sched_yield"):
         # Linux may leave a thread that wakes behind an idle priority until the next tick (4 ms).
         signal.signal(signal.SIGALRM, lambda *_: os.sched_yield())
-        signal.setitimer(signal.ITIMER_REAL, _YIELD, _YIELD)
+        signal.setitimer(signal.ITIMER_REAL, _YIELD_PERIOD, _YIELD_PERIOD)
     try:
         return job(**options)
-    except MemoryError:  # NumPy's own kind does not have to come through to the node
+    except MemoryError:  # NumPy's kind of it need not be known to the node
         raise MemoryError from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -8,8 +8,8 @@ import pytest
 from ros_bench import file_limit
 
 import hmcvt_core as hmcvt
-from hmcvt_ros import bench_log
-from hmcvt_ros.bench_log import BenchLog, Numbers, rows_of
+from hmcvt_ros import recorder
+from hmcvt_ros.bench_log import BenchLog, rows_of
 from studies.soak.kill_lines import sample
 
 
@@ -133,7 +133,7 @@ def test_log_without_checksums_is_taken_over(path):
     ],
 )
 def test_missing_messages_are_counted_by_the_gaps_in_their_numbers(numbers, missing):
-    counted = Numbers()
+    counted = recorder.Numbers()
     for number in numbers:
         counted.take(number)
     assert counted.missing == missing
@@ -145,14 +145,14 @@ def taken(path):
 
     def make(limit):
         warned = []
-        taker = bench_log.Recorder(BenchLog(path, limit), warned.append, str)
+        taker = recorder.Recorder(BenchLog(path, limit), warned.append, str)
         return taker, taker.tally, warned
 
     return make
 
 
 def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypatch):
-    monkeypatch.setattr(bench_log, "MOST_WAITING", 5)
+    monkeypatch.setattr(recorder, "MOST_WAITING", 5)
     taker, tally, warned = taken(100)
     go_on = threading.Event()
     taker.call(go_on.wait)  # a disk that takes its time
@@ -162,7 +162,7 @@ def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypa
     go_on.set()
     taker.call(lambda: None).result()
     assert len(warned) == 3 and "5 samples wait already" in warned[0]
-    assert (tally.accepted, tally.refused[bench_log.BUSY], len(taker.log)) == (5, 3, 5)
+    assert (tally.accepted, tally.refused[recorder.BUSY], len(taker.log)) == (5, 3, 5)
     assert (
         taker.complaint == "3 bench samples were sent and not taken: too many at once"
     )

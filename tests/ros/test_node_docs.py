@@ -19,7 +19,7 @@ from ros_bench import GOOD, command, send_table
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.refit import refit
-from hmcvt_ros.diagnostics import _LEVELS
+from hmcvt_ros.diagnostics import LEVELS
 from hmcvt_ros.inputs import INPUT_RANGES
 
 pytestmark = pytest.mark.slow
@@ -167,7 +167,7 @@ def test_states_and_levels():
         DiagnosticStatus.STALE: "STALE",
     }
     assert {(state, level) for state, level, _ in table("state")} == {
-        (state.value, names[level]) for state, level in _LEVELS.items()
+        (state.value, names[level]) for state, level in LEVELS.items()
     }
 
 

@@ -75,7 +75,7 @@ def test_wrong_argument_is_told_and_help_is_printed(place, tmp_path):
         [
             command(arguments=("--params-file", "/nowhere.yaml")),
             command(arguments=("-z",)),
-            # `--` ends the arguments of ROS; what follows is the node's, which knows none but --help.
+            # `--` ends the arguments of ROS; the node itself takes --help alone.
             [*HMCVT_NODE, "--ros-args", "-p", state, "--", "--wrong"],
             [*HMCVT_NODE, "--help"],
             [*HMCVT_NODE, "--", "--help"],

@@ -1,0 +1,198 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The thread that writes bench samples, and the count of those that never arrived.
+
+Everything that waits for a disk runs in a thread of its own: bench samples and changes of model.
+Samples that come while the disk is busy are written together, with one wait for all of them.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import Any
+
+from hmcvt_core import BenchSamples
+
+from .bench_log import BenchLog, rows_of
+from .inputs import Tally
+
+INVALID = "invalid"
+FULL = "log full"
+BUSY = "too many at once"
+NOT_WRITTEN = "not written"
+BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
+"""Why a bench sample may be refused."""
+
+MOST_WAITING = 10_000
+"""Samples that may wait for the disk; about 1 MB."""
+STREAMS = 64
+"""Publishers of bench samples that are distinguished."""
+# Chosen by us: a healthy disk answers within a second.
+_HANGING = 5.0
+"""Time without an answer after which the disk counts as hanging [s]."""
+_PATIENCE = 2.0
+"""Time for the disk when the node ends [s]."""
+_UNNUMBERED = 2**64 - 1
+"""Number of every message of a middleware that does not number them."""
+
+
+class Recorder:
+    """Takes bench samples and writes them to a log in the order in which they came.
+
+    Only `close`, and the work given to `call`, wait for a disk.
+
+    Attributes:
+        log: log on disk.
+        numbers: numbers of the messages with the samples.
+        tally: what became of the samples.
+    """
+
+    def __init__(
+        self, log: BenchLog, warn: Callable[[str], None], look: Callable[[], str]
+    ) -> None:
+        """Start the thread.
+
+        Args:
+            log: log to write to.
+            warn: called with the reason why a sample was refused.
+            look: looks at the disk and returns a complaint; empty when all is well.
+        """
+        self.log = log
+        self.numbers = Numbers()
+        self.tally = Tally(BENCH_REASONS)
+        self._warn = warn
+        self._look = look
+        self._missed_before = 0  # missed before this log was begun
+        self._waiting: deque[bytes] = deque()
+        self._thread = ThreadPoolExecutor(1, "storage")
+        self._trouble = ""  # with the disk
+        self._ask_disk()
+
+    @property
+    def complaint(self) -> str:
+        """What this log lacks, as a sentence; empty when nothing."""
+        complaints = [self._trouble, self.log.recovered]
+        missed = self._missed - self._missed_before
+        if missed > 0:
+            complaints.append(
+                f"{missed} bench samples were sent and not taken: too many at once"
+            )
+        return "; ".join(filter(None, complaints))
+
+    @property
+    def _missed(self) -> int:
+        return self.numbers.missing + self.tally.refused[BUSY]
+
+    def poll(self) -> None:
+        """Look at the disk again once it has answered; to be called about once a second."""
+        if self._answer.done():
+            self._trouble = self._answer.result()
+            self._ask_disk()
+            return
+        silence = time.monotonic() - self._asked
+        if silence > _HANGING:
+            self._trouble = f"the disk has not answered for {silence:.0f} s"
+
+    def submit(self, samples: BenchSamples) -> None:
+        """Take samples; they are on disk later."""
+        if len(self._waiting) + len(samples) > MOST_WAITING:
+            self.refuse(
+                BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk"
+            )
+            return
+        self._waiting.extend(rows_of(samples))
+        self.call(self._write)
+
+    def refuse(self, reason: str, complaint: str) -> None:
+        """Count a sample as refused."""
+        # In the thread, so that the last complaint is that of the last sample.
+        self.call(self._refuse, reason, complaint)
+
+    def call(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Run work that waits for a disk in the thread, after everything that came before."""
+        return self._thread.submit(work, *arguments)
+
+    def set_aside(self) -> tuple[int, Path | None]:
+        """Begin a new log, as `BenchLog.set_aside`; for `call`."""
+        result = self.log.set_aside()
+        self._missed_before = self._missed
+        return result
+
+    def close(self) -> bool:
+        """Write what waits, and end; return False when the disk takes too long."""
+        written = wait([self.call(bool)], _PATIENCE).done
+        self._thread.shutdown(wait=False)
+        return bool(written)
+
+    def _ask_disk(self) -> None:
+        self._asked = time.monotonic()
+        self._answer = self.call(self._look)
+
+    # --- the thread; it alone counts, so that no two threads do -----------------------------------
+
+    def _refuse(self, reason: str, complaint: str, count: int = 1) -> None:
+        self.tally.refuse(reason, complaint, count)
+        self._warn(complaint)
+
+    def _write(self) -> None:
+        rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        if not rows:
+            return  # they were written together with earlier ones
+        try:
+            written = self.log.write(rows)
+        except Exception as error:  # of any kind: every sample must be accounted for
+            self._refuse(NOT_WRITTEN, f"bench log: {error}", len(rows))
+            return
+        if written:
+            self.tally.accept(written)
+        if written < len(rows):
+            self._refuse(FULL, self.log.full, len(rows) - written)
+
+
+class Numbers:
+    """Counts missing messages by the numbers of those that came.
+
+    Every publisher numbers its messages from 1, and a message does not name its publisher. So a
+    number continues the stream of which it is the next. Where there is none, it is a jump of the
+    nearest stream below, which lacks the numbers between. If that stream turns out to continue, the
+    jump is moved to the next stream below. A stream that is met in the middle lacks nothing: it
+    began before the node listened.
+
+    Attributes:
+        missing: count of missing messages.
+    """
+
+    def __init__(self) -> None:
+        self.missing = 0
+        self._last: deque[int] = deque(maxlen=STREAMS)
+        """Last number of each stream."""
+        self._jumps: dict[int, int] = {}
+        """First number after a jump, by the last number before it."""
+
+    def take(self, number: int) -> None:
+        """Take the number of a message."""
+        if not 0 < number < _UNNUMBERED:
+            return
+        if number - 1 in self._last:
+            self._last.remove(number - 1)
+        elif number - 1 in self._jumps:
+            after = self._jumps.pop(number - 1)
+            self.missing -= after - number
+            self._assign_jump(below=number - 1, after=after)
+        else:
+            self._assign_jump(below=number, after=number)
+        self._last.append(number)
+
+    def _assign_jump(self, below: int, after: int) -> None:
+        """Assign a jump to the nearest stream whose last number is below a number."""
+        streams = [last for last in self._last if last < below]
+        if not streams:
+            return
+        before = max(streams)
+        self._last.remove(before)
+        self._jumps[before] = after
+        if len(self._jumps) > STREAMS:
+            oldest = next(iter(self._jumps))
+            del self._jumps[oldest]
+        self.missing += after - before - 1
