@@ -117,7 +117,7 @@ def reidentify(
 
 
 def diagnose(
-    samples: Path, model: Path, seed: int, reports: Path, noise: float
+    samples: Path, model: Path, seed: int, reports: Path, noise: float = 0.0
 ) -> dict[str, Any]:
     """Diagnose the gap between a model and samples.
 

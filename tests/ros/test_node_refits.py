@@ -263,6 +263,13 @@ def test_a_gap_that_opens_is_told_in_diagnostics(start_node, tmp_path):
     assert list(node.state.glob("models/*")) == []
 
 
+def test_bench_noise_reaches_the_diagnosis(start_node, paper_file, table2):
+    node = start_node(paper_file, bench_noise=0.03)
+    send_table(node, table2)
+    success, answer = node.player.call("diagnose")
+    assert success and answer["gap"]["noise"] == pytest.approx(0.03)
+
+
 # --- the worker, and the end of the node ----------------------------------------------------------
 
 

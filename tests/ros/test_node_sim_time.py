@@ -65,9 +65,11 @@ def simulation(sim_node):
 
 
 def test_ages_follow_the_clock_also_when_it_stands_still(simulation):
-    # Before the first message of /clock it is the time zero.
+    # Before the first message of /clock ages follow the wall clock.
     assert simulation.answers()
-    simulation.set(100.0)
+    simulation.set(1.0)
+    assert simulation.answers()
+    simulation.set(101.0)
     assert simulation.tells(DiagnosticStatus.STALE, "100.000")
 
     assert simulation.answers()
@@ -75,11 +77,11 @@ def test_ages_follow_the_clock_also_when_it_stands_still(simulation):
     assert simulation.tells(DiagnosticStatus.OK, "0.000"), (
         "diagnostics stop with the clock"
     )
-    simulation.set(100.4)
+    simulation.set(101.4)
     assert simulation.tells(DiagnosticStatus.OK, "0.400")
 
     # Ten times faster than the wall clock.
-    simulation.set(101.5)
+    simulation.set(102.5)
     assert simulation.tells(DiagnosticStatus.STALE, "1.500")
     assert one_input_alone_is_not_answered(simulation)
     assert simulation.answers()

@@ -56,6 +56,27 @@ def test_silent_before_the_stage_is_known(tractor):
     )
 
 
+def test_operating_point_without_a_stage_is_counted_once_and_says_so(tractor):
+    keys = ("received", "accepted", "refused, no stage")
+
+    def counts():
+        tractor.forget_status()
+        assert tractor.comes(lambda: "inputs" in tractor.player.statuses)
+        return [int(tractor.value(f"operating points {key}", "inputs")) for key in keys]
+
+    before = counts()
+    tractor.heard.clear()
+    sent = 0
+    while not tractor.heard and sent < 20:  # best effort
+        tractor.ask(bench_sample_to_message(0.4, 150.0, math.nan, 100.0, 300.0))
+        sent += 1
+        tractor.player.spin_for(0.2)
+    assert tractor.heard[0].header.frame_id == f"{TRACTOR.fingerprint}:unknown"
+    assert all(map(math.isnan, tractor.heard[0].position))
+    received, accepted, refused = np.subtract(counts(), before)
+    assert accepted == 0 and 1 <= refused == received <= sent
+
+
 def test_every_answer_is_of_the_stage_engaged(tractor):
     for name in ("HM4", "HM1", "HM3", "HM2", "HM4", "HM3"):
         model = TRACTOR.stages[name]
@@ -144,6 +165,11 @@ def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
     ):
         tractor.engage(engaged)
         name = named if named in TRACTOR.stages else engaged
+        source = f"from topic stage: header.frame_id {named!r} is no stage of the model"
+        if named == name:
+            source = "from header.frame_id"
+        elif not named:
+            source = "from topic stage"
         for _ in range(8 if name in TRACTOR.stages else 1):
             stroke, speed, load = (
                 float(rng.uniform(*ends))
@@ -163,6 +189,13 @@ def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
             sent += [name] if name in TRACTOR.stages else []
         count = len(sent)
         assert tractor.comes(lambda count=count: tractor.logged() == count)
+        if name in TRACTOR.stages:
+            expected = f"{name}, {source}"
+            assert tractor.comes(
+                lambda expected=expected: (
+                    tractor.value("stage of the last bench sample") == expected
+                )
+            ), tractor.value("stage of the last bench sample")
     assert tractor.says("bench_sample: stage 'HM9' is not known")
     assert list(hmcvt.read_bench(tractor.bench_file).extra["stage"]) == sent
     diagnosed = tractor.player.call("diagnose").data
