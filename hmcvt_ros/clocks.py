@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """When a message arrived, on a clock by which ages can be counted.
 
-Ages follow a steady clock that nobody can set, or with `use_sim_time` the clock of a simulation.
+Ages follow a steady clock that cannot be set, or with `use_sim_time` the clock of a simulation.
 """
 
 import time

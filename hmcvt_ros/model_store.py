@@ -24,7 +24,7 @@ from .state_folder import next_name
 WAYS_BACK = 20
 """Refits that can be reverted one after the other."""
 KEPT = 50
-"""Refits kept besides those."""
+"""Refits kept in addition to those."""
 
 Promised = tuple[tuple[Path, str], ...]
 """Parameter files, each with the fingerprint that it must have."""

@@ -163,7 +163,7 @@ def damage(file: Path, error: Exception | None = None) -> str:
 
 
 def unwritten_journal(file: Path) -> str:
-    """Note messages that SQLite keeps beside a file that was not closed; empty for none."""
+    """Note messages that SQLite keeps in a journal of a file that was not closed; empty for none."""
     journal = file.with_name(f"{file.name}-wal")
     if file.suffix != ".db3" or not journal.is_file() or journal.stat().st_size == 0:
         return ""
@@ -244,10 +244,10 @@ def _metadata_notes(folder: Path, metadata: Metadata) -> tuple[str, ...]:
 
 def _bag_files_in(folder: Path) -> list[Path]:
     """Return the files with messages in the order of recording; unpacked ones come first."""
-    found = [file for file in folder.iterdir() if is_bag_file(file)]
-    names = {file.name for file in found}
+    files = [file for file in folder.iterdir() if is_bag_file(file)]
+    names = {file.name for file in files}
     kept = [
-        file for file in found if file.suffix != COMPRESSED or file.stem not in names
+        file for file in files if file.suffix != COMPRESSED or file.stem not in names
     ]
     return sorted(kept, key=_recording_order)
 

@@ -261,7 +261,7 @@ def _nothing_steady(
 
 
 def _unsettled(readings: Readings, limits: Steadiness) -> str:
-    """Return scatter and change of each channel beside its limits."""
+    """Return scatter and change of each channel with its limits."""
     settled = channels(readings, limits)
     _, means, deviations = block_statistics(readings.time, settled.values, limits.block)
     scale = np.where(settled.relative[:, None], np.abs(means), 1.0)

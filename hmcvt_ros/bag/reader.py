@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The messages of a rosbag2, read file by file, with every failure in words.
 
-The topics read here have standard types, so the definitions that come with rosbags serve.
+The topics of a bench have standard types, so the definitions that come with rosbags serve.
 Definitions in the bag are not compiled: one that cannot be compiled, on a topic that is not read,
 would otherwise close the whole bag (`AnyReader` of rosbags does).
 """
@@ -69,13 +69,13 @@ class Bag(ExitStack):
         self._types = _type_store()
         self._parts: list[_Part] = []
         self._problems: list[str] = []
-        found = files_of(Path(path))
-        self._metadata = found.metadata
-        self.notes.extend(found.notes)
+        files = files_of(Path(path))
+        self._metadata = files.metadata
+        self.notes.extend(files.notes)
         try:
-            self._open(found.paths)
+            self._open(files.paths)
             if not self._parts:
-                missing = [f"{name} is missing" for name in found.missing]
+                missing = [f"{name} is missing" for name in files.missing]
                 raise self._unreadable([*self._problems, *missing])
         except BaseException:
             self.close()
@@ -106,7 +106,7 @@ class Bag(ExitStack):
                     yield entry.topic, receipt * NANOSECONDS, message
             except (InputError, OSError):
                 raise
-            except Exception as error:  # each storage and decompressor has its own
+            except Exception as error:  # its kind depends on storage and compression
                 problem = damage(part.path, error)
                 self._problems.append(problem)
                 self.notes.append(f"{problem}: read as far as it goes")
@@ -137,7 +137,7 @@ class Bag(ExitStack):
                 reader = self.enter_context(Reader(storage))
             except OSError:
                 raise
-            except Exception as error:  # each storage has its own
+            except Exception as error:  # its kind depends on the storage
                 self._problems.append(damage(path, error))
                 continue
             self._parts.append(_Part(path, reader))

@@ -177,8 +177,8 @@ def record(
     return Recording(
         Readings(bench.rows[:, clock], Shafts(*bench.rows[:, _VALUES:].T), temperature),
         HEADER_STAMP if clock == _STAMP else TIME_OF_RECEIPT,
-        Counter({name: found.read for name, found in messages.items()}),
-        {name: found.refused for name, found in messages.items()},
+        Counter({name: series.read for name, series in messages.items()}),
+        {name: series.refused for name, series in messages.items()},
         stages.names,
         (stages.note,) if stages.note else (),
     )
@@ -263,8 +263,8 @@ def _collect(
     for number, (topic, receipt, message) in enumerate(
         bag.records(topics.names), start=1
     ):
-        found = messages[topic]
-        found.read += 1
+        series = messages[topic]
+        series.read += 1
         try:
             if message is None:
                 raise UnreadableError("unreadable")
@@ -273,10 +273,10 @@ def _collect(
                 continue
             values = _values(message, topic, topics)
         except UnreadableError as error:
-            found.refused[error.reason] += 1
+            series.refused[error.reason] += 1
             continue
-        found.numbers.extend((_stamp(message), receipt, *values))
-        found.frames.append(_frame(message))
+        series.numbers.extend((_stamp(message), receipt, *values))
+        series.frames.append(_frame(message))
         if progress is not None and number % _PROGRESS_EVERY == 0:
             progress(f"{number} of {total} messages")
     return messages, stage_messages

@@ -48,6 +48,6 @@ class ImportSettings:
             raise InputError(f"no topic is named for {', '.join(missing)}")
         if self.signals and self.topic != ImportSettings.topic:
             raise InputError(
-                f"topic = {self.topic!r} holds all signals, or each has a topic of its "
-                "own: name one or the other"
+                f"topic = {self.topic!r} holds all signals, or each has a separate "
+                "topic: name one or the other"
             )

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Which topics of a bag hold the readings: found by the end of their names."""
+"""Which topics of a bag hold the readings, by the end of their names."""
 
 import re
 from collections.abc import Mapping
@@ -64,8 +64,8 @@ def find_topics(bag: Bag, settings: ImportSettings) -> Topics:
     """
     signals = {}
     for name, (topic, size) in settings.signals.items():
-        found = _required(bag, topic, settings.namespace, _NUMBER, "a number")
-        signals[name] = (found, size)
+        full_name = _required(bag, topic, settings.namespace, _NUMBER, "a number")
+        signals[name] = (full_name, size)
     if len({topic for topic, _ in signals.values()}) < len(signals):
         raise InputError(f"{bag.path}: two signals name the same topic")
     if signals:
@@ -108,9 +108,9 @@ class _Companions:
                 )
                 return None
             topic = candidates[0]
-        found = self._bag.topics[topic]
-        if not found.endswith(f"/{kind}"):
-            self.notes.append(f"{topic} is {found}, not {kind}: not used")
+        actual = self._bag.topics[topic]
+        if not actual.endswith(f"/{kind}"):
+            self.notes.append(f"{topic} is {actual}, not {kind}: not used")
             return None
         return topic
 

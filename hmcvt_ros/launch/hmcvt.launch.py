@@ -9,7 +9,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-# Installed and in a checkout, config/ lies beside launch/.
+# Installed and in a checkout, config/ and launch/ have the same parent.
 DEFAULTS = Path(__file__).resolve().parent.parent / "config" / "hmcvt.yaml"
 
 ARGUMENTS = {
