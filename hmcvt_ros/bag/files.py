@@ -162,15 +162,15 @@ def damage(file: Path, error: Exception | None = None) -> str:
     )
 
 
-def unwritten_journal(file: Path) -> str:
-    """Note messages that SQLite keeps in a journal of a file that was not closed; empty for none."""
+def unfinished_journal(file: Path) -> Path | None:
+    """Return the journal of a SQLite file that the recorder did not close; None without one.
+
+    It holds messages that are not in the file yet.
+    """
     journal = file.with_name(f"{file.name}-wal")
-    if file.suffix != ".db3" or not journal.is_file() or journal.stat().st_size == 0:
-        return ""
-    return (
-        f"{journal.name} holds messages that the recorder had not moved into {file.name}: "
-        f"they are missing; move them: sqlite3 {file.name} 'PRAGMA wal_checkpoint'"
-    )
+    if file.suffix == ".db3" and journal.is_file() and journal.stat().st_size > 0:
+        return journal
+    return None
 
 
 def reindex_hint(folder: Path) -> str:

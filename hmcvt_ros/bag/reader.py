@@ -7,8 +7,9 @@ would otherwise close the whole bag (`AnyReader` of rosbags does).
 """
 
 import shutil
+import sqlite3
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,7 +25,7 @@ from .files import (
     damage,
     files_of,
     reindex_hint,
-    unwritten_journal,
+    unfinished_journal,
 )
 
 NANOSECONDS = 1e-9
@@ -133,7 +134,7 @@ class Bag(ExitStack):
 
         for path in paths:
             try:
-                storage = self._unpacked_file(path)
+                storage = self._readable_file(path)
                 reader = self.enter_context(Reader(storage))
             except OSError:
                 raise
@@ -145,13 +146,17 @@ class Bag(ExitStack):
                 self.topics[entry.topic] = entry.msgtype
                 count = self.counts.get(entry.topic, 0)
                 self.counts[entry.topic] = count + entry.msgcount
-            if journal := unwritten_journal(path):
-                self.notes.append(journal)
+
+    def _readable_file(self, path: Path) -> Path:
+        """Return a file that rosbags can read: the file itself, or a copy in a temporary folder."""
+        if path.suffix == COMPRESSED:
+            return self._unpacked_file(path)
+        journal = unfinished_journal(path)
+        if journal is not None:
+            return self._with_journal(path, journal)
+        return path
 
     def _unpacked_file(self, path: Path) -> Path:
-        """Return a file that can be read; a compressed one is unpacked to a temporary folder."""
-        if path.suffix != COMPRESSED:
-            return path
         folder = self.enter_context(TemporaryDirectory())
         unpacked = Path(folder, path.stem)
         with path.open("rb") as packed, unpacked.open("wb") as target:
@@ -159,6 +164,20 @@ class Bag(ExitStack):
         if self._metadata.problem:
             self.notes.append(f"{path.name} was unpacked for reading")
         return unpacked
+
+    def _with_journal(self, path: Path, journal: Path) -> Path:
+        """Copy a SQLite file and its journal, and write the journal into the copy."""
+        folder = self.enter_context(TemporaryDirectory())
+        for file in (path, journal):
+            shutil.copy(file, folder)
+        copy = Path(folder, path.name)
+        with closing(sqlite3.connect(copy)) as connection:
+            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        self.notes.append(
+            f"{path.name} was not closed by the recorder: it was read together with "
+            f"{journal.name}"
+        )
+        return copy
 
     def _unpacked(self, data: bytes) -> bytes:
         """Return the bytes of a message, unpacked where metadata.yaml says that they are packed."""

@@ -2,6 +2,8 @@
 """Bags that a killed recorder, a full disk or a tool left damaged: what is read, what is said."""
 
 import shutil
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -211,15 +213,46 @@ def test_damage_in_the_middle_of_a_part(split, storage):
     assert note.startswith(f"{files[0].name} is damaged") and "mcap recover" in note
 
 
-def test_journal_that_was_not_written_back_is_named(split, storage):
+@pytest.fixture
+def unclosed(tmp_path, runs):
+    """A bag whose second run is still in the journal of SQLite: the recorder was killed."""
+    whole = [
+        write_bag(tmp_path / f"run{i}", bench_records(run), "sqlite3")
+        for i, run in enumerate(runs)
+    ]
+    first, second = (path / f"{path.name}.db3" for path in whole)
+    with closing(sqlite3.connect(first)) as connection:
+        connection.execute("PRAGMA journal_mode=WAL")
+        connection.execute("PRAGMA wal_autocheckpoint=0")
+        connection.execute("ATTACH ? AS later", (str(second),))
+        connection.execute(
+            "INSERT INTO messages (topic_id, timestamp, data) "
+            "SELECT topic_id, timestamp, data FROM later.messages"
+        )
+        connection.commit()
+        killed = tmp_path / "killed"
+        killed.mkdir()
+        for suffix in (".db3", ".db3-wal"):
+            shutil.copy(whole[0] / f"run0{suffix}", killed / f"killed_0{suffix}")
+    return killed
+
+
+def test_file_that_was_not_closed_is_read_with_its_journal(unclosed):
+    before = {path.name: path.read_bytes() for path in unclosed.iterdir()}
+    samples, report = import_bag(unclosed)
+    assert samples.load_torque == pytest.approx([150.0, 250.0], rel=1e-3)
+    (note,) = report.notes
+    assert "killed_0.db3 was not closed" in note and "killed_0.db3-wal" in note
+    assert before == {path.name: path.read_bytes() for path in unclosed.iterdir()}
+
+
+def test_journal_of_garbage_harms_nothing(split, storage):
     folder, files = split
     journal = files[0].with_name(f"{files[0].name}-wal")
     journal.write_bytes(b"\x37\x7f\x06\x82" * 100)
-    notes = import_bag(folder).report.notes
-    if storage == "mcap":
-        assert notes == ()
-    else:
-        assert "wal_checkpoint" in notes[0] and journal.name in notes[0]
+    samples, report = import_bag(folder)
+    assert len(samples) == 2
+    assert len(report.notes) == (storage == "sqlite3")
 
 
 # --- compression ------------------------------------------------------------------------------

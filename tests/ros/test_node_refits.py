@@ -267,7 +267,8 @@ def test_bench_noise_reaches_the_diagnosis(start_node, paper_file, table2):
     node = start_node(paper_file, bench_noise=0.03)
     send_table(node, table2)
     success, answer = node.player.call("diagnose")
-    assert success and answer["gap"]["noise"] == pytest.approx(0.03)
+    # Without it 1.12 % of the efficiency, about 0.009.
+    assert success and answer["gap"]["noise"] == pytest.approx(0.03, rel=0.1)
 
 
 # --- the worker, and the end of the node ----------------------------------------------------------
