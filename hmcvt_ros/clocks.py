@@ -21,7 +21,7 @@ _STOPPED = 1_000_000_000
 _DRAIN_TIME = 200_000_000
 """Time in which the messages that waited meanwhile are taken [ns]."""
 _SILENCE = 2_000_000_000
-"""Time without /clock while inputs arrive, beyond which the clock counts as lost [ns]."""
+"""Time without /clock beyond which an input that arrives shows that the clock is lost [ns]."""
 
 CLOCK_TOPIC = "/clock"
 NO_CLOCK = f"use_sim_time is set but nothing came on {CLOCK_TOPIC}"
@@ -31,14 +31,23 @@ class Arrival(NamedTuple):
     """When a message is taken and when it was received [ns].
 
     Attributes:
-        now: time by the clock of the ages.
-        received: time of reception by the same clock.
+        now: time by the clock that ages follow.
         steady: time of reception by the steady clock.
+        simulated: time of reception by the clock of a simulation; None without one.
+        follows_simulation: whether ages follow the clock of the simulation.
     """
 
     now: int
-    received: int
     steady: int
+    simulated: int | None = None
+    follows_simulation: bool = False
+
+    @property
+    def received(self) -> int:
+        """Time of reception by the clock that ages follow."""
+        if self.follows_simulation and self.simulated is not None:
+            return self.simulated
+        return self.steady
 
 
 class AgeClock(Protocol):
@@ -109,7 +118,7 @@ class SteadyClock:
             received = self._last_undisturbed
         elif stamp > 0:
             received = min(stamp - self._offset, now)
-        return Arrival(now, received, received)
+        return Arrival(now, received)
 
     def warning(self) -> str:
         """Return nothing: this clock is always right."""
@@ -120,7 +129,8 @@ class SimulatedClock:
     """Times by the clock of a simulation [ns], as long as one is published on /clock.
 
     A simulation may pause, and nothing ages meanwhile. But before the first message on /clock, and
-    when inputs keep arriving without one, there is no simulation: ages then follow a steady clock.
+    when inputs arrive long after the last one, there is no simulation: ages then follow a steady
+    clock until the next message on /clock.
 
     Attributes:
         jumps: always 0; jumps of the simulation are counted where they are reported.
@@ -128,28 +138,27 @@ class SimulatedClock:
 
     jumps = 0
 
-    def __init__(self, clock: Clock, changed: Callable[[int, int], None]) -> None:
+    def __init__(self, clock: Clock, changed: Callable[[bool], None]) -> None:
         """Follow the clock of a node.
 
         Args:
             clock: clock that the middleware sets by /clock.
-            changed: called with the time [ns] and the time by the steady clock [ns] whenever ages
-                begin to follow the other clock.
+            changed: called when ages begin to follow the other clock, with whether that is the
+                clock of the simulation.
         """
         self._clock = clock
         self._changed = changed
         self._steady = SteadyClock()
         self._lost = True
         self._lost_since = self._steady.now()
-        self._heard = False
-        self._waiting_since: int | None = None
+        self._heard: int | None = None  # time of the last message on /clock
         self._warned = False
 
     def listen(self, node: Node) -> None:
-        """Hear of every message that the node takes from /clock."""
+        """Observe every message that the node takes from /clock."""
         for subscription in node.subscriptions:
             if subscription.topic_name == CLOCK_TOPIC:
-                subscription.callback = self._hearing(subscription.callback)
+                subscription.callback = self._observed(subscription.callback)
 
     @property
     def complaint(self) -> str:
@@ -157,8 +166,8 @@ class SimulatedClock:
         if not self._lost:
             return ""
         silence = ""
-        if self._heard:
-            seconds = (self._steady.now() - self._lost_since) * 1e-9
+        if self._heard is not None:
+            seconds = (self._steady.now() - self._heard) * 1e-9
             silence = f" for {seconds:.0f} s while inputs came"
         return f"{NO_CLOCK}{silence}; ages follow the wall clock"
 
@@ -170,16 +179,19 @@ class SimulatedClock:
     def arrival(self, stamp: int) -> Arrival:
         """Return when a message was received: when it is taken, by the clock of a simulation."""
         arrival = self._steady.arrival(stamp)
-        self._expect_clock(arrival.now)
-        if self._lost:
-            return arrival
-        now = self._simulated()
-        return Arrival(now, now, arrival.steady)
+        self._look_for_clock(arrival.now)
+        simulated = self._simulated()
+        return Arrival(
+            now=arrival.now if self._lost else simulated,
+            steady=arrival.steady,
+            simulated=simulated,
+            follows_simulation=not self._lost,
+        )
 
     def warning(self) -> str:
         """Return the complaint once, when the clock has been missing for a while."""
-        silent = self._steady.now() - self._lost_since
-        if self._warned or not self._lost or silent < _SILENCE:
+        missing = self._steady.now() - self._lost_since
+        if self._warned or not self._lost or missing < _SILENCE:
             return ""
         self._warned = True
         return self.complaint
@@ -187,25 +199,21 @@ class SimulatedClock:
     def _simulated(self) -> int:
         return int(self._clock.now().nanoseconds)
 
-    def _hearing(self, take: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        def heard(message: Any) -> None:
+    def _observed(self, take: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        def observe(message: Any) -> None:
             take(message)  # raises for a message that is no time
-            self._waiting_since = None
-            self._heard = True
+            self._heard = self._steady.now()
             if self._lost:
                 self._lost = False
                 self._warned = False
-                self._changed(self._simulated(), self._steady.now())
+                self._changed(True)
 
-        return heard
+        return observe
 
-    def _expect_clock(self, now: int) -> None:
-        """Count the time since the first input without a message on /clock."""
-        if self._lost:
+    def _look_for_clock(self, now: int) -> None:
+        """Decide, when an input arrives, whether the clock is lost."""
+        if self._lost or self._heard is None or now - self._heard <= _SILENCE:
             return
-        if self._waiting_since is None:
-            self._waiting_since = now
-        elif now - self._waiting_since > _SILENCE:
-            self._lost = True
-            self._lost_since = self._waiting_since
-            self._changed(now, now)
+        self._lost = True
+        self._lost_since = now
+        self._changed(False)

@@ -111,21 +111,21 @@ class Input:
     Attributes:
         limits: range of the input.
         value: value of the last message, None when it was refused or none came.
-        stamp: when the last message was received [ns], None before the first.
-        received_steady: the same by the steady clock [ns].
+        arrival: when the last message was received, None before the first.
+        stamp: the same by the clock that ages follow [ns].
         tally: what became of its messages.
     """
 
     limits: Range
     value: float | None = None
+    arrival: Arrival | None = None
     stamp: int | None = None
-    received_steady: int = 0
     tally: Tally = field(default_factory=lambda: Tally(REASONS))
 
     def take(self, value: float, arrival: Arrival) -> bool:
         """Take a message; return False when its value is refused, for the reason in the tally."""
+        self.arrival = arrival
         self.stamp = arrival.received
-        self.received_steady = arrival.steady
         if not self.limits.low <= value <= self.limits.high:  # true for NaN
             value = tolerated(self.limits, value, self.tally)
             if not (self.limits.contains(value) or coasting(self.limits, value)):
@@ -141,7 +141,14 @@ class Input:
     def forget(self) -> None:
         """Discard the last message; the counts stay."""
         self.value = None
+        self.arrival = None
         self.stamp = None
+
+    def change_clock(self, follow_simulation: bool) -> None:
+        """Count the age by the clock of the simulation, or by the steady clock."""
+        if self.arrival is not None:
+            self.arrival = self.arrival._replace(follows_simulation=follow_simulation)
+            self.stamp = self.arrival.received
 
     def fresh(self, now: int, limit: int) -> bool:
         """Return whether there is a value that is not older than a limit [ns]."""
@@ -247,16 +254,10 @@ class Inputs:
         for item in self._all:
             item.forget()
 
-    def change_clock(self, now: int, steady: int) -> None:
-        """Express all stamps by another clock, with the ages by the steady clock.
-
-        Args:
-            now: time by the clock that ages follow from here on [ns].
-            steady: time by the steady clock [ns].
-        """
+    def change_clock(self, follow_simulation: bool) -> None:
+        """Count all ages by the clock of the simulation, or by the steady clock."""
         for item in self._all:
-            if item.stamp is not None:
-                item.stamp = now - (steady - item.received_steady)
+            item.change_clock(follow_simulation)
 
     def _fresh(self, now: int, limits: AgeLimits) -> bool:
         return all(map(Input.fresh, self._all, (now, now, now), limits.ages))
