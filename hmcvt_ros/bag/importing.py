@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """From a bag to bench samples, and what became of its messages."""
 
+import logging
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +30,7 @@ from .recording import Array, Recording, listed, record
 from .settings import ImportSettings
 from .topics import find_topics
 
+_LOGGER = logging.getLogger(__name__)
 _EVERY_MESSAGE_APART = -1.0
 """A gap that lies between any two messages: an average stands alone."""
 
@@ -175,8 +177,14 @@ def import_bag(
 
 
 def read_bag(path: str | os.PathLike[str]) -> BenchSamples:
-    """Read the steady windows of a bag, as `import_bag` does without further settings."""
-    return import_bag(path).samples
+    """Read the steady windows of a bag, as `import_bag` does without further settings.
+
+    The notes of the report are logged, because the samples alone do not show what is missing.
+    """
+    samples, report = import_bag(path)
+    for note in report.notes:
+        _LOGGER.warning("%s: %s", path, note)
+    return samples
 
 
 def _steady_tests(

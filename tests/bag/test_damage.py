@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hmcvt_core.errors import InputError
-from hmcvt_ros.bag import import_bag
+from hmcvt_ros.bag import import_bag, read_bag
 
 from .simulated import bench_records, run_bench, write_bag
 
@@ -136,6 +136,12 @@ def test_folder_of_metadata_alone(bag, file):
     assert f"the bag cannot be read: {file.name} is missing" in refusal(bag)
     (bag / "metadata.yaml").write_text("")
     assert "metadata.yaml is empty, and the folder holds no file" in refusal(bag)
+
+
+def test_other_readers_log_what_is_missing(bag, caplog):
+    (bag / "metadata.yaml").write_text("")
+    assert len(read_bag(bag)) == 1
+    assert "metadata.yaml is empty" in caplog.text
 
 
 # --- parts ------------------------------------------------------------------------------------
