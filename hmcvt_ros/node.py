@@ -43,6 +43,7 @@ from . import messages, parameters, qos
 from .bench_log import BenchLog
 from .clocks import AgeClock, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
+from .frames import is_coordinate_frame
 from .guard import Guard
 from .inputs import (
     INPUT_RANGES,
@@ -457,6 +458,11 @@ class EfficiencyNode(Node):
         source = "from topic stage"
         if stranger:
             source = f"{source}: {stranger}"
+        if not is_coordinate_frame(frame):
+            # It may be the name of a stage with a mistake in it.
+            self.guard.warn(
+                "frame_id", f"bench_sample: {stranger}; taken as {self._stage}"
+            )
         self._activity.sample_stage = f"{self._stage}, {source}"
         return self._stage
 

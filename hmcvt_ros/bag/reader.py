@@ -13,7 +13,6 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import ModuleType
 from typing import Any
 
 from hmcvt_core import InputError
@@ -232,10 +231,8 @@ def _type_store() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _zstd() -> ModuleType:
-    """Return the decompressor that rosbags uses: part of Python from 3.14 on."""
-    try:
-        from compression import zstd  # type: ignore[import-not-found,unused-ignore]
-    except ImportError:
-        from backports import zstd  # type: ignore[import-not-found,unused-ignore]
-    return zstd  # type: ignore[no-any-return,unused-ignore]
+def _zstd() -> Any:
+    """Return the decompressor of rosbags: a package, or from Python 3.14 on a part of Python."""
+    from rosbags.rosbag2 import reader
+
+    return vars(reader)["zstd"]

@@ -11,14 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..frames import is_coordinate_frame
+
 Array = NDArray[np.float64]
 
 UNKNOWN = ""
 """Stage of a message before the first message on the topic `stage`."""
-
-# Frames of REP 105 and REP 120; others end in _link or _frame by convention.
-_COORDINATE_FRAMES = ("base_link", "base_footprint", "odom", "map", "earth", "world")
-_COORDINATE_ENDINGS = ("_link", "_frame")
 
 
 class StageMessage(NamedTuple):
@@ -72,12 +70,6 @@ def stages_of(
         source = "the topic stage"
     listed = ", ".join(sorted(set(names.tolist()) - {UNKNOWN})) or "none"
     return Stages(names, f"{note}stages from {source}: {listed}")
-
-
-def is_coordinate_frame(frame: str) -> bool:
-    """Whether a `frame_id` is empty or names a frame of coordinates by the conventions of ROS."""
-    name = frame.strip("/")
-    return not name or name in _COORDINATE_FRAMES or name.endswith(_COORDINATE_ENDINGS)
 
 
 def _engaged(receipts: Array, messages: Sequence[StageMessage]) -> NDArray[np.str_]:

@@ -161,6 +161,7 @@ def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
         ("HM2", ""),
         ("HM4", "base_link"),
         ("HM4", "HM3"),
+        ("HM4", "HM8"),
         ("HM9", ""),
     ):
         tractor.engage(engaged)
@@ -197,9 +198,14 @@ def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):
                 )
             ), tractor.value("stage of the last bench sample")
     assert tractor.says("bench_sample: stage 'HM9' is not known")
+    assert tractor.says("frame_id 'HM8' is no stage of the model; taken as HM4")
+    assert "'base_link' is no stage of the model; taken" not in tractor.log
     assert list(hmcvt.read_bench(tractor.bench_file).extra["stage"]) == sent
     diagnosed = tractor.player.call("diagnose").data
-    assert diagnosed["gap"]["samples"] == 24 and diagnosed["gap"]["rmse"] < 1e-3
+    assert (
+        diagnosed["gap"]["samples"] == len(sent) == 32
+        and diagnosed["gap"]["rmse"] < 1e-3
+    )
     refitted = tractor.player.call("reidentify").data
     assert refitted["parameters"]["leakage"]["value"] == pytest.approx(
         4.5e-11, rel=0.01
