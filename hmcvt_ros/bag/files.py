@@ -26,6 +26,8 @@ METADATA = "metadata.yaml"
 
 _MAGIC = {".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\x00"}
 _MCAP_END = b"\x89MCAP0\r\n"
+_VERSION_WITH_FILES = 5
+"""Version from which on metadata.yaml also describes each file."""
 _LAYOUT = re.compile(r"RIHS01_[0-9a-f]{64}")
 _FORMAT = {".mcap": "MCAP", ".db3": "SQLite"}
 
@@ -93,7 +95,7 @@ def files_of(path: Path) -> BagFiles:
     present = {file.name: file for file in _bag_files_in(path)}
     if not present and not metadata.files:
         raise InputError(f"{path}: {_no_messages(path, metadata)}")
-    if metadata.problem:
+    if metadata.problem and present:
         return BagFiles(
             tuple(present.values()), metadata, _metadata_notes(path, metadata)
         )
@@ -117,12 +119,13 @@ def read_metadata(path: Path) -> Metadata:
     information = _mapping(_mapping(content).get("rosbag2_bagfile_information"))
     names = information.get("relative_file_paths")
     if not isinstance(names, list) or not _all_text(names):
-        return Metadata(problem="is damaged (it lists no files)")
+        names = []
     return Metadata(
         # Up to version 3 the names begin with that of the folder.
         files=tuple(Path(name).name for name in names),
         message_compression=_message_compression(information),
         layouts=_layouts(information),
+        problem=_problem(information, len(names)),
     )
 
 
@@ -143,7 +146,7 @@ def damage(file: Path, error: Exception | None = None) -> str:
         start = content.read(len(magic))
         content.seek(max(file.stat().st_size - len(_MCAP_END), 0))
         end = content.read()
-    if start == ZSTD_MAGIC + start[4:]:
+    if start.startswith(ZSTD_MAGIC):
         return (
             f"{name} is compressed: name it {name}{COMPRESSED}, or unpack it (zstd -d)"
         )
@@ -258,6 +261,20 @@ def _recording_order(file: Path) -> tuple[str, int, str]:
     name, number = re.fullmatch(r"(.*?)(?:_(\d+))?", stem).groups()  # type: ignore[union-attr]
     # A file without a number comes first.
     return name, -1 if number is None else int(number), file.name
+
+
+def _problem(information: Mapping[str, Any], names: int) -> str:
+    """Return what is wrong with the content of metadata.yaml that lists some names of files."""
+    if names == 0:
+        return "is damaged (it lists no files)"
+    version = information.get("version")
+    if version is None:
+        return "is cut off"
+    if isinstance(version, int) and version >= _VERSION_WITH_FILES:
+        entries = information.get("files")
+        if not isinstance(entries, list) or len(entries) not in (0, names):
+            return "is cut off (its list of files is incomplete)"
+    return ""
 
 
 def _all_text(names: list[Any]) -> bool:

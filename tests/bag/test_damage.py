@@ -55,8 +55,8 @@ def split(storage, tmp_path, runs):
         (found,) = part.glob(f"*{SUFFIX[storage]}")
         found.rename(folder / name)
     metadata = yaml.safe_load((part / "metadata.yaml").read_text())
-    metadata["rosbag2_bagfile_information"]["relative_file_paths"] = names
     (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    list_files(folder, names)
     return folder, [folder / name for name in names]
 
 
@@ -74,6 +74,11 @@ def change_metadata(bag, **changes):
     content = yaml.safe_load(path.read_text())
     content["rosbag2_bagfile_information"].update(changes)
     path.write_text(yaml.safe_dump(content))
+
+
+def list_files(bag, names):
+    files = [{"path": name} for name in names]
+    change_metadata(bag, relative_file_paths=names, files=files)
 
 
 def cut(file, part):
@@ -191,10 +196,24 @@ def test_missing_part_is_named(split):
 
 def test_unlisted_part_is_named(split):
     folder, files = split
-    change_metadata(folder, relative_file_paths=[files[0].name])
+    list_files(folder, [files[0].name])
     samples, report = import_bag(folder)
     assert len(samples) == 1
     assert report.notes[0].startswith(f"{files[1].name} is not listed")
+
+
+def test_cut_off_list_of_files_leaves_all_files_readable(split):
+    folder, files = split
+    metadata = yaml.safe_load((folder / "metadata.yaml").read_text())
+    information = metadata["rosbag2_bagfile_information"]
+    del information["files"]
+    for names in ([files[0].name], [files[0].name, "split_1"]):
+        information["relative_file_paths"] = names
+        (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+        samples, report = import_bag(folder)
+        assert samples.load_torque == pytest.approx([150.0, 250.0], rel=1e-3)
+        (note,) = report.notes
+        assert note.startswith("metadata.yaml is cut off") and "reindex" in note
 
 
 def test_parts_are_read_in_the_order_of_recording(split):
@@ -313,7 +332,7 @@ def test_compressed_messages_with_an_empty_part(tmp_path, quiet):
         tmp_path / "run", bench_records(quiet), "sqlite3", compression="message"
     )
     (path / "run_1.db3").touch()
-    change_metadata(path, relative_file_paths=["run.db3", "run_1.db3"])
+    list_files(path, ["run.db3", "run_1.db3"])
     samples, report = import_bag(path)
     assert len(samples) == 1 and report.notes == ("run_1.db3 is empty: left out",)
 
