@@ -108,6 +108,12 @@ class BenchSamples:
             if (values := getattr(self, column.name)) is not None
         }
 
+    def label(self, index: int) -> str:
+        """Return how a sample is named in messages: by its row in the file, or its number."""
+        if self.rows:
+            return f"row {self.rows[index]}"
+        return f"sample {index + 1}"
+
     def select(self, index: ArrayLike) -> BenchSamples:
         """Return the samples at an index array or mask, in that order."""
         chosen = np.arange(len(self))[np.asarray(index)]

@@ -22,7 +22,8 @@ Shrink = Callable[[int, Array], Array]
 """i of eq. (19), shape (m,), from the cooling steps done and from the number of steps at the slower
 rate that would have cooled each chain as far, shape (m,)."""
 
-PART_OF_WIDTH = 0.1  # L_x of eq. (19) / width of the bounds
+PART_OF_WIDTH = 0.1
+"""L_x of eq. (19), in terms of the width of the bounds."""
 
 
 def with_temperature(steps: int, slow_steps: Array) -> Array:
@@ -43,7 +44,8 @@ class Schedule:
         shrink: how the disturbance shrinks, see `Shrink`.
         cooling: factor of a chain's temperature, eq. (20): while its best value improves, and
             while it does not.
-        initial_temperature, final_temperature: t_0 and t_end, in units of the objective.
+        initial_temperature: t_0, in units of the objective.
+        final_temperature: t_end, in units of the objective.
         moves: trial points per chain at each temperature.
         chains: independent chains.
         threshold: gamma of improvement (1): stop once the best value is below; None never.
@@ -80,15 +82,18 @@ class Schedule:
         return math.ceil(float(self.slow_steps(np.array(self.final_temperature))))
 
     def slow_steps(self, temperature: Array) -> Array:
-        """Cooling steps at the slower rate from t_0 to such a temperature, any shape."""
-        return np.log(temperature / self.initial_temperature) / math.log(
-            max(self.cooling)
-        )
+        """Cooling steps at the slower rate from t_0 to a temperature, any shape."""
+        slower = math.log(max(self.cooling))
+        return np.log(temperature / self.initial_temperature) / slower
+
+
+QUICK = Schedule(chains=8, moves=2)
+"""Annealing enough where only what a local search makes of it counts."""
 
 
 @dataclass(frozen=True)
 class AnnealingRun:
-    """Where a run stands after so many temperature steps, or ended.
+    """State of a run after a number of temperature steps, or at its end.
 
     Attributes:
         ends: best point of each chain, shape (chains, d), best chain first.
@@ -129,66 +134,114 @@ def minimise(
     Returns:
         The run as it ended.
     """
-    low, high = np.asarray(bounds, dtype=float).T
-    rng = np.random.default_rng(seed)
-    shape = (schedule.chains, len(low))
-    points = (
-        rng.uniform(low, high, shape)
-        if start is None
-        else np.broadcast_to(start, shape).astype(float)
-    )
-    values = _values(objective, points)
-    best, best_values, evaluations = points.copy(), values.copy(), len(points)
-    temperature = np.full(schedule.chains, float(schedule.initial_temperature))
+    chains = _Chains(objective, np.asarray(bounds, dtype=float), schedule, start, seed)
     history: list[float] = []
-
-    def run(stop_reason: str) -> AnnealingRun:
-        order = np.argsort(best_values)
-        return AnnealingRun(
-            best[order],
-            float(best_values.min()),
-            float(temperature.max()),
-            evaluations,
-            tuple(history),
-            stop_reason,
-        )
-
-    while schedule.threshold is None or best_values.min() >= schedule.threshold:
-        # A chain that has cooled rests.
-        warm = np.flatnonzero(temperature > schedule.final_temperature)
-        if not len(warm):
-            return run("cooled")
-        i = schedule.shrink(len(history), schedule.slow_steps(temperature[warm]))
-        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))  # Eq. (19)
-        before, warmth = best_values[warm], temperature[warm]
-        for _ in range(schedule.moves):
-            moves = rng.random((len(warm), len(low))) - 0.5
-            trial = reflect(
-                points[warm] + size[:, None] * (high - low) * moves, low, high
-            )
-            found = _values(objective, trial)
-            evaluations += len(trial)
-            with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-                rise = found - values[warm]
-                chance = np.exp(-np.maximum(rise, 0.0) / warmth)  # Metropolis rule
-            # inf - inf: a chain that starts without any answer may wander freely.
-            accepted = np.isnan(rise) | (rng.random(len(warm)) < chance)
-            taken = warm[accepted]
-            points[taken], values[taken] = trial[accepted], found[accepted]
-            better = taken[values[taken] < best_values[taken]]
-            best[better], best_values[better] = points[better], values[better]
-        temperature[warm] = warmth * np.where(
-            best_values[warm] < before, *schedule.cooling
-        )
-        history.append(float(best_values.min()))
+    while True:
+        if schedule.threshold is not None and chains.value < schedule.threshold:
+            return chains.state(history, "threshold")  # improvement (1)
+        if not chains.warm.any():
+            return chains.state(history, "cooled")
+        chains.anneal_step(len(history))
+        history.append(chains.value)
         if progress is not None:
-            progress(run("running"))
-    return run("threshold")
+            progress(chains.state(history, "running"))
 
 
-def _values(objective: Objective, points: Array) -> Array:
-    values = np.asarray(objective(points), dtype=float)
-    return np.where(np.isnan(values), np.inf, values)
+class _Chains:
+    """Independent chains side by side: points, best points and temperatures."""
+
+    def __init__(
+        self,
+        objective: Objective,
+        bounds: Array,
+        schedule: Schedule,
+        start: ArrayLike | None,
+        seed: int | None,
+    ) -> None:
+        self._objective = objective
+        self._schedule = schedule
+        self._low, self._high = bounds.T
+        self._rng = np.random.default_rng(seed)
+        shape = (schedule.chains, len(bounds))
+        if start is None:
+            self._points = self._rng.uniform(self._low, self._high, shape)
+        else:
+            self._points = np.broadcast_to(start, shape).astype(float)
+        self._values = self._evaluate(self._points)
+        self._best = self._points.copy()
+        self._best_values = self._values.copy()
+        self._temperature = np.full(
+            schedule.chains, float(schedule.initial_temperature)
+        )
+        self._evaluations = schedule.chains
+
+    @property
+    def value(self) -> float:
+        """Best value of all chains."""
+        return float(self._best_values.min())
+
+    @property
+    def warm(self) -> NDArray[np.bool_]:
+        """Which chains are above the final temperature; the others rest."""
+        return self._temperature > self._schedule.final_temperature
+
+    def state(self, history: list[float], stop_reason: str) -> AnnealingRun:
+        """Return the run as it stands."""
+        order = np.argsort(self._best_values)
+        return AnnealingRun(
+            ends=self._best[order],
+            value=self.value,
+            temperature=float(self._temperature.max()),
+            evaluations=self._evaluations,
+            history=tuple(history),
+            stop_reason=stop_reason,
+        )
+
+    def anneal_step(self, step: int) -> None:
+        """Move the warm chains at their temperatures, and cool them."""
+        warm = np.flatnonzero(self.warm)
+        temperature = self._temperature[warm]
+        best_before = self._best_values[warm]
+        size = self._disturbance(step, temperature)
+        for _ in range(self._schedule.moves):
+            self._move(warm, temperature, size)
+        # Eq. (20): slower while the best value improves.
+        improved = self._best_values[warm] < best_before
+        self._temperature[warm] = temperature * np.where(
+            improved, *self._schedule.cooling
+        )
+
+    def _disturbance(self, step: int, temperature: Array) -> Array:
+        """L_x (1 - i / (N + 2)) of eq. (19) for each chain, in terms of the width, (chains, 1)."""
+        schedule = self._schedule
+        i = schedule.shrink(step, schedule.slow_steps(temperature))
+        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
+        return np.asarray(size[:, None])
+
+    def _move(self, warm: NDArray[np.intp], temperature: Array, size: Array) -> None:
+        """Try one point per warm chain, and take it by the rule of Metropolis."""
+        shape = (len(warm), len(self._low))
+        random = self._rng.random(shape) - 0.5
+        width = self._high - self._low
+        moved = self._points[warm] + size * width * random  # eq. (19)
+        trial = reflect(moved, self._low, self._high)
+        values = self._evaluate(trial)
+        self._evaluations += len(trial)
+        with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+            rise = values - self._values[warm]
+            chance = np.exp(-np.maximum(rise, 0.0) / temperature)
+        # inf - inf is NaN: a chain that starts without any answer may wander freely.
+        accepted = np.isnan(rise) | (self._rng.random(len(warm)) < chance)
+        taken = warm[accepted]
+        self._points[taken] = trial[accepted]
+        self._values[taken] = values[accepted]
+        better = taken[self._values[taken] < self._best_values[taken]]
+        self._best[better] = self._points[better]
+        self._best_values[better] = self._values[better]
+
+    def _evaluate(self, points: Array) -> Array:
+        values = np.asarray(self._objective(points), dtype=float)
+        return np.where(np.isnan(values), np.inf, values)
 
 
 def reflect(points: Array, low: Array, high: Array) -> Array:
