@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Identification: bench samples in, a model out."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,9 +11,11 @@ from ..errors import IdentificationError, InputError
 from ..files import data_path
 from ..files.bench import BenchSamples
 from ..model.accuracy import mean_error
+from ..model.checks import require_samples
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage
+from ..model.part_checks import require_effects, require_stages
 from ..model.plausibility import gear_train_remarks
 from ..model.staged_samples import by_stage
 from ..physics.effects.base import Effect
@@ -55,10 +57,11 @@ def identify(
     formulation: str = "power_balance",
     gear_efficiency: float | None = None,
     effects: Sequence[Effect] = (),
-    validation: BenchSamples | None = None,
+    holdout: BenchSamples | None = None,
     schedule: Schedule | None = None,
     seed: int | None = 0,
     progress: Callable[[AnnealingRun], None] | None = None,
+    validation: BenchSamples | None = None,
 ) -> Identification:
     """Identify the three hydraulic parameters from bench samples by improved annealing.
 
@@ -73,15 +76,23 @@ def identify(
         formulation: `power_balance` or `published`.
         gear_efficiency: of every pair [-]; None keeps those of the stage.
         effects: effects with fixed parameters that act besides.
-        validation: samples held back, to predict.
+        holdout: samples held back, to predict.
         schedule: of the annealing; None for that of `SCHEDULES`.
         seed: of the random numbers.
         progress: called after each temperature step; may raise to cancel.
+        validation: former name of `holdout`.
 
     Raises:
-        InputError: an argument is out of range.
+        InputError: an argument is out of range or of another type.
         IdentificationError: no parameters give an answer at every sample.
     """
+    if validation is not None:
+        if holdout is not None:
+            raise InputError("holdout and validation are one argument: give holdout")
+        holdout = validation
+    require_samples(samples)
+    if holdout is not None:
+        require_samples(holdout, "holdout")
     model = _model_to_fit(stage, formulation, gear_efficiency, effects, samples)
     parts = by_stage(model, samples)
     remarks = gear_train_remarks(model, samples)
@@ -104,8 +115,8 @@ def identify(
         "objective_value": float(f"{value:.9g}"),
         "fit_error": float(f"{fit_error:.6g}"),
     }
-    if validation is not None:
-        errors, notes = _validated(model, scaled, validation, samples)
+    if holdout is not None:
+        errors, notes = _predicted_holdout(model, scaled, holdout, samples)
         provenance.update(errors)
         remarks += notes
     return Identification(
@@ -131,12 +142,14 @@ def _model_to_fit(
     stage: Stage | Sequence[Stage] | None,
     formulation: str,
     gear_efficiency: float | None,
-    effects: Iterable[Effect],
+    effects: Sequence[Effect],
     samples: BenchSamples,
 ) -> EfficiencyModel:
     """Return the model whose parameters are to be identified."""
+    require_effects(effects)
     if stage is None:
         stage = load_stage(data_path("params/transmission.yaml"))
+    require_stages(stage)
     stages = [stage] if isinstance(stage, Stage) else list(stage)
     if gear_efficiency is not None:
         stages = [entry.with_gear_efficiency(gear_efficiency) for entry in stages]
@@ -214,17 +227,17 @@ def _errors_by_stage(
     return errors
 
 
-def _validated(
-    model: EfficiencyModel, scaled: Array, held_back: BenchSamples, fitted: BenchSamples
+def _predicted_holdout(
+    model: EfficiencyModel, scaled: Array, holdout: BenchSamples, fitted: BenchSamples
 ) -> tuple[dict[str, Any], list[str]]:
     """Predict samples held back: entries of the provenance, and sentences."""
-    predicted = Problem(model, held_back).predict(scaled)
+    predicted = Problem(model, holdout).predict(scaled)
     entries: dict[str, Any] = {}
     if np.isfinite(predicted).any():
-        error = mean_error(predicted, held_back.efficiency)
+        error = mean_error(predicted, holdout.efficiency)
         entries["prediction_error"] = float(f"{error:.6g}")
-    entries["validation_samples"] = len(held_back)
+    entries["validation_samples"] = len(holdout)
     unanswered = int(np.isnan(predicted).sum())
     if unanswered:
         entries["validation_without_answer"] = unanswered
-    return entries, list(unchecked(model, held_back, unanswered, fitted))
+    return entries, list(unchecked(model, holdout, unanswered, fitted))

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
 from ..model.accuracy import carried_at, mean_error
+from ..model.checks import require_model, require_samples
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..model.plausibility import gear_train_remarks
@@ -224,6 +225,9 @@ def refit(
     Raises:
         IdentificationError: fewer operating points than parameters, or no answer at the samples.
     """
+    require_model(served, "served")
+    require_model(base, "base")
+    require_samples(samples)
     problem = RobustProblem(served, samples)
     _require_points(problem)
     fit, belongs = problem.consensus(seed)

@@ -105,9 +105,17 @@ class Identification:
             }
         return data
 
-    def plot(self, held_back: BenchSamples | None = None) -> Any:
-        """Return a matplotlib figure of measured over predicted efficiency."""
-        return picture(self, held_back)
+    def plot(self, holdout: BenchSamples | None = None, *, ax: Any = None) -> Any:
+        """Draw measured over predicted efficiency.
+
+        Args:
+            holdout: samples held back, to draw besides.
+            ax: matplotlib axes to draw on; a new figure when left out.
+
+        Returns:
+            The matplotlib figure.
+        """
+        return picture(self, holdout, ax=ax)
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())

@@ -36,6 +36,7 @@ from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
 from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
+from .part_checks import require_effects, require_parameters, require_stages
 
 SCHEMA = "hmcvt-model/1"
 FORMULATIONS = tuple(_FORMULATIONS)
@@ -97,6 +98,9 @@ class EfficiencyModel:
     other_stages: tuple[Stage, ...] = ()
 
     def __post_init__(self) -> None:
+        require_stages([self.stage, *self.other_stages])
+        require_parameters(self.parameters)
+        require_effects(self.effects)
         self._formulation.require_valid(self.stage, self.effects)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -602,9 +606,28 @@ class EfficiencyModel:
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def plot_map(self, power: float = 40e3, samples: BenchSamples | None = None) -> Any:
-        """Return a matplotlib figure of the efficiency at an output power [W], tests marked."""
-        return picture(self, power, samples=samples)
+    def plot_map(
+        self,
+        power: float = 40e3,
+        samples: BenchSamples | None = None,
+        *,
+        ax: Any = None,
+    ) -> Any:
+        """Draw the efficiency at an output power over engine speed and speed ratio.
+
+        Args:
+            power: output power [W].
+            samples: bench tests to mark.
+            ax: matplotlib axes to draw on; a new figure when left out.
+
+        Returns:
+            The matplotlib figure.
+        """
+        return picture(self, power, samples=samples, ax=ax)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the efficiency at 40 kW, see `plot_map`."""
+        return self.plot_map(ax=ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as plain data for JSON; see `to_mapping`."""

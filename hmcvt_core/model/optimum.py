@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..files import plain
 from ..physics.balance import BalanceSolver
 from ..transmission import ranges
 from ..transmission.ranges import Array, OperatingPoints, Range
@@ -65,6 +66,30 @@ class Optimum:
     hold: str
     limit: Any
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the optimum as plain data for JSON; None where it is unknown."""
+        return dict(plain(vars(self)))
+
+    def report(self) -> str:
+        """Return the optimum as text, one line for each point."""
+        points = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(self.displacement_ratio, dtype=float)),
+            np.asarray(self.efficiency, dtype=float),
+            np.asarray(self.engine_speed, dtype=float),
+            np.asarray(self.load_torque, dtype=float),
+            np.asarray(self.limit, dtype=object),
+        )
+        lines = []
+        for stroke, efficiency, speed, load, limit in zip(
+            *map(np.ravel, points), strict=True
+        ):
+            bound = f", limited by {limit}" if limit else ""
+            lines.append(
+                f"displacement ratio {stroke:.4f} at {speed:.2f} rad/s and {load:.1f} N m: "
+                f"efficiency {100 * efficiency:.2f} %{bound}"
+            )
+        return "\n".join(lines)
+
 
 @dataclass(frozen=True)
 class DriveOptimum:
@@ -92,6 +117,25 @@ class DriveOptimum:
     fuel_rate: float = math.nan
     limit: str | None = None
     fuel_per_loss: float = math.nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the working point as plain data for JSON; None where it is unknown."""
+        return dict(plain(vars(self)))
+
+    def report(self) -> str:
+        """Return the working point as text."""
+        if self.stage is None:
+            return "no stage holds this output speed and power"
+        lines = [
+            f"stage {self.stage}, displacement ratio {self.displacement_ratio:.4f}",
+            f"engine {self.engine_speed:.2f} rad/s, {self.engine_torque:.1f} N m",
+            f"efficiency {100 * self.efficiency:.2f} %",
+        ]
+        if math.isfinite(self.fuel_rate):
+            lines.append(f"fuel {3600 * self.fuel_rate:.3f} kg/h")
+        if self.limit is not None:
+            lines.append(f"limited by {self.limit}")
+        return "\n".join(lines)
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")

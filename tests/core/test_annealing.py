@@ -161,7 +161,7 @@ def test_each_chain_cools_by_itself():
 @pytest.mark.parametrize(
     ("shrink", "last"),
     [
-        # After 38 steps of 0.7 the run is as cold as after 128.64 of 0.9 (log 0.7 / log 0.9 = 3.3853).
+        # log 0.7 / log 0.9 = 3.3853: 38 steps of 0.7 cool as much as 128.64 of 0.9.
         (with_temperature, 1.0 - 128.64 / 134),
         (with_steps, 1.0 - 38 / 134),
         (never, 1.0),

@@ -39,8 +39,8 @@ def synthetic(stage, n, seed, noise=NOISE):
     [
         # goal: at or below 2.05 % (fit) and 1.65 % (prediction); docs/theory.md found these.
         ("power_balance", 0.0202, 0.0160),
-        # goal: at or below 1.35 % and 1.70 %; differential evolution found these (docs/theory.md); the
-        # paper states 2.16 and 1.90.
+        # goal: at or below 1.35 % and 1.70 %; differential evolution found these
+        # (docs/theory.md); the paper states 2.16 and 1.90.
         ("published", 0.0132, 0.0162),
     ],
 )
