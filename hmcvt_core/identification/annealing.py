@@ -1,14 +1,21 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Simulated annealing, as the paper improves it (section 4.1).
+"""Simulated annealing, as the paper improves it (section 4.1), repeated on narrower domains.
 
-Each improvement is a setting of its own: how the disturbance shrinks (`Shrink`), how the
-temperature falls (`cooling`) and when to stop (`threshold`). Independent chains are evaluated
-together, as rows of one array; chain count 1 is the paper's algorithm.
+Each improvement is a setting: how the disturbance shrinks (`Shrink`), how the temperature falls
+(`cooling`) and when to stop (`threshold`). Independent chains are evaluated together, as rows of
+one array; one chain and one round are the paper's algorithm.
+
+Eq. (19) leaves open along which axes the domain of the parameters is measured. Where parameters are
+tied, the valley is narrow and lies across the axes, and moves that fit its width no longer follow
+its length. Each round after the first therefore anneals again, by the same eqs (19) and (20), on
+the domain that the chains of the round before have left: the box of their better ends along their
+principal axes [step directions from the covariance of the walk: Vanderbilt & Louie 1984, J. Comput.
+Phys. 56].
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +30,15 @@ Shrink = Callable[[int, Array], Array]
 rate that would have cooled each chain as far, shape (m,)."""
 
 PART_OF_WIDTH = 0.1
-"""L_x of eq. (19), in terms of the width of the bounds."""
+"""L_x of eq. (19), in terms of the width of the domain."""
+
+_DOMAIN_WIDTH = 12.0
+"""Width of the domain of a later round, in standard deviations of the ends before; chosen on random
+twins (`python -m studies.annealing`): with half of it some rounds contract beside the optimum."""
+_COOLING_RANGE = 1e-4
+"""Final by initial temperature of a later round, which begins as hot as its ends are uneven."""
+_COLDEST = 1e-300
+"""Initial temperature below which the ends are equal."""
 
 
 def with_temperature(steps: int, slow_steps: Array) -> Array:
@@ -49,6 +64,7 @@ class Schedule:
         moves: trial points per chain at each temperature.
         chains: independent chains.
         threshold: gamma of improvement (1): stop once the best value is below; None never.
+        rounds: annealings one after the other, the later ones with the better half of the chains.
 
     Raises:
         InputError: a setting is out of range.
@@ -61,6 +77,7 @@ class Schedule:
     moves: int = 20
     chains: int = 1
     threshold: float | None = None
+    rounds: int = 1
 
     def __post_init__(self) -> None:
         if not 0.0 < self.final_temperature < self.initial_temperature < math.inf:
@@ -72,7 +89,7 @@ class Schedule:
             raise InputError(
                 f"cooling = {self.cooling}: need factors above 0 and below 1"
             )
-        for name in ("moves", "chains"):
+        for name in ("moves", "chains", "rounds"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)} is not at least 1")
 
@@ -96,7 +113,7 @@ class AnnealingRun:
     """State of a run after a number of temperature steps, or at its end.
 
     Attributes:
-        ends: best point of each chain, shape (chains, d), best chain first.
+        ends: best point of each chain of the round, shape (chains, d), best chain first.
         value: objective at the first of them.
         temperature: highest among the chains.
         evaluations: points evaluated so far.
@@ -132,48 +149,82 @@ def minimise(
         progress: called after each temperature step; may raise to cancel.
 
     Returns:
-        The run as it ended.
+        The run as it ended; with several rounds the chains are those of the last.
     """
-    chains = _Chains(objective, np.asarray(bounds, dtype=float), schedule, start, seed)
+    low, high = np.asarray(bounds, dtype=float).T
+    rng = np.random.default_rng(seed)
+    shape = (schedule.chains, len(low))
+    if start is None:
+        points = rng.uniform(low, high, shape)
+    else:
+        points = np.broadcast_to(start, shape).astype(float)
+    box = _Box(objective, low, high)
+    chains = _Chains(box, schedule, np.diag(high - low), points, box(points), rng)
     history: list[float] = []
-    while True:
-        if schedule.threshold is not None and chains.value < schedule.threshold:
-            return chains.state(history, "threshold")  # improvement (1)
-        if not chains.warm.any():
-            return chains.state(history, "cooled")
-        chains.anneal_step(len(history))
-        history.append(chains.value)
-        if progress is not None:
-            progress(chains.state(history, "running"))
+    for _ in range(schedule.rounds):
+        step = 0
+        while chains.warm.any() and not chains.below(schedule.threshold):
+            chains.anneal_step(step)
+            step += 1
+            history.append(chains.value)
+            if progress is not None:
+                progress(chains.state(history, "running"))
+        if chains.below(schedule.threshold):
+            return chains.state(history, "threshold")
+        narrower = chains.narrowed()
+        if narrower is None:
+            break
+        chains = narrower
+    return chains.state(history, "cooled")
+
+
+class _Box:
+    """An objective within bounds, counting its evaluations."""
+
+    def __init__(self, objective: Objective, low: Array, high: Array) -> None:
+        self._objective = objective
+        self.low = low
+        self.high = high
+        self.evaluations = 0
+
+    def __call__(self, points: Array) -> Array:
+        """Values at points (m, d), shape (m,); infinite without an answer."""
+        self.evaluations += len(points)
+        values = np.asarray(self._objective(points), dtype=float)
+        return np.where(np.isnan(values), np.inf, values)
 
 
 class _Chains:
-    """Independent chains side by side: points, best points and temperatures."""
+    """Independent chains side by side: points, best points and temperatures of one round."""
 
     def __init__(
         self,
-        objective: Objective,
-        bounds: Array,
+        box: _Box,
         schedule: Schedule,
-        start: ArrayLike | None,
-        seed: int | None,
+        domain: Array,
+        points: Array,
+        values: Array,
+        rng: np.random.Generator,
     ) -> None:
-        self._objective = objective
+        """Begin a round.
+
+        Args:
+            box: the objective and its bounds.
+            schedule: temperatures and moves of the round.
+            domain: columns are the axes of the domain, each as long as it is wide, shape (d, d).
+            points: first point of each chain, shape (chains, d).
+            values: objective at them, shape (chains,).
+            rng: random numbers.
+        """
+        self._box = box
         self._schedule = schedule
-        self._low, self._high = bounds.T
-        self._rng = np.random.default_rng(seed)
-        shape = (schedule.chains, len(bounds))
-        if start is None:
-            self._points = self._rng.uniform(self._low, self._high, shape)
-        else:
-            self._points = np.broadcast_to(start, shape).astype(float)
-        self._values = self._evaluate(self._points)
-        self._best = self._points.copy()
-        self._best_values = self._values.copy()
-        self._temperature = np.full(
-            schedule.chains, float(schedule.initial_temperature)
-        )
-        self._evaluations = schedule.chains
+        self._domain = domain
+        self._rng = rng
+        self._points = points
+        self._values = values
+        self._best = points.copy()
+        self._best_values = values.copy()
+        self._temperature = np.full(len(points), float(schedule.initial_temperature))
 
     @property
     def value(self) -> float:
@@ -185,6 +236,10 @@ class _Chains:
         """Which chains are above the final temperature; the others rest."""
         return self._temperature > self._schedule.final_temperature
 
+    def below(self, threshold: float | None) -> bool:
+        """Whether the best value is below a threshold: improvement (1)."""
+        return threshold is not None and self.value < threshold
+
     def state(self, history: list[float], stop_reason: str) -> AnnealingRun:
         """Return the run as it stands."""
         order = np.argsort(self._best_values)
@@ -192,13 +247,55 @@ class _Chains:
             ends=self._best[order],
             value=self.value,
             temperature=float(self._temperature.max()),
-            evaluations=self._evaluations,
+            evaluations=self._box.evaluations,
             history=tuple(history),
             stop_reason=stop_reason,
         )
 
+    def narrowed(self) -> "_Chains | None":
+        """Return the chains of the next round, None where the ends span no domain.
+
+        The principal axes of the better half of the ends span the domain, and the mean of their
+        values above the best is the initial temperature. Half of the chains of the first round
+        go on.
+        """
+        order = np.argsort(self._best_values)
+        order = order[np.isfinite(self._best_values[order])]
+        better = order[: (len(self._best) + 1) // 2]
+        if len(better) <= self._best.shape[1]:
+            return None
+        values = self._best_values[better]
+        temperature = float((values - values[0]).mean())
+        if temperature < _COLDEST:
+            return None
+        schedule = replace(
+            self._schedule,
+            initial_temperature=temperature,
+            final_temperature=_COOLING_RANGE * temperature,
+        )
+        surviving = order[: (self._schedule.chains + 1) // 2]
+        return _Chains(
+            self._box,
+            schedule,
+            self._principal_box(self._best[better]),
+            self._best[surviving],
+            self._best_values[surviving],
+            self._rng,
+        )
+
+    def _principal_box(self, ends: Array) -> Array:
+        """Principal axes of ends (m, d), each as long as the domain is wide, in columns."""
+        width = self._box.high - self._box.low
+        variances, axes = np.linalg.eigh(np.cov((ends / width).T))
+        lengths = _DOMAIN_WIDTH * np.sqrt(np.maximum(variances, 0.0))
+        return np.asarray(width[:, None] * axes * lengths)
+
     def anneal_step(self, step: int) -> None:
-        """Move the warm chains at their temperatures, and cool them."""
+        """Move the warm chains at their temperatures, and cool them.
+
+        Args:
+            step: cooling steps of the round so far.
+        """
         warm = np.flatnonzero(self.warm)
         temperature = self._temperature[warm]
         best_before = self._best_values[warm]
@@ -212,7 +309,7 @@ class _Chains:
         )
 
     def _disturbance(self, step: int, temperature: Array) -> Array:
-        """L_x (1 - i / (N + 2)) of eq. (19) for each chain, in terms of the width, (chains, 1)."""
+        """0.1 (1 - i / (N + 2)) of eq. (19) for each chain, shape (chains, 1)."""
         schedule = self._schedule
         i = schedule.shrink(step, schedule.slow_steps(temperature))
         size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
@@ -220,13 +317,11 @@ class _Chains:
 
     def _move(self, warm: NDArray[np.intp], temperature: Array, size: Array) -> None:
         """Try one point per warm chain, and take it by the rule of Metropolis."""
-        shape = (len(warm), len(self._low))
-        random = self._rng.random(shape) - 0.5
-        width = self._high - self._low
-        moved = self._points[warm] + size * width * random  # eq. (19)
-        trial = reflect(moved, self._low, self._high)
-        values = self._evaluate(trial)
-        self._evaluations += len(trial)
+        random = self._rng.random((len(warm), len(self._domain))) - 0.5
+        # Eq. (19), along the axes of the domain.
+        moved = self._points[warm] + size * (random @ self._domain.T)
+        trial = reflect(moved, self._box.low, self._box.high)
+        values = self._box(trial)
         with np.errstate(invalid="ignore", over="ignore", under="ignore"):
             rise = values - self._values[warm]
             chance = np.exp(-np.maximum(rise, 0.0) / temperature)
@@ -238,10 +333,6 @@ class _Chains:
         better = taken[self._values[taken] < self._best_values[taken]]
         self._best[better] = self._points[better]
         self._best_values[better] = self._values[better]
-
-    def _evaluate(self, points: Array) -> Array:
-        values = np.asarray(self._objective(points), dtype=float)
-        return np.where(np.isnan(values), np.inf, values)
 
 
 def reflect(points: Array, low: Array, high: Array) -> Array:

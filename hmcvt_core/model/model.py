@@ -512,12 +512,11 @@ class EfficiencyModel:
             displacement_ratios: axis, shape (a,) [-].
             engine_speeds: axis, shape (b,) [rad/s].
             load_torques: axis, shape (c,) [N m].
-            stage: name of the stage engaged; needed where the model has several.
+            stage: name of the stage engaged; the first of the model when left out.
 
         Raises:
             InputError: an axis is empty, not of shape (n,) or out of range.
         """
-        self._require_stage(stage)
         axes = [
             np.atleast_1d(np.asarray(axis, dtype=float))
             for axis in (displacement_ratios, engine_speeds, load_torques)
@@ -528,7 +527,7 @@ class EfficiencyModel:
                     f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0"
                 )
         grid = np.meshgrid(*axes, indexing="ij", sparse=True)
-        model = self.without_meters().in_stage(stage)
+        model = self.without_meters().in_stage(stage or self.stage.name)
         return EfficiencyMap(
             axes[0],
             axes[1],
@@ -611,6 +610,7 @@ class EfficiencyModel:
         power: float = 40e3,
         samples: BenchSamples | None = None,
         *,
+        stage: str | None = None,
         ax: Any = None,
     ) -> Any:
         """Draw the efficiency at an output power over engine speed and speed ratio.
@@ -618,12 +618,14 @@ class EfficiencyModel:
         Args:
             power: output power [W].
             samples: bench tests to mark.
+            stage: name of the stage engaged; the first of the model when left out.
             ax: matplotlib axes to draw on; a new figure when left out.
 
         Returns:
             The matplotlib figure.
         """
-        return picture(self, power, samples=samples, ax=ax)
+        model = self.in_stage(stage or self.stage.name)
+        return picture(model, power, samples=samples, ax=ax)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the efficiency at 40 kW, see `plot_map`."""

@@ -158,13 +158,18 @@ def test_several_stages_need_a_name(name, stroke):
     )
 
 
-def test_optimum_and_map_of_several_stages_need_a_name():
+def test_optimum_of_several_stages_needs_a_name():
     with pytest.raises(hmcvt.InputError, match="name the one engaged"):
         TRACTOR.optimal_displacement_ratio(150.0, 200.0)
-    with pytest.raises(hmcvt.InputError, match="name the one engaged"):
-        TRACTOR.efficiency_map([0.0], [150.0], [200.0])
     one = TRACTOR.stages["HM3"].optimal_displacement_ratio(150.0, 200.0)
     assert TRACTOR.optimal_displacement_ratio(150.0, 200.0, stage="HM3") == one
+
+
+def test_map_of_a_named_stage():
+    axes = [[0.0, 0.5], [150.0], [200.0]]
+    named = TRACTOR.efficiency_map(*axes, stage="HM3").efficiency
+    alone = TRACTOR.stages["HM3"].efficiency_map(*axes).efficiency
+    np.testing.assert_array_equal(named, alone)
 
 
 def test_results_speak_one_grammar():
