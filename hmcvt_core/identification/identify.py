@@ -22,10 +22,12 @@ from ..physics.effects.base import Effect
 from ..physics.formulation import POWER_BALANCE, PUBLISHED
 from ..transmission.parameters import (
     PAPER_PARAMETERS,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
     SEARCH_BOUNDS,
     HydraulicParameters,
 )
-from ..transmission.ranges import Array
+from ..transmission.ranges import EFFICIENCY_STD, Array
 from ..transmission.stage import Stage
 from . import annealing
 from .annealing import QUICK as QUICK
@@ -37,6 +39,7 @@ from .provenance import origin
 from .remarks import unchecked, undetermined
 from .result import Identification
 from .robust import thinned
+from .set_aside import Agreement, agreement
 
 SCHEDULES: Mapping[str, Schedule] = {
     # Ends within 0.01 % of the lowest objective by itself (`python -m studies.annealing`).
@@ -58,6 +61,7 @@ def identify(
     gear_efficiency: float | None = None,
     effects: Sequence[Effect] = (),
     holdout: BenchSamples | None = None,
+    noise: float | None = None,
     schedule: Schedule | None = None,
     seed: int | None = 0,
     progress: Callable[[AnnealingRun], None] | None = None,
@@ -69,6 +73,9 @@ def identify(
     paper's 1.12 %); `published` maximises RSQ, eq. (21), in the paper's two parts. The annealing
     finds the parameters, a local search gives them their last digits.
 
+    `power_balance` sets samples aside that disagree with the rest, as a refit does; the warnings
+    name them and say what the fit to all samples would be.
+
     Args:
         samples: at least one bench sample.
         stage: gear train; None for stage HM4 of the paper. Of several stages each sample names its
@@ -77,6 +84,8 @@ def identify(
         gear_efficiency: of every pair [-]; None keeps those of the stage.
         effects: effects with fixed parameters that act besides.
         holdout: samples held back, to predict.
+        noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`, or the
+            paper's 1.12 % of each.
         schedule: of the annealing; None for that of `SCHEDULES`.
         seed: of the random numbers.
         progress: called after each temperature step; may raise to cancel.
@@ -93,9 +102,15 @@ def identify(
     require_samples(samples)
     if holdout is not None:
         require_samples(holdout, "holdout")
+    if noise is not None:
+        samples = _with_noise(samples, noise)
     model = _model_to_fit(stage, formulation, gear_efficiency, effects, samples)
+    given = samples
+    remarks = gear_train_remarks(model, given)
+    agreeing = _agreement(model, given, seed)
+    aside = np.flatnonzero(~agreeing.belongs)
+    samples = given.select(agreeing.belongs) if len(aside) else given
     parts = by_stage(model, samples)
-    remarks = gear_train_remarks(model, samples)
     problem = Problem(model, samples)
     search = _annealed(problem, schedule, seed, progress)
     scaled, value = problem.finish(search.run.ends[:_FINISHED])
@@ -108,13 +123,18 @@ def identify(
     model = _fitted_model(problem, scaled)
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, samples.efficiency)
+    remarks += agreeing.remarks
+    if len(aside):
+        remarks.append(_fit_with_all(replace(problem, samples=given), scaled))
     remarks += undetermined(samples, model)
     provenance: dict[str, Any] = {
-        **origin("identify", samples, seed),
+        **origin("identify", given, seed),
         "objective": problem.criterion.name,
         "objective_value": float(f"{value:.9g}"),
         "fit_error": float(f"{fit_error:.6g}"),
     }
+    if len(aside):
+        provenance["set_aside"] = len(aside)
     if holdout is not None:
         errors, notes = _predicted_holdout(model, scaled, holdout, samples)
         provenance.update(errors)
@@ -135,6 +155,37 @@ def identify(
         warnings=tuple(remarks),
         roots=search.roots,
         alone=_errors_by_stage(problem, scaled, parts),
+        set_aside=tuple((aside + 1).tolist()),
+    )
+
+
+def _with_noise(samples: BenchSamples, noise: float) -> BenchSamples:
+    """Return samples whose efficiency has one standard deviation [-]."""
+    deviation = float(EFFICIENCY_STD.check(noise, "noise"))
+    return replace(samples, efficiency_std=np.full(len(samples), deviation))
+
+
+def _agreement(
+    model: EfficiencyModel, samples: BenchSamples, seed: int | None
+) -> Agreement:
+    """Return which samples agree; of the paper's formulas all count, as in the paper."""
+    if model.formulation == PUBLISHED.name:
+        everything = np.ones(len(samples), dtype=bool)
+        return Agreement(everything, samples.efficiency)
+    return agreement(model, samples, 0 if seed is None else seed)
+
+
+def _fit_with_all(problem: Problem, scaled: Array) -> str:
+    """Return a sentence on the fit to all samples, those set aside included."""
+    with_all, _ = problem.finish(scaled[None, :])
+    values = problem.parameters(with_all)
+    error = mean_error(problem.predict(with_all), problem.samples.efficiency)
+    parts = []
+    for name, value in zip(PARAMETER_NAMES, values, strict=True):
+        parts.append(f"{name} {value:.4g} {PARAMETER_UNITS[name]}")
+    return (
+        f"with all {len(problem.samples)} samples the fit would be {', '.join(parts)}, its "
+        f"error {100 * error:.2f} %"
     )
 
 

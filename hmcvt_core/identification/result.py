@@ -24,7 +24,7 @@ class Identification:
 
     Attributes:
         model: the identified model; carries errors, domain and provenance.
-        samples: those it was fitted to.
+        samples: those it was fitted to, without those set aside.
         residuals: predicted - measured efficiency at them, shape (n,) [-].
         fit_error: mean |predicted - measured| / measured over them [-].
         prediction_error: the same over the samples held back at which the model has an answer, or
@@ -41,6 +41,7 @@ class Identification:
         roots: hydraulic efficiencies of part 1 by sample (`published` only).
         alone: standard errors that the samples of each stage would give by themselves, by stage
             and parameter; empty where all are of one.
+        set_aside: samples that disagree with the rest, from 1 in the order given.
     """
 
     model: EfficiencyModel
@@ -58,6 +59,7 @@ class Identification:
     warnings: tuple[str, ...]
     roots: tuple[HydraulicRoots, ...] = ()
     alone: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    set_aside: tuple[int, ...] = ()
 
     @property
     def parameters(self) -> HydraulicParameters:
@@ -94,6 +96,7 @@ class Identification:
             "evaluations": self.evaluations,
             "stop_reason": self.stop_reason,
             "seed": self.seed,
+            "set_aside": list(self.set_aside),
             "residuals": self.residuals.tolist(),
             "warnings": list(self.warnings),
             "gear_efficiency": sorted({pair.efficiency for pair in pairs}),
@@ -124,7 +127,7 @@ class Identification:
         """Return the outcome as text.
 
         Args:
-            numbers: of the samples in their file; 1, 2, ... when left out.
+            numbers: of the samples given, in their file; 1, 2, ... when left out.
         """
         # What questions the gear train questions all that follows.
         first = gear_train_remarks(self.model, self.samples)
@@ -179,7 +182,12 @@ class Identification:
 
     def _sample_lines(self, numbers: Sequence[int] | None) -> Iterator[str]:
         samples = self.samples
-        names: Sequence[object] = numbers or range(1, len(samples) + 1)
+        given = numbers or range(1, len(samples) + len(self.set_aside) + 1)
+        names: Sequence[object] = [
+            number
+            for position, number in enumerate(given, start=1)
+            if position not in self.set_aside
+        ]
         head = "sample"
         if "test" in samples.extra:
             names = samples.extra["test"]
