@@ -17,6 +17,7 @@ from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
 from ..files.bench import BenchSamples, read_columns
 from ..model.agreement import gear_train_remarks, pressure_remark, stage_of_each
+from ..model.checks import require_model_and_samples
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..physics.effects import library
@@ -360,6 +361,7 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
+    require_model_and_samples(model, samples, holdout)
     notes, stages, warnings = list[str](), list(model.stages), _warnings(model, samples)
     return diagnose_system(
         Transmission(model, samples.pressure is not None),
@@ -389,6 +391,7 @@ def next_test(
     Raises:
         InputError: as `diagnose`.
     """
+    require_model_and_samples(model, samples, possible, "possible")
     stages, points, notes = list(model.stages), None, _warnings(model, samples)
     observed = _distinct(samples, noise, stages, notes)
     if possible is not None:  # what a plan leaves out stays as it mostly was
@@ -481,6 +484,7 @@ def separable(
             pressure and oil temperature is.
         noise: standard deviation of the efficiency [-]; None as in `diagnose`.
     """
+    require_model_and_samples(model, plan)
     stages = list(model.stages)
     system, observed, fuller = (
         Transmission(model, True),

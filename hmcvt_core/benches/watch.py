@@ -25,6 +25,7 @@ import numpy as np
 
 from ..files.bench import BenchSamples
 from ..model.agreement import stage_of_each
+from ..model.checks import require_model_and_samples
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS, Array
@@ -316,6 +317,7 @@ def watch(
     false_alarms: float = FALSE_ALARMS,
 ) -> Opening:
     """Watch samples, by their stamps where they have any; see `Watch`."""
+    require_model_and_samples(model, samples)
     running = Watch(model, noise, false_alarms)
     running.take(
         samples

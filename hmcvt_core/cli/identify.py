@@ -47,6 +47,7 @@ def _sample_numbers(text: str) -> list[int]:
   hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""",
     common.model_options,
     common.effects_option,
+    common.noise_option,
     common.picture_option,
     common.seed_option,
 )
@@ -93,6 +94,7 @@ def command(
     params: str | None,
     refine: bool,
     out: str | None,
+    noise: float | None,
     picture: str | None,
     seed: int,
 ) -> Answer:
@@ -104,7 +106,9 @@ def command(
     common.keep_inputs([bench, transmission, params], [out, picture])
     samples = read_bench(bench)
     if refine:
-        if params is None or any((fit, hold_back, gears, picture, transmission, stage)):
+        if params is None or any(
+            (fit, hold_back, gears, noise, picture, transmission, stage)
+        ):
             raise click.UsageError(
                 "--refine goes with --params, --out, --seed and --json alone"
             )
@@ -136,7 +140,8 @@ def command(
                 stage=train,
                 formulation=formulation,
                 gear_efficiency=value,
-                validation=held,
+                holdout=held,
+                noise=noise,
                 seed=seed,
                 progress=show,
             )

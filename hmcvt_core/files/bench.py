@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Bench samples, and columns of numbers from CSV; every complaint names its place."""
+"""Bench samples, and columns of numbers from CSV; every error names file, row and field."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import (
@@ -22,6 +22,7 @@ from ..transmission.ranges import (
     OperatingPoints,
 )
 from .atomic import write_atomically
+from .checks import is_dataframe, is_path, require_path, wrong_type
 from .guess import holds_units
 from .table import Table, csv_text, read_plain
 
@@ -49,7 +50,7 @@ class BenchSamples:
         rows: of that file, from 1, one for each sample; empty when not known.
 
     Raises:
-        InputError: a value is outside its range or lengths differ; the place is named.
+        InputError: a value is outside its range or lengths differ; the column is named.
     """
 
     displacement_ratio: Array
@@ -87,26 +88,94 @@ class BenchSamples:
     def __len__(self) -> int:
         return len(self.displacement_ratio)
 
+    @classmethod
+    def from_dataframe(cls, frame: Any, source: str = "samples") -> BenchSamples:
+        """Return the rows of a pandas DataFrame as bench samples.
+
+        Args:
+            frame: its columns are named as those of a bench file, in SI units; others are kept as
+                text.
+            source: where they come from, for messages and provenance.
+
+        Raises:
+            InputError: `frame` is no DataFrame, a column is missing or doubled, or a value is
+                outside its range.
+        """
+        if not is_dataframe(frame):
+            hint = "read it by read_bench(path)" if is_path(frame) else ""
+            raise wrong_type("frame", "a pandas DataFrame", frame, hint)
+        values: dict[str, Any] = {}
+        extra: dict[str, tuple[str, ...]] = {}
+        for position, label in enumerate(frame.columns):
+            name = column_name(str(label))
+            if name in values or name in extra:
+                raise InputError(f"{source}: column {name} occurs twice")
+            column = frame.iloc[:, position]
+            if name in _NAMES:
+                values[name] = column.to_numpy()
+            else:
+                extra[name] = tuple(str(cell) for cell in column)
+        for name in REQUIRED_COLUMNS:
+            if name not in values:
+                raise InputError(
+                    f"{source}: column {name} is missing; there is "
+                    f"{', '.join(map(str, frame.columns))}"
+                )
+        return cls(**values, extra=extra, source=source)
+
+    def to_dataframe(self) -> Any:
+        """Return the samples as a pandas DataFrame, one column each.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError(
+                'a DataFrame needs pandas: pip install ".[table]"'
+            ) from None
+        return pandas.DataFrame(
+            {**self.columns, **{name: list(text) for name, text in self.extra.items()}}
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the samples as plain data for JSON, one list for each column."""
+        numbers = {name: values.tolist() for name, values in self.columns.items()}
+        return {**numbers, **{name: list(text) for name, text in self.extra.items()}}
+
+    @property
+    def stage(self) -> NDArray[np.str_] | None:
+        """Name of the stage engaged at each sample, shape (n,); None without such a column."""
+        names = self.extra.get("stage")
+        return None if names is None else np.array(names)
+
     @property
     def points(self) -> OperatingPoints:
-        """Where the samples were taken; a column `stage` says in which one."""
-        stage = self.extra.get("stage")
+        """Operating points of the samples, with their stages where a column names them."""
         return OperatingPoints(
             self.displacement_ratio,
             self.engine_speed,
             self.load_torque,
             self.oil_temperature,
-            None if stage is None else np.array(stage),
+            self.stage,
         )
 
     @property
     def columns(self) -> dict[str, Any]:
-        """The columns of numbers that there are, by name."""
-        return {
-            column.name: values
-            for column in BENCH_COLUMNS
-            if (values := getattr(self, column.name)) is not None
-        }
+        """The columns of numbers that the samples have, by name."""
+        columns = {}
+        for column in BENCH_COLUMNS:
+            values = getattr(self, column.name)
+            if values is not None:
+                columns[column.name] = values
+        return columns
+
+    def label(self, index: int) -> str:
+        """Return how a sample is named in messages: by its row in the file, or its number."""
+        if self.rows:
+            return f"row {self.rows[index]}"
+        return f"sample {index + 1}"
 
     def select(self, index: ArrayLike) -> BenchSamples:
         """Return the samples at an index array or mask, in that order."""
@@ -145,6 +214,10 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
         InputError: the file is missing, empty, too large or not CSV, a column is missing or
             doubled, or a value is not a number or outside its range; file, row and field are named.
     """
+    hint = ""
+    if is_dataframe(path):
+        hint = "convert it by BenchSamples.from_dataframe(frame)"
+    require_path(path, "path", "a bench file", hint)
     values, extra, table = read_columns(path, REQUIRED_COLUMNS)
     return BenchSamples(
         **values,
@@ -157,6 +230,10 @@ def read_bench(path: str | os.PathLike[str]) -> BenchSamples:
 
 def write_bench(path: str | os.PathLike[str], samples: BenchSamples) -> None:
     """Write bench samples as CSV, whole or not at all; `read_bench` gives the same values."""
+    if not isinstance(samples, BenchSamples):
+        raise wrong_type(
+            "samples", "BenchSamples", samples, "the order is (path, samples)"
+        )
     columns = {
         name: map(repr, values.tolist()) for name, values in samples.columns.items()
     }

@@ -2,6 +2,7 @@
 """Identification of the hydraulic parameters from bench samples."""
 
 from .annealing import Schedule
-from .identify import Identification, identify
+from .identify import identify
+from .result import Identification
 
 __all__ = ["Identification", "Schedule", "identify"]

@@ -1,14 +1,21 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Simulated annealing, as the paper improves it (section 4.1).
+"""Simulated annealing, as the paper improves it (section 4.1), repeated on narrower domains.
 
-Each improvement is a setting of its own: how the disturbance shrinks (`Shrink`), how the
-temperature falls (`cooling`) and when to stop (`threshold`). Independent chains are evaluated
-together, as rows of one array; chain count 1 is the paper's algorithm.
+Each improvement is a setting: how the disturbance shrinks (`Shrink`), how the temperature falls
+(`cooling`) and when to stop (`threshold`). Independent chains are evaluated together, as rows of
+one array; one chain and one round are the paper's algorithm.
+
+Eq. (19) leaves open along which axes the domain of the parameters is measured. Where parameters are
+tied, the valley is narrow and lies across the axes, and moves that fit its width no longer follow
+its length. Each round after the first therefore anneals again, by the same eqs (19) and (20), on
+the domain that the chains of the round before have left: the box of their better ends along their
+principal axes [step directions from the covariance of the walk: Vanderbilt & Louie 1984, J. Comput.
+Phys. 56].
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +29,16 @@ Shrink = Callable[[int, Array], Array]
 """i of eq. (19), shape (m,), from the cooling steps done and from the number of steps at the slower
 rate that would have cooled each chain as far, shape (m,)."""
 
-PART_OF_WIDTH = 0.1  # L_x of eq. (19) / width of the bounds
+PART_OF_WIDTH = 0.1
+"""L_x of eq. (19), in terms of the width of the domain."""
+
+_DOMAIN_WIDTH = 12.0
+"""Width of the domain of a later round, in standard deviations of the ends before; chosen on random
+twins (`python -m studies.annealing`): with half of it some rounds contract beside the optimum."""
+_COOLING_RANGE = 1e-4
+"""Final by initial temperature of a later round, which begins as hot as its ends are uneven."""
+_COLDEST = 1e-300
+"""Initial temperature below which the ends are equal."""
 
 
 def with_temperature(steps: int, slow_steps: Array) -> Array:
@@ -43,10 +59,12 @@ class Schedule:
         shrink: how the disturbance shrinks, see `Shrink`.
         cooling: factor of a chain's temperature, eq. (20): while its best value improves, and
             while it does not.
-        initial_temperature, final_temperature: t_0 and t_end, in units of the objective.
+        initial_temperature: t_0, in units of the objective.
+        final_temperature: t_end, in units of the objective.
         moves: trial points per chain at each temperature.
         chains: independent chains.
         threshold: gamma of improvement (1): stop once the best value is below; None never.
+        rounds: annealings one after the other, the later ones with the better half of the chains.
 
     Raises:
         InputError: a setting is out of range.
@@ -59,6 +77,7 @@ class Schedule:
     moves: int = 20
     chains: int = 1
     threshold: float | None = None
+    rounds: int = 1
 
     def __post_init__(self) -> None:
         if not 0.0 < self.final_temperature < self.initial_temperature < math.inf:
@@ -70,7 +89,7 @@ class Schedule:
             raise InputError(
                 f"cooling = {self.cooling}: need factors above 0 and below 1"
             )
-        for name in ("moves", "chains"):
+        for name in ("moves", "chains", "rounds"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)} is not at least 1")
 
@@ -80,18 +99,21 @@ class Schedule:
         return math.ceil(float(self.slow_steps(np.array(self.final_temperature))))
 
     def slow_steps(self, temperature: Array) -> Array:
-        """Cooling steps at the slower rate from t_0 to such a temperature, any shape."""
-        return np.log(temperature / self.initial_temperature) / math.log(
-            max(self.cooling)
-        )
+        """Cooling steps at the slower rate from t_0 to a temperature, any shape."""
+        slower = math.log(max(self.cooling))
+        return np.log(temperature / self.initial_temperature) / slower
+
+
+QUICK = Schedule(chains=8, moves=2)
+"""Annealing enough where only what a local search makes of it counts."""
 
 
 @dataclass(frozen=True)
 class AnnealingRun:
-    """Where a run stands after so many temperature steps, or ended.
+    """State of a run after a number of temperature steps, or at its end.
 
     Attributes:
-        ends: best point of each chain, shape (chains, d), best chain first.
+        ends: best point of each chain of the round, shape (chains, d), best chain first.
         value: objective at the first of them.
         temperature: highest among the chains.
         evaluations: points evaluated so far.
@@ -127,68 +149,190 @@ def minimise(
         progress: called after each temperature step; may raise to cancel.
 
     Returns:
-        The run as it ended.
+        The run as it ended; with several rounds the chains are those of the last.
     """
     low, high = np.asarray(bounds, dtype=float).T
     rng = np.random.default_rng(seed)
     shape = (schedule.chains, len(low))
-    points = (
-        rng.uniform(low, high, shape)
-        if start is None
-        else np.broadcast_to(start, shape).astype(float)
-    )
-    values = _values(objective, points)
-    best, best_values, evaluations = points.copy(), values.copy(), len(points)
-    temperature = np.full(schedule.chains, float(schedule.initial_temperature))
+    if start is None:
+        points = rng.uniform(low, high, shape)
+    else:
+        points = np.broadcast_to(start, shape).astype(float)
+    box = _Box(objective, low, high)
+    chains = _Chains(box, schedule, np.diag(high - low), points, box(points), rng)
     history: list[float] = []
+    for _ in range(schedule.rounds):
+        step = 0
+        while chains.warm.any() and not chains.below(schedule.threshold):
+            chains.anneal_step(step)
+            step += 1
+            history.append(chains.value)
+            if progress is not None:
+                progress(chains.state(history, "running"))
+        if chains.below(schedule.threshold):
+            return chains.state(history, "threshold")
+        narrower = chains.narrowed()
+        if narrower is None:
+            break
+        chains = narrower
+    return chains.state(history, "cooled")
 
-    def run(stop_reason: str) -> AnnealingRun:
-        order = np.argsort(best_values)
+
+class _Box:
+    """An objective within bounds, counting its evaluations."""
+
+    def __init__(self, objective: Objective, low: Array, high: Array) -> None:
+        self._objective = objective
+        self.low = low
+        self.high = high
+        self.evaluations = 0
+
+    def __call__(self, points: Array) -> Array:
+        """Values at points (m, d), shape (m,); infinite without an answer."""
+        self.evaluations += len(points)
+        values = np.asarray(self._objective(points), dtype=float)
+        return np.where(np.isnan(values), np.inf, values)
+
+
+class _Chains:
+    """Independent chains side by side: points, best points and temperatures of one round."""
+
+    def __init__(
+        self,
+        box: _Box,
+        schedule: Schedule,
+        domain: Array,
+        points: Array,
+        values: Array,
+        rng: np.random.Generator,
+    ) -> None:
+        """Begin a round.
+
+        Args:
+            box: the objective and its bounds.
+            schedule: temperatures and moves of the round.
+            domain: columns are the axes of the domain, each as long as it is wide, shape (d, d).
+            points: first point of each chain, shape (chains, d).
+            values: objective at them, shape (chains,).
+            rng: random numbers.
+        """
+        self._box = box
+        self._schedule = schedule
+        self._domain = domain
+        self._rng = rng
+        self._points = points
+        self._values = values
+        self._best = points.copy()
+        self._best_values = values.copy()
+        self._temperature = np.full(len(points), float(schedule.initial_temperature))
+
+    @property
+    def value(self) -> float:
+        """Best value of all chains."""
+        return float(self._best_values.min())
+
+    @property
+    def warm(self) -> NDArray[np.bool_]:
+        """Which chains are above the final temperature; the others rest."""
+        return self._temperature > self._schedule.final_temperature
+
+    def below(self, threshold: float | None) -> bool:
+        """Whether the best value is below a threshold: improvement (1)."""
+        return threshold is not None and self.value < threshold
+
+    def state(self, history: list[float], stop_reason: str) -> AnnealingRun:
+        """Return the run as it stands."""
+        order = np.argsort(self._best_values)
         return AnnealingRun(
-            best[order],
-            float(best_values.min()),
-            float(temperature.max()),
-            evaluations,
-            tuple(history),
-            stop_reason,
+            ends=self._best[order],
+            value=self.value,
+            temperature=float(self._temperature.max()),
+            evaluations=self._box.evaluations,
+            history=tuple(history),
+            stop_reason=stop_reason,
         )
 
-    while schedule.threshold is None or best_values.min() >= schedule.threshold:
-        # A chain that has cooled rests.
-        warm = np.flatnonzero(temperature > schedule.final_temperature)
-        if not len(warm):
-            return run("cooled")
-        i = schedule.shrink(len(history), schedule.slow_steps(temperature[warm]))
-        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))  # Eq. (19)
-        before, warmth = best_values[warm], temperature[warm]
-        for _ in range(schedule.moves):
-            moves = rng.random((len(warm), len(low))) - 0.5
-            trial = reflect(
-                points[warm] + size[:, None] * (high - low) * moves, low, high
-            )
-            found = _values(objective, trial)
-            evaluations += len(trial)
-            with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-                rise = found - values[warm]
-                chance = np.exp(-np.maximum(rise, 0.0) / warmth)  # Metropolis rule
-            # inf - inf: a chain that starts without any answer may wander freely.
-            accepted = np.isnan(rise) | (rng.random(len(warm)) < chance)
-            taken = warm[accepted]
-            points[taken], values[taken] = trial[accepted], found[accepted]
-            better = taken[values[taken] < best_values[taken]]
-            best[better], best_values[better] = points[better], values[better]
-        temperature[warm] = warmth * np.where(
-            best_values[warm] < before, *schedule.cooling
+    def narrowed(self) -> "_Chains | None":
+        """Return the chains of the next round, None where the ends span no domain.
+
+        The principal axes of the better half of the ends span the domain, and the mean of their
+        values above the best is the initial temperature. Half of the chains of the first round
+        go on.
+        """
+        order = np.argsort(self._best_values)
+        order = order[np.isfinite(self._best_values[order])]
+        better = order[: (len(self._best) + 1) // 2]
+        if len(better) <= self._best.shape[1]:
+            return None
+        values = self._best_values[better]
+        temperature = float((values - values[0]).mean())
+        if temperature < _COLDEST:
+            return None
+        schedule = replace(
+            self._schedule,
+            initial_temperature=temperature,
+            final_temperature=_COOLING_RANGE * temperature,
         )
-        history.append(float(best_values.min()))
-        if progress is not None:
-            progress(run("running"))
-    return run("threshold")
+        surviving = order[: (self._schedule.chains + 1) // 2]
+        return _Chains(
+            self._box,
+            schedule,
+            self._principal_box(self._best[better]),
+            self._best[surviving],
+            self._best_values[surviving],
+            self._rng,
+        )
 
+    def _principal_box(self, ends: Array) -> Array:
+        """Principal axes of ends (m, d), each as long as the domain is wide, in columns."""
+        width = self._box.high - self._box.low
+        variances, axes = np.linalg.eigh(np.cov((ends / width).T))
+        lengths = _DOMAIN_WIDTH * np.sqrt(np.maximum(variances, 0.0))
+        return np.asarray(width[:, None] * axes * lengths)
 
-def _values(objective: Objective, points: Array) -> Array:
-    values = np.asarray(objective(points), dtype=float)
-    return np.where(np.isnan(values), np.inf, values)
+    def anneal_step(self, step: int) -> None:
+        """Move the warm chains at their temperatures, and cool them.
+
+        Args:
+            step: cooling steps of the round so far.
+        """
+        warm = np.flatnonzero(self.warm)
+        temperature = self._temperature[warm]
+        best_before = self._best_values[warm]
+        size = self._disturbance(step, temperature)
+        for _ in range(self._schedule.moves):
+            self._move(warm, temperature, size)
+        # Eq. (20): slower while the best value improves.
+        improved = self._best_values[warm] < best_before
+        self._temperature[warm] = temperature * np.where(
+            improved, *self._schedule.cooling
+        )
+
+    def _disturbance(self, step: int, temperature: Array) -> Array:
+        """0.1 (1 - i / (N + 2)) of eq. (19) for each chain, shape (chains, 1)."""
+        schedule = self._schedule
+        i = schedule.shrink(step, schedule.slow_steps(temperature))
+        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
+        return np.asarray(size[:, None])
+
+    def _move(self, warm: NDArray[np.intp], temperature: Array, size: Array) -> None:
+        """Try one point per warm chain, and take it by the rule of Metropolis."""
+        random = self._rng.random((len(warm), len(self._domain))) - 0.5
+        # Eq. (19), along the axes of the domain.
+        moved = self._points[warm] + size * (random @ self._domain.T)
+        trial = reflect(moved, self._box.low, self._box.high)
+        values = self._box(trial)
+        with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+            rise = values - self._values[warm]
+            chance = np.exp(-np.maximum(rise, 0.0) / temperature)
+        # inf - inf is NaN: a chain that starts without any answer may wander freely.
+        accepted = np.isnan(rise) | (self._rng.random(len(warm)) < chance)
+        taken = warm[accepted]
+        self._points[taken] = trial[accepted]
+        self._values[taken] = values[accepted]
+        better = taken[self._values[taken] < self._best_values[taken]]
+        self._best[better] = self._points[better]
+        self._best_values[better] = self._values[better]
 
 
 def reflect(points: Array, low: Array, high: Array) -> Array:

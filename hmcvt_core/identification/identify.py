@@ -1,235 +1,56 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Identification: bench samples in; out a model, and how it was found as text and as data."""
+"""Identification: bench samples in, a model out."""
 
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import IdentificationError, InputError
-from ..files import data_path, picture, preformatted
+from ..files import data_path
 from ..files.bench import BenchSamples
-from ..model.agreement import by_stage, gear_train_remarks, mean_error
+from ..model.accuracy import mean_error
+from ..model.checks import require_samples
 from ..model.domain import Domain
 from ..model.model import EfficiencyModel
-from ..model.parameter_file import load_stage, save_model
+from ..model.parameter_file import load_stage
+from ..model.part_checks import require_effects, require_stages
+from ..model.plausibility import gear_train_remarks
+from ..model.staged_samples import by_stage
 from ..physics.effects.base import Effect
+from ..physics.formulation import POWER_BALANCE, PUBLISHED
 from ..transmission.parameters import (
     PAPER_PARAMETERS,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
     SEARCH_BOUNDS,
     HydraulicParameters,
 )
-from ..transmission.ranges import Array
+from ..transmission.ranges import EFFICIENCY_STD, Array
 from ..transmission.stage import Stage
-from ..version import __version__
 from . import annealing
+from .annealing import QUICK as QUICK
 from .annealing import AnnealingRun, Schedule, with_steps
-from .problem import (
-    OBJECTIVES,
-    HydraulicRoots,
-    Problem,
-    findings,
-    hydraulic_roots,
-    precision,
-    starting_points,
-    unchecked,
-)
+from .piecewise import HydraulicRoots, chain_starts, hydraulic_roots
+from .precision import precision
+from .problem import Problem
+from .provenance import origin
+from .remarks import unchecked, undetermined
+from .result import Identification
+from .robust import thinned
+from .set_aside import Agreement, agreement
 
-SCHEDULES = {
-    # Ends within 1 % of the lowest objective by itself (docs/theory.md).
-    "power_balance": Schedule(chains=40, moves=6),
+SCHEDULES: Mapping[str, Schedule] = {
+    # Ends within 0.01 % of the lowest objective by itself (`python -m studies.annealing`).
+    POWER_BALANCE.name: Schedule(chains=40, moves=2, rounds=6),
     # Regions without any answer: long chains, whose moves stay wide until (20) ends the run.
-    "published": Schedule(chains=16, moves=20, shrink=with_steps),
+    PUBLISHED.name: Schedule(chains=16, moves=20, shrink=with_steps),
 }
 """The improved annealing of section 4.1, as chains side by side, by formulation."""
-QUICK = Schedule(chains=8, moves=2)
-"""Annealing enough where only what the local search makes of it counts."""
 
-_MOST_ANNEALED = (
-    500  # samples that the annealing looks at: it costs 13,600 predictions of each
-)
-_FINISHED = 4  # chain ends that a local search finishes: a second valley may be as deep
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """Outcome of an identification.
-
-    Attributes:
-        model: the identified model; carries errors, domain and provenance.
-        samples: those it was fitted to.
-        residuals: predicted - measured efficiency at them, shape (n,) [-].
-        fit_error: mean |predicted - measured| / measured over them [-].
-        prediction_error: the same over the samples held back at which the model has an answer, or
-            None.
-        objective: value reached; `objective_name` says of what.
-        annealing_objective: value that the annealing reached by itself, before the finish; NaN
-            where some sample had no answer there.
-        history: best objective after each temperature step, then after the finish.
-        evaluations: candidates evaluated by the annealing.
-        stop_reason: of the annealing.
-        seed: of the random numbers.
-        warnings: plain sentences on what the samples leave open.
-        roots: hydraulic efficiencies of part 1 by sample (`published` only).
-        alone: standard errors that the samples of each stage would give by themselves, by stage
-            and parameter; empty where all are of one.
-    """
-
-    model: EfficiencyModel
-    samples: BenchSamples
-    residuals: Array
-    fit_error: float
-    prediction_error: float | None
-    objective: float
-    annealing_objective: float
-    objective_name: str
-    history: tuple[float, ...]
-    evaluations: int
-    stop_reason: str
-    seed: int | None
-    warnings: tuple[str, ...]
-    roots: tuple[HydraulicRoots, ...] = ()
-    alone: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    @property
-    def parameters(self) -> HydraulicParameters:
-        """The identified parameters."""
-        return self.model.parameters
-
-    @property
-    def standard_errors(self) -> dict[str, float]:
-        """Standard error of each parameter, in its unit."""
-        return dict(self.model.standard_errors)
-
-    @property
-    def correlation(self) -> Array:
-        """Correlation of the parameters, shape (3, 3)."""
-        return np.asarray(self.model.correlation)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the parameter file, whole or not at all."""
-        save_model(self.model, path)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the outcome as plain data for JSON."""
-        return {
-            "formulation": self.model.formulation,
-            "stage": self.model.stage.name,
-            "parameters": self.model.to_mapping()["parameters"],
-            "correlation": self.correlation.tolist(),
-            "samples": len(self.samples),
-            "fit_error": self.fit_error,
-            "prediction_error": self.prediction_error,
-            "objective": {"name": self.objective_name, "value": self.objective},
-            "annealing_objective": self.annealing_objective,
-            "evaluations": self.evaluations,
-            "stop_reason": self.stop_reason,
-            "seed": self.seed,
-            "residuals": self.residuals.tolist(),
-            "warnings": list(self.warnings),
-            **(
-                {
-                    "stages": {
-                        name: {"standard_errors": dict(errors)}
-                        for name, errors in self.alone.items()
-                    }
-                }
-                if self.alone
-                else {}
-            ),
-            "gear_efficiency": sorted(
-                {pair.efficiency for pair in self.model.stage.gear_pairs}
-            ),
-        }
-
-    def plot(self, held_back: BenchSamples | None = None) -> Any:
-        """Return a matplotlib figure of measured over predicted efficiency."""
-        return picture(self, held_back)
-
-    def _repr_html_(self) -> str:
-        return preformatted(self.report())
-
-    def report(self, numbers: Sequence[int] | None = None) -> str:
-        """Return the outcome as text for a person.
-
-        Args:
-            numbers: of the samples in their file; 1, 2, ... when left out.
-        """
-        first = gear_train_remarks(self.model, self.samples)
-        return "\n".join(
-            [
-                *first,
-                *self._result_lines(),
-                *self._sample_lines(numbers),
-                *(f"  note: {sentence}" for sentence in self.warnings[len(first) :]),
-            ]
-        )
-
-    def _result_lines(self) -> Iterator[str]:
-        model = self.model
-        names = (
-            f"stage {model.stage.name}"
-            if not self.alone
-            else (f"stages {', '.join(self.alone)}")
-        )
-        yield (
-            f"{model.formulation}, {names}: fitted to {len(self.samples)} "
-            f"samples, {self.objective_name} = {self.objective:.6g}"
-        )
-        yield (
-            f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
-            "search finished it)"
-        )
-        for name, entry in self.parameters.to_mapping(self.standard_errors).items():
-            yield (
-                f"  {name:<14} {entry['value']:10.4g} +- "
-                f"{entry['standard_error']:.2g} {entry['unit']}"
-            )
-        for stage, errors in self.alone.items():
-            told = ", ".join(f"{error:.2g}" for error in errors.values())
-            yield f"  (samples of {stage} alone would leave standard errors of {told})"
-        yield (
-            "  (leakage holds for a displacement of "
-            f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)"
-        )
-        yield (
-            f"  error of the fit         {100 * self.fit_error:6.2f} % "
-            "(mean |predicted - measured| / measured)"
-        )
-        held_back = self.model.provenance.get("validation_samples")
-        if self.prediction_error is not None:
-            yield (
-                f"  error of the prediction  {100 * self.prediction_error:6.2f} % "
-                f"({held_back} samples held back)"
-            )
-        elif held_back is not None:
-            yield (
-                f"  error of the prediction  unknown: no answer at any of the {held_back} "
-                "samples held back"
-            )
-
-    def _sample_lines(self, numbers: Sequence[int] | None) -> Iterator[str]:
-        samples, tests = self.samples, self.samples.extra.get("test")
-        names = tests or tuple(map(str, numbers or range(1, len(samples) + 1)))
-        head = "test" if tests else "sample"
-        yield f"  {head:>6}  displacement  engine      load    measured  predicted"
-        yield "            ratio [-]  [rad/s]     [N m]         [-]        [-]"
-        for i, measured in enumerate(samples.efficiency):
-            yield (
-                f"  {names[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
-                f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
-                f"{measured:10.4f} {measured + self.residuals[i]:10.4f}"
-            )
-        doubled = sum(bool(entry.rejected) for entry in self.roots)
-        if doubled:
-            yield (
-                f"  {doubled} samples have a second root for eta_H, beyond the pole of "
-                "eq. (11); it was rejected"
-            )
+_FINISHED = 4
+"""Chain ends that a local search finishes: a second valley may be as deep."""
 
 
 def identify(
@@ -239,16 +60,21 @@ def identify(
     formulation: str = "power_balance",
     gear_efficiency: float | None = None,
     effects: Sequence[Effect] = (),
-    validation: BenchSamples | None = None,
+    holdout: BenchSamples | None = None,
+    noise: float | None = None,
     schedule: Schedule | None = None,
     seed: int | None = 0,
     progress: Callable[[AnnealingRun], None] | None = None,
+    validation: BenchSamples | None = None,
 ) -> Identification:
     """Identify the three hydraulic parameters from bench samples by improved annealing.
 
     `power_balance` minimises the mean of weighted squares (weights from `efficiency_std`, else the
     paper's 1.12 %); `published` maximises RSQ, eq. (21), in the paper's two parts. The annealing
     finds the parameters, a local search gives them their last digits.
+
+    `power_balance` sets samples aside that disagree with the rest, as a refit does; the warnings
+    name them and say what the fit to all samples would be.
 
     Args:
         samples: at least one bench sample.
@@ -257,133 +83,212 @@ def identify(
         formulation: `power_balance` or `published`.
         gear_efficiency: of every pair [-]; None keeps those of the stage.
         effects: effects with fixed parameters that act besides.
-        validation: samples held back, to predict.
+        holdout: samples held back, to predict.
+        noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`, or the
+            paper's 1.12 % of each.
         schedule: of the annealing; None for that of `SCHEDULES`.
         seed: of the random numbers.
         progress: called after each temperature step; may raise to cancel.
+        validation: former name of `holdout`.
 
     Raises:
-        InputError: an argument is out of range.
+        InputError: an argument is out of range or of another type.
         IdentificationError: no parameters give an answer at every sample.
     """
+    if validation is not None:
+        if holdout is not None:
+            raise InputError("holdout and validation are one argument: give holdout")
+        holdout = validation
+    require_samples(samples)
+    if holdout is not None:
+        require_samples(holdout, "holdout")
+    if noise is not None:
+        samples = _with_noise(samples, noise)
+    model = _model_to_fit(stage, formulation, gear_efficiency, effects, samples)
+    given = samples
+    remarks = gear_train_remarks(model, given)
+    agreeing = _agreement(model, given, seed)
+    aside = np.flatnonzero(~agreeing.belongs)
+    samples = given.select(agreeing.belongs) if len(aside) else given
+    parts = by_stage(model, samples)
+    problem = Problem(model, samples)
+    search = _annealed(problem, schedule, seed, progress)
+    scaled, value = problem.finish(search.run.ends[:_FINISHED])
+    if not np.isfinite(value):
+        reasons = "; ".join([*remarks, "check stage, units and load torque"])
+        raise IdentificationError(
+            f"{samples.source}: no parameters within the bounds give an efficiency at every "
+            f"sample: {reasons}"
+        )
+    model = _fitted_model(problem, scaled)
+    predicted = problem.predict(scaled)
+    fit_error = mean_error(predicted, samples.efficiency)
+    remarks += agreeing.remarks
+    if len(aside):
+        remarks.append(_fit_with_all(replace(problem, samples=given), scaled))
+    remarks += undetermined(samples, model)
+    provenance: dict[str, Any] = {
+        **origin("identify", given, seed),
+        "objective": problem.criterion.name,
+        "objective_value": float(f"{value:.9g}"),
+        "fit_error": float(f"{fit_error:.6g}"),
+    }
+    if len(aside):
+        provenance["set_aside"] = len(aside)
+    if holdout is not None:
+        errors, notes = _predicted_holdout(model, scaled, holdout, samples)
+        provenance.update(errors)
+        remarks += notes
+    return Identification(
+        model=replace(model, provenance=provenance),
+        samples=samples,
+        residuals=predicted - samples.efficiency,
+        fit_error=fit_error,
+        prediction_error=provenance.get("prediction_error"),
+        objective=value,
+        annealing_objective=float(problem.objective(search.run.ends[0])),
+        objective_name=problem.criterion.name,
+        history=(*search.run.history, value),
+        evaluations=search.run.evaluations,
+        stop_reason=search.run.stop_reason,
+        seed=seed,
+        warnings=tuple(remarks),
+        roots=search.roots,
+        alone=_errors_by_stage(problem, scaled, parts),
+        set_aside=tuple((aside + 1).tolist()),
+    )
+
+
+def _with_noise(samples: BenchSamples, noise: float) -> BenchSamples:
+    """Return samples whose efficiency has one standard deviation [-]."""
+    deviation = float(EFFICIENCY_STD.check(noise, "noise"))
+    return replace(samples, efficiency_std=np.full(len(samples), deviation))
+
+
+def _agreement(
+    model: EfficiencyModel, samples: BenchSamples, seed: int | None
+) -> Agreement:
+    """Return which samples agree; of the paper's formulas all count, as in the paper."""
+    if model.formulation == PUBLISHED.name:
+        everything = np.ones(len(samples), dtype=bool)
+        return Agreement(everything, samples.efficiency)
+    return agreement(model, samples, 0 if seed is None else seed)
+
+
+def _fit_with_all(problem: Problem, scaled: Array) -> str:
+    """Return a sentence on the fit to all samples, those set aside included."""
+    with_all, _ = problem.finish(scaled[None, :])
+    values = problem.parameters(with_all)
+    error = mean_error(problem.predict(with_all), problem.samples.efficiency)
+    parts = []
+    for name, value in zip(PARAMETER_NAMES, values, strict=True):
+        parts.append(f"{name} {value:.4g} {PARAMETER_UNITS[name]}")
+    return (
+        f"with all {len(problem.samples)} samples the fit would be {', '.join(parts)}, its "
+        f"error {100 * error:.2f} %"
+    )
+
+
+def _model_to_fit(
+    stage: Stage | Sequence[Stage] | None,
+    formulation: str,
+    gear_efficiency: float | None,
+    effects: Sequence[Effect],
+    samples: BenchSamples,
+) -> EfficiencyModel:
+    """Return the model whose parameters are to be identified."""
+    require_effects(effects)
     if stage is None:
         stage = load_stage(data_path("params/transmission.yaml"))
+    require_stages(stage)
     stages = [stage] if isinstance(stage, Stage) else list(stage)
     if gear_efficiency is not None:
-        stages = [each.with_gear_efficiency(gear_efficiency) for each in stages]
-    if len(stages) > 1 and (formulation == "published" or samples.points.stage is None):
+        stages = [entry.with_gear_efficiency(gear_efficiency) for entry in stages]
+    named = samples.points.stage is not None
+    if len(stages) > 1 and (formulation == PUBLISHED.name or not named):
         raise InputError(
             "several stages need formulation power_balance and samples with a column "
             f"stage; {samples.source} is to be fitted with "
-            f"{', '.join(each.name for each in stages)}"
+            f"{', '.join(entry.name for entry in stages)}"
         )
-    model = EfficiencyModel(
+    return EfficiencyModel(
         stages[0],
         PAPER_PARAMETERS[0.98],
         formulation,
         tuple(effects),
         other_stages=tuple(stages[1:]),
     )
-    problem = Problem(model, samples)
-    parts = by_stage(model, samples)
-    told = gear_train_remarks(model, samples)
-    schedule = SCHEDULES[formulation] if schedule is None else schedule
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The annealing, and the roots of part 1 that it began from."""
+
+    run: AnnealingRun
+    roots: tuple[HydraulicRoots, ...]
+
+
+def _annealed(
+    problem: Problem,
+    schedule: Schedule | None,
+    seed: int | None,
+    progress: Callable[[AnnealingRun], None] | None,
+) -> _Search:
+    """Look for the parameters by annealing."""
+    formulation = problem.model.formulation
+    if schedule is None:
+        schedule = SCHEDULES[formulation]
     roots: list[HydraulicRoots] = []
     start = None
-    if formulation == "published":
-        roots = hydraulic_roots(model.stage, samples)
-        # For half of the chains; the others begin at random.
-        starts = starting_points(problem, roots)[: max(1, schedule.chains // 2)]
-        low, high = SEARCH_BOUNDS.T
-        fill = np.random.default_rng(seed).uniform(
-            low, high, (schedule.chains, len(low))
-        )
-        start = np.concatenate([starts, fill])[: schedule.chains]
-    annealed = annealing.minimise(
-        replace(problem, samples=thinned(samples)).objective,
+    if formulation == PUBLISHED.name:
+        roots = hydraulic_roots(problem.model.stage, problem.samples)
+        start = chain_starts(problem, roots, schedule.chains, seed)
+    run = annealing.minimise(
+        replace(problem, samples=thinned(problem.samples)).objective,
         SEARCH_BOUNDS,
         schedule=schedule,
         start=start,
         seed=seed,
         progress=progress,
     )
-    scaled, value = problem.finish(annealed.ends[:_FINISHED])
-    if not np.isfinite(value):
-        raise IdentificationError(
-            f"{samples.source}: no parameters within the bounds give an efficiency at every "
-            f"sample: {'; '.join([*told, 'check stage, units and load torque'])}"
-        )
+    return _Search(run, tuple(roots))
+
+
+def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
     standard_errors, correlation = precision(problem, scaled)
-    model = replace(
-        model,
+    return replace(
+        problem.model,
         parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
         standard_errors=standard_errors,
         correlation=correlation,
-        domain=Domain.of(samples),
-    )
-    predicted = problem.predict(scaled)
-    fit_error = mean_error(predicted, samples.efficiency)
-    alone = (
-        {}
-        if len(parts) == 1
-        else {
-            name: precision(Problem(model, part), scaled, problem)[0]
-            for name, part in parts.items()
-        }
-    )
-    warnings = [*told, *findings(samples, model)]
-    provenance: dict[str, Any] = {
-        **origin("identify", samples, seed),
-        "objective": OBJECTIVES[formulation],
-        "objective_value": float(f"{value:.9g}"),
-        "fit_error": float(f"{fit_error:.6g}"),
-    }
-    if validation is not None:
-        held = Problem(model, validation)
-        predicted_there = held.predict(scaled)
-        if np.isfinite(predicted_there).any():
-            error = mean_error(predicted_there, validation.efficiency)
-            provenance["prediction_error"] = float(f"{error:.6g}")
-        provenance["validation_samples"] = len(validation)
-        if none := int(np.isnan(predicted_there).sum()):
-            provenance["validation_without_answer"] = none
-        warnings += unchecked(held, none, samples)
-    return Identification(
-        replace(model, provenance=provenance),
-        samples,
-        predicted - samples.efficiency,
-        fit_error,
-        provenance.get("prediction_error"),
-        value,
-        float(problem.objective(annealed.ends[0])),
-        OBJECTIVES[formulation],
-        (*annealed.history, value),
-        annealed.evaluations,
-        annealed.stop_reason,
-        seed,
-        tuple(warnings),
-        tuple(roots),
-        alone,
+        domain=Domain.of(problem.samples),
     )
 
 
-def origin(command: str, samples: BenchSamples, seed: int | None) -> dict[str, Any]:
-    """Say what made a model of which samples, and when, for its provenance."""
-    return {
-        "source": f"hmcvt {command}, version {__version__}",
-        "date": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "data": Path(samples.source).name,
-        "data_sha256": samples.sha256,
-        "samples": len(samples),
-        "seed": seed,
-    }
+def _errors_by_stage(
+    problem: Problem, scaled: Array, parts: Mapping[str, BenchSamples]
+) -> dict[str, dict[str, float]]:
+    """Standard errors that the samples of each stage would give by themselves."""
+    if len(parts) == 1:
+        return {}
+    errors = {}
+    for name, part in parts.items():
+        alone = replace(problem, samples=part)
+        errors[name] = precision(alone, scaled, problem)[0]
+    return errors
 
 
-def thinned(samples: BenchSamples) -> BenchSamples:
-    """As many samples as the annealing looks at, spread over the displacement ratio."""
-    if len(samples) <= _MOST_ANNEALED:
-        return samples
-    order = np.argsort(samples.displacement_ratio, kind="stable")
-    return samples.select(
-        order[np.linspace(0, len(order) - 1, _MOST_ANNEALED).astype(int)]
-    )
+def _predicted_holdout(
+    model: EfficiencyModel, scaled: Array, holdout: BenchSamples, fitted: BenchSamples
+) -> tuple[dict[str, Any], list[str]]:
+    """Predict samples held back: entries of the provenance, and sentences."""
+    predicted = Problem(model, holdout).predict(scaled)
+    entries: dict[str, Any] = {}
+    if np.isfinite(predicted).any():
+        error = mean_error(predicted, holdout.efficiency)
+        entries["prediction_error"] = float(f"{error:.6g}")
+    entries["validation_samples"] = len(holdout)
+    unanswered = int(np.isnan(predicted).sum())
+    if unanswered:
+        entries["validation_without_answer"] = unanswered
+    return entries, list(unchecked(model, holdout, unanswered, fitted))

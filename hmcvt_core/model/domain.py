@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""How far a model reaches: the region of its data, a prediction, a map."""
+"""Where the data of a model reach; a prediction, and a map of predictions."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..files import picture, plain
 from ..files.bench import BenchSamples
-from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Array
+from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Array, Range
 
 AXES = tuple(axis.name for axis in POINT_RANGES)
+"""Names of the coordinates of an operating point."""
+
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -39,15 +43,11 @@ class Domain:
     @classmethod
     def of(cls, samples: BenchSamples) -> Domain:
         """Return the smallest box that holds the samples."""
-        return cls(
-            *(
-                (
-                    float(getattr(samples, axis).min()),
-                    float(getattr(samples, axis).max()),
-                )
-                for axis in AXES
-            )
-        )
+        intervals = []
+        for axis in AXES:
+            values = getattr(samples, axis)
+            intervals.append((float(values.min()), float(values.max())))
+        return cls(*intervals)
 
     def contains(
         self,
@@ -55,42 +55,59 @@ class Domain:
         engine_speed: ArrayLike,
         load_torque: ArrayLike,
     ) -> NDArray[np.bool_]:
-        """Tell which points, of arrays that broadcast, lie inside."""
-        stroke, speed, load = map(
-            self.covers, AXES, (displacement_ratio, engine_speed, load_torque)
-        )
-        return stroke & speed & load
+        """Return which points lie inside.
+
+        Args:
+            displacement_ratio: [-]; broadcasts with the rest.
+            engine_speed: [rad/s].
+            load_torque: [N m].
+        """
+        stroke_inside = self.covers("displacement_ratio", displacement_ratio)
+        speed_inside = self.covers("engine_speed", engine_speed)
+        load_inside = self.covers("load_torque", load_torque)
+        return stroke_inside & speed_inside & load_inside
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which values of one axis lie inside; a rounding error outside counts as inside."""
+        """Return which values of one axis lie inside; a rounding error outside counts as inside."""
         low, high = getattr(self, axis)
-        slack = 1e-9 * max(abs(low), abs(high), 1.0)
+        slack = _ROUNDING * max(abs(low), abs(high), 1.0)
         array = np.asarray(values, dtype=float)
         return (array >= low - slack) & (array <= high + slack)
 
     def departures(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> list[str]:
-        """Say for each axis along which one point lies outside how far the data reach."""
+        """Return a sentence for each axis along which one point lies outside.
+
+        Args:
+            displacement_ratio: [-].
+            engine_speed: [rad/s].
+            load_torque: [N m].
+        """
         point = (displacement_ratio, engine_speed, load_torque)
-        said = []
+        sentences = []
         for axis, value in zip(POINT_RANGES, point, strict=True):
             if not self.covers(axis.name, value):
-                low, high = getattr(self, axis.name)
-                form = (
-                    ".9g" if low <= float(f"{value:.4g}") <= high else ".4g"
-                )  # just beyond
-                unit = "" if axis.unit == "-" else f" {axis.unit}"
-                turns = (
-                    f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
-                    if axis == ENGINE_SPEED
-                    else ""
-                )
-                said.append(
-                    f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to "
-                    f"{high:{form}}{unit}{turns}"
-                )
-        return said
+                sentences.append(self._departure(axis, value))
+        return sentences
+
+    def _departure(self, axis: Range, value: float) -> str:
+        low, high = getattr(self, axis.name)
+        # A value just beyond an end needs more digits to look different from it.
+        just_beyond = low <= float(f"{value:.4g}") <= high
+        form = ".9g" if just_beyond else ".4g"
+        unit = "" if axis.unit == "-" else f" {axis.unit}"
+        turns = ""
+        if axis == ENGINE_SPEED:
+            turns = f" ({low / RPM:.0f} to {high / RPM:.0f} r/min)"
+        return (
+            f"{axis.name} {value:{form}}{unit} is not in {low:{form}} to "
+            f"{high:{form}}{unit}{turns}"
+        )
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Return axis -> [low, high]."""
+        return self.to_mapping()
 
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""
@@ -115,6 +132,34 @@ class EfficiencyMap:
     efficiency: Array
     inside_domain: NDArray[np.bool_] | None = None
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the map as plain data for JSON; None where the model has no answer."""
+        return dict(plain(vars(self)))
+
+    def report(self) -> str:
+        """Return size and range of the map as text."""
+        shape = " x ".join(str(length) for length in self.efficiency.shape)
+        answered = self.efficiency[np.isfinite(self.efficiency)]
+        if not answered.size:
+            return f"efficiency map, {shape} points: no answer at any of them"
+        return (
+            f"efficiency map, {shape} points: {100 * answered.min():.1f} to "
+            f"{100 * answered.max():.1f} %, no answer at "
+            f"{self.efficiency.size - answered.size}"
+        )
+
+    def plot(self, load_torque: float | None = None, *, ax: Any = None) -> Any:
+        """Draw the efficiency over engine speed and displacement ratio.
+
+        Args:
+            load_torque: the nearest of the axis is drawn [N m]; the middle one when left out.
+            ax: matplotlib axes to draw on; a new figure when left out.
+
+        Returns:
+            The matplotlib figure.
+        """
+        return picture(self, load_torque, ax=ax)
+
 
 class Prediction(NamedTuple):
     """What the model says at operating points; floats, or arrays of one shape.
@@ -128,3 +173,16 @@ class Prediction(NamedTuple):
     efficiency: Any
     standard_error: Any
     inside_domain: Any
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the prediction as plain data for JSON; None where it is unknown."""
+        return dict(plain(self._asdict()))
+
+    def report(self) -> str:
+        """Return the prediction as text, one line for each point."""
+        columns = np.broadcast_arrays(*(np.atleast_1d(values) for values in self))
+        lines = []
+        for efficiency, error, inside in zip(*map(np.ravel, columns), strict=True):
+            reach = "within the data" if inside else "outside the data"
+            lines.append(f"{100 * efficiency:.2f} % +- {100 * error:.2f} %, {reach}")
+        return "\n".join(lines)

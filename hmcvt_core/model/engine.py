@@ -31,6 +31,8 @@ _UNITS = {
 }
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
+_GRAMS_PER_KWH = 3.6e9
+"""Fuel per energy: kg/J to g/kWh."""
 _HOLE = 0.5  # of the full-load torque: wider apart, two rows leave a hole
 
 
@@ -40,7 +42,7 @@ class Engine:
 
     Attributes:
         speed: shape (n,), rising [rad/s].
-        full_load: torque at full load there [N m].
+        full_load: torque at full load at these speeds, shape (n,) [N m].
         load: torque / full-load torque, shape (m,), from 0 to 1.
         fuel: shape (n, m) [kg/s].
     """
@@ -53,8 +55,8 @@ class Engine:
     def full_load_torque(self, engine_speed: ArrayLike) -> Any:
         """Highest torque at engine speeds [rad/s], as they are shaped [N m]; NaN beyond."""
         speed = np.asarray(engine_speed, dtype=float)
-        found = np.interp(speed, self.speed, self.full_load, left=np.nan, right=np.nan)
-        return found if np.ndim(found) else float(found)
+        torque = np.interp(speed, self.speed, self.full_load, left=np.nan, right=np.nan)
+        return torque if np.ndim(torque) else float(torque)
 
     def fuel_rate(self, engine_speed: ArrayLike, torque: ArrayLike) -> Any:
         """Fuel at engine speeds [rad/s] and torques [N m] that broadcast [kg/s].
@@ -65,10 +67,9 @@ class Engine:
         with np.errstate(invalid="ignore"):
             load = asked / self.full_load_torque(speed)
             known = (load >= 0.0) & (load <= 1.0 + 1e-12)
-        found = np.where(
-            known, self._surface.ev(speed, np.where(known, load, 0.0)), np.nan
-        )
-        return found if found.ndim else float(found)
+        fuel = self._surface.ev(speed, np.where(known, load, 0.0))
+        rate = np.where(known, fuel, np.nan)
+        return rate if rate.ndim else float(rate)
 
     @cached_property
     def _surface(self) -> Any:
@@ -88,13 +89,7 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
             rows leave a hole; file and row are named.
     """
-    table = Path(path)
-    if table.suffix.lower() in (".yaml", ".yml"):
-        with named(path):
-            data, tree = read_tree(path, SCHEMA)
-            require_known(tree, _KNOWN)
-            table = table.parent / str(Section(data).get("map"))
-    cells = read_plain(table)
+    cells = read_plain(_table_of(path))
     speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
     cells.require_range(speed, ENGINE_SPEED)
     cells.require_range(torque, _TORQUE)
@@ -109,31 +104,54 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     for value in speeds:
         rows = np.flatnonzero(speed == value)
         rows = rows[np.argsort(torque[rows], kind="stable")]
-        place = f"{cells.source}: row {cells.rows[rows[-1]]}: {value / RPM:.0f} r/min"
-        here, rates = torque[rows], fuel[rows]
-        if here[-1] > 0.0:
-            used = rates[-1] / (here[-1] * value) * 3.6e9
-            _SPECIFIC.check(used, place)
-        gaps = np.diff(here)
-        if (
-            len(rows) < 2
-            or (gaps <= 0.0).any()
-            or max(gaps.max(), here[0]) > _HOLE * here[-1]
-        ):
-            told = ", ".join(f"{each:g}" for each in here)
-            raise InputError(
-                f"{place}: torques {told} N m leave a hole: each speed needs rows "
-                "from low to full load, none twice and none further apart than "
-                f"{_HOLE:g} of full load"
-            )
-        if here[0] > 0.0:
-            idle = rates[0] - here[0] * (rates[1] - rates[0]) / gaps[0]
-            here, rates = np.append(0.0, here), np.append(max(idle, 0.0), rates)
-        curves.append((here, rates))
-    full = np.array([here[-1] for here, _ in curves])
-    load = np.unique(np.concatenate([here / here[-1] for here, _ in curves]).round(9))
-    grid = np.array([np.interp(load * here[-1], here, rates) for here, rates in curves])
-    return Engine(speeds, full, load, grid)
+        where = f"{cells.source}: row {cells.rows[rows[-1]]}: {value / RPM:.0f} r/min"
+        curves.append(_willans_line(torque[rows], fuel[rows], value, where))
+    full_load = np.array([torques[-1] for torques, _ in curves])
+    loads = np.concatenate([torques / torques[-1] for torques, _ in curves])
+    load = np.unique(loads.round(9))
+    grid = [np.interp(load * torques[-1], torques, rates) for torques, rates in curves]
+    return Engine(speeds, full_load, load, np.array(grid))
+
+
+def _table_of(path: str | os.PathLike[str]) -> Path:
+    """Return the table itself, or the one that a YAML file names."""
+    table = Path(path)
+    if table.suffix.lower() not in (".yaml", ".yml"):
+        return table
+    with named(path):
+        data, tree = read_tree(path, SCHEMA)
+        require_known(tree, _KNOWN)
+        return table.parent / str(Section(data).get("map"))
+
+
+def _willans_line(
+    torques: Array, rates: Array, speed: float, where: str
+) -> tuple[Array, Array]:
+    """Return torques from zero to full load, and the fuel at them.
+
+    Args:
+        torques: at one engine speed, rising [N m].
+        rates: fuel at them [kg/s].
+        speed: of the engine [rad/s].
+        where: file and row, for messages.
+    """
+    if torques[-1] > 0.0:
+        specific = rates[-1] / (torques[-1] * speed) * _GRAMS_PER_KWH
+        _SPECIFIC.check(specific, where)
+    gaps = np.diff(torques)
+    complete = len(torques) >= 2 and (gaps > 0.0).all()
+    if not complete or max(gaps.max(), torques[0]) > _HOLE * torques[-1]:
+        listed = ", ".join(f"{torque:g}" for torque in torques)
+        raise InputError(
+            f"{where}: torques {listed} N m leave a hole: each speed needs rows "
+            "from low to full load, none twice and none further apart than "
+            f"{_HOLE:g} of full load"
+        )
+    if torques[0] > 0.0:
+        idle = rates[0] - torques[0] * (rates[1] - rates[0]) / gaps[0]
+        torques = np.append(0.0, torques)
+        rates = np.append(max(idle, 0.0), rates)
+    return torques, rates
 
 
 def _column(cells: Table, quantity: str) -> Array:

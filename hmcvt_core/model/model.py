@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The efficiency model: what users hold in their hands."""
+"""The efficiency model: lookup, uncertainty, losses, optimum and map of a transmission."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,10 @@ from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
-from ..physics.published import PublishedSolver
+from ..physics.formulation import DRAGGED as DRAGGED
+from ..physics.formulation import FORMULATIONS as _FORMULATIONS
+from ..physics.formulation import STALLED as STALLED
+from ..physics.formulation import Formulation, Solver, formulation_named
 from ..physics.steady_state import Point
 from ..transmission import ranges
 from ..transmission.parameters import (
@@ -33,54 +36,55 @@ from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
 from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
+from .part_checks import require_effects, require_parameters, require_stages
 
 SCHEMA = "hmcvt-model/1"
-FORMULATIONS = ("power_balance", "published")
-_SLOW, _FAST = ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high
-_OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
+FORMULATIONS = tuple(_FORMULATIONS)
+"""Names of the formulations."""
 
-STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
-DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
 NO_OPTIMUM = (
     "formulation 'published' has no optimum: it has a pole, eq. (11), and "
     "peaks where eq. (8) alone sees no hydraulic power; take power_balance"
 )
-INCONSISTENT = (
-    "the published formulas contradict themselves here (pole of eq. (11), "
-    "or an efficiency outside 0 to 1)"
-)
+
+_SLOW, _FAST = ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high
+_OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
+_PHYSICS = ("formulation", "transmission", "effects")
+"""Keys of a parameter file that the fingerprint covers, besides the parameters."""
+_ERROR_STEP = 1e-3
+"""Step of a parameter, in its standard errors: within the linear range, also next to a bound."""
 
 
 @dataclass(frozen=True, eq=False)
 class EfficiencyModel:
     """Efficiency of one stage at any operating point, or of all stages of a transmission.
 
-    A model of several stages answers for `stage`, the first of its file; `stages` holds each as a
-    model of its own. They share pump and motor, and so the parameters.
+    Angular speeds are in rad/s, torques in N m; `load_torque` is referred to the engine shaft
+    (output power / engine speed). The methods take floats, or arrays and lists that broadcast, and
+    return floats for floats. Input outside the ranges of `hmcvt_core.transmission.ranges` raises
+    `InputError`. NaN means that the formulation has no answer at a permitted point; `refusal` says
+    why.
 
-    Angular speeds in rad/s, torques in N m; `load_torque` is referred to the engine shaft (output
-    power / engine speed). Every method takes floats or arrays that broadcast, and gives floats for
-    floats.
-
-    In a model of several stages `stage` names the one engaged, for each point or for all.
-
-    Input outside the ranges of `hmcvt_core.ranges` raises `InputError`. NaN means that the
-    formulation has no answer at a permitted point; `refusal` says why.
+    Several stages of one transmission share pump and motor, and so the parameters. With several,
+    `stage` names the one engaged, for each point or for all; `stages` holds each as a model.
 
     A model whose effects hold an error of a meter (component `sensor`) predicts what that bench
     reads: `efficiency`, `output_speed` and `predict`. Its optimum, map and breakdown are those of
-    the transmission, `without_meters()`, and so is what is served.
+    the transmission, `without_meters()`, and so is what the node serves.
 
     Attributes:
         stage: gear train and pump-motor pair.
-        other_stages: of the same transmission.
         parameters: the hydraulic parameters.
         formulation: `power_balance` (served) or `published` (the paper's formulas, guarded).
-        effects: what acts besides (power balance only).
+        effects: losses and errors that act besides (power balance only).
         standard_errors: of the parameters by name; empty when unknown.
         correlation: of the parameters, shape (3, 3), or None.
         domain: box of the identification data, or None.
         provenance: where the parameters come from.
+        other_stages: of the same transmission.
+
+    Raises:
+        InputError: an argument is of another type, or the formulation does not hold for the stage.
     """
 
     stage: Stage
@@ -94,27 +98,23 @@ class EfficiencyModel:
     other_stages: tuple[Stage, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.formulation not in FORMULATIONS:
-            raise InputError(
-                f"formulation = {self.formulation!r}; there is "
-                f"{', '.join(FORMULATIONS)}"
-            )
-        if self.formulation == "published" and (
-            self.stage.layout != "input_coupled" or self.stage.reverse
-        ):
-            raise InputError(
-                "the published formulas are of an input-coupled forward stage"
-            )
-        if self.effects and self.formulation != "power_balance":
-            raise InputError(
-                "effects act in the power balance only, "
-                f"not in formulation {self.formulation!r}"
-            )
+        require_stages([self.stage, *self.other_stages])
+        require_parameters(self.parameters)
+        require_effects(self.effects)
+        self._formulation.require_valid(self.stage, self.effects)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            item.name: getattr(self, item.name) for item in fields(self)
-        }  # no caches
+        # Without the caches.
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+    @property
+    def _formulation(self) -> Formulation:
+        return formulation_named(self.formulation)
+
+    @property
+    def states_errors(self) -> bool:
+        """Whether standard errors and correlation of the parameters are known."""
+        return bool(self.standard_errors) and self.correlation is not None
 
     @cached_property
     def stages(self) -> Mapping[str, EfficiencyModel]:
@@ -125,7 +125,11 @@ class EfficiencyModel:
         }
 
     def in_stage(self, name: str | None) -> EfficiencyModel:
-        """Return the model of one stage, itself for None; `InputError` where there is none such."""
+        """Return the model of one stage, or itself for None.
+
+        Raises:
+            InputError: the transmission has no such stage.
+        """
         if name is None:
             return self
         if name not in self.stages:
@@ -137,39 +141,60 @@ class EfficiencyModel:
 
     @cached_property
     def _at_point(self) -> Callable[[float, float, float], Point] | None:
-        return (
-            self._solver.at_point if isinstance(self._solver, BalanceSolver) else None
-        )
+        solver = self._solver
+        return solver.at_point if isinstance(solver, BalanceSolver) else None
 
     @cached_property
-    def _solver(self) -> BalanceSolver | PublishedSolver:
+    def _solver(self) -> Solver:
         return self._solver_of(self.parameters)
 
-    def _solver_of(self, parameters: Parameters) -> BalanceSolver | PublishedSolver:
-        return (
-            BalanceSolver(self.stage, parameters, self.effects)
-            if self.formulation == "power_balance"
-            else PublishedSolver(self.stage, parameters)
-        )
+    def _solver_of(self, parameters: Parameters) -> Solver:
+        return self._formulation.solver(self.stage, parameters, self.effects)
 
     def balance(self, refusal: str) -> BalanceSolver:
-        """What solves the power balance; an `InputError` with this text where `published` does."""
-        if isinstance(self._solver, PublishedSolver):
+        """Return the solver of the power balance.
+
+        Args:
+            refusal: text of the error.
+
+        Raises:
+            InputError: the formulation is another one.
+        """
+        solver = self._solver
+        if not isinstance(solver, BalanceSolver):
             raise InputError(refusal)
-        return self._solver
+        return solver
 
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
         physical = tuple(
             effect for effect in self.effects if effect.component != "sensor"
         )
-        return (
-            self
-            if len(physical) == len(self.effects)
-            else replace(self, effects=physical)
-        )
+        if len(physical) == len(self.effects):
+            return self
+        return replace(self, effects=physical)
 
     # --- values -------------------------------------------------------------------------------
+
+    @overload
+    def efficiency(
+        self,
+        displacement_ratio: float,
+        engine_speed: float,
+        load_torque: float,
+        oil_temperature: float | None = None,
+        stage: str | None = None,
+    ) -> float: ...
+
+    @overload
+    def efficiency(
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
+    ) -> Array: ...
 
     def efficiency(
         self,
@@ -179,10 +204,44 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
         stage: ArrayLike | None = None,
     ) -> Any:
-        """Efficiency that a bench reads [-]; see the class for units, shapes and errors."""
+        """Efficiency that a bench reads [-].
+
+        Args:
+            displacement_ratio: pump stroke [-].
+            engine_speed: [rad/s].
+            load_torque: output power / engine speed [N m].
+            oil_temperature: [deg C]; only effects read it.
+            stage: name of the stage engaged; needed where the model has several.
+
+        Returns:
+            A float for floats, else an array; NaN where the formulation has no answer.
+
+        Raises:
+            InputError: input is out of range, or several stages and none is named.
+        """
         return self._answer(
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage
         )[0]
+
+    @overload
+    def output_speed(
+        self,
+        displacement_ratio: float,
+        engine_speed: float,
+        load_torque: float,
+        oil_temperature: float | None = None,
+        stage: str | None = None,
+    ) -> float: ...
+
+    @overload
+    def output_speed(
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
+    ) -> Array: ...
 
     def output_speed(
         self,
@@ -192,89 +251,33 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
         stage: ArrayLike | None = None,
     ) -> Any:
-        """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5))."""
+        """Speed of the output shaft with slip [rad/s] (`published`: without slip, eq. (5)).
+
+        Arguments, shapes and errors are those of `efficiency`.
+        """
         return self._answer(
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage
         )[1]
 
-    def _answer(
+    @overload
+    def power_loss(
         self,
-        displacement_ratio: Any,
-        engine_speed: Any,
-        load_torque: Any,
-        oil_temperature: Any,
-        stage: Any,
-    ) -> Sequence[Any]:
-        # What a control loop asks for at every message, without the cost of arrays.
-        if (
-            oil_temperature is None
-            and stage is None
-            and type(displacement_ratio)
-            is type(engine_speed)
-            is type(load_torque)
-            is float
-            and -1.0 <= displacement_ratio <= 1.0
-            and _SLOW <= engine_speed <= _FAST
-            and _OVERRUN <= load_torque <= _PULL
-            and (at_point := self._at_point) is not None
-        ):
-            return at_point(displacement_ratio, engine_speed, load_torque)
-        points = OperatingPoints.checked(
-            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage
-        )
-        return [*map(_plain, self.solution_at(points))]
+        displacement_ratio: float,
+        engine_speed: float,
+        load_torque: float,
+        oil_temperature: float | None = None,
+        stage: str | None = None,
+    ) -> float: ...
 
-    def predict(
+    @overload
+    def power_loss(
         self,
         displacement_ratio: ArrayLike,
         engine_speed: ArrayLike,
         load_torque: ArrayLike,
         oil_temperature: ArrayLike | None = None,
         stage: ArrayLike | None = None,
-    ) -> Prediction:
-        """Efficiency with its standard error, and whether the point was covered by the data."""
-        point = displacement_ratio, engine_speed, load_torque
-        here, slopes = self.sensitivity(*point, oil_temperature, stage)
-        correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
-        variance = ((slopes @ correlation) * slopes).sum(axis=-1)
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing there.
-        error = np.where(
-            slopes.any(axis=-1), np.sqrt(np.maximum(variance, 0.0)), np.nan
-        )
-        inside = np.zeros(error.shape, dtype=bool)
-        if self.domain is not None:
-            inside = inside | self.domain.contains(*point)
-        return Prediction(*map(_plain, (here, error, inside)))
-
-    def sensitivity(self, *point: Any) -> tuple[Any, Array]:
-        """Efficiency, and its change by one standard error of each parameter, shape (..., 3).
-
-        The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
-        """
-        here = self.efficiency(*point)
-        slopes = np.empty((*np.shape(here), len(self._neighbours)))
-        for i, (steps, model) in enumerate(self._neighbours):
-            slopes[..., i] = (model.efficiency(*point) - here) * steps
-        return here, slopes
-
-    @cached_property
-    def _neighbours(self) -> list[tuple[float, EfficiencyModel]]:
-        """Models that are off by a step of one parameter, and its standard error in such steps."""
-        if not self.standard_errors or self.correlation is None:
-            return []
-        base = self.parameters.to_array()
-        errors = np.array(Candidates(**self.standard_errors))
-        # A step of a thousandth of the error stays in the linear range, also next to a bound.
-        steps = np.maximum(1e-3 * errors, 1e-6 * base + 1e-18)
-        steps = np.where(
-            base + steps <= [each.high for each in PARAMETER_RANGES], steps, -steps
-        )
-        return [
-            (count, replace(self, parameters=HydraulicParameters(*values)))
-            for count, values in zip(
-                (errors / steps).tolist(), (base + np.diag(steps)).tolist(), strict=True
-            )
-        ]
+    ) -> Array: ...
 
     def power_loss(
         self,
@@ -284,11 +287,105 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
         stage: ArrayLike | None = None,
     ) -> Any:
-        """Engine power less output power [W], at any load: zero and overrun (negative) included."""
+        """Engine power less output power [W], at any load: zero and overrun (negative) included.
+
+        Arguments, shapes and errors are those of `efficiency`.
+        """
         torque = self.without_meters()._answer(
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage
         )[2]
         return _plain(np.multiply(engine_speed, np.subtract(torque, load_torque)))
+
+    def _answer(
+        self,
+        displacement_ratio: Any,
+        engine_speed: Any,
+        load_torque: Any,
+        oil_temperature: Any,
+        stage: Any,
+    ) -> Sequence[Any]:
+        """Efficiency, output speed and engine torque."""
+        # A control loop asks for single points at every message, without the cost of arrays.
+        if (
+            oil_temperature is None
+            and stage is None
+            and not self.other_stages
+            and type(displacement_ratio)
+            is type(engine_speed)
+            is type(load_torque)
+            is float
+            and -1.0 <= displacement_ratio <= 1.0
+            and _SLOW <= engine_speed <= _FAST
+            and _OVERRUN <= load_torque <= _PULL
+        ):
+            at_point = self._at_point
+            if at_point is not None:
+                return at_point(displacement_ratio, engine_speed, load_torque)
+        self._require_stage(stage)
+        points = OperatingPoints.checked(
+            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage
+        )
+        return [_plain(values) for values in self.solution_at(points)]
+
+    def _require_stage(self, stage: ArrayLike | None) -> None:
+        if stage is None and self.other_stages:
+            raise InputError(
+                f"the model has the stages {', '.join(self.stages)}: name the one engaged "
+                "as stage=, or take its model from .stages"
+            )
+
+    def predict(
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
+    ) -> Prediction:
+        """Efficiency with its standard error, and whether the data covered the point.
+
+        Arguments, shapes and errors are those of `efficiency`.
+        """
+        point = (displacement_ratio, engine_speed, load_torque)
+        efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
+        correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
+        variance = ((slopes @ correlation) * slopes).sum(axis=-1)
+        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
+        depends = slopes.any(axis=-1)
+        error = np.where(depends, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        inside = np.zeros(error.shape, dtype=bool)
+        if self.domain is not None:
+            inside = inside | self.domain.contains(*point)
+        return Prediction(_plain(efficiency), _plain(error), _plain(inside))
+
+    def sensitivity(self, *point: Any) -> tuple[Any, Array]:
+        """Efficiency, and its change by one standard error of each parameter, shape (..., 3).
+
+        The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
+        """
+        efficiency = self.efficiency(*point)
+        slopes = np.empty((*np.shape(efficiency), len(self._neighbours)))
+        for i, (steps, model) in enumerate(self._neighbours):
+            slopes[..., i] = (model.efficiency(*point) - efficiency) * steps
+        return efficiency, slopes
+
+    @cached_property
+    def _neighbours(self) -> list[tuple[float, EfficiencyModel]]:
+        """Standard error of each parameter in steps, and the model one such step away."""
+        if not self.states_errors:
+            return []
+        base = self.parameters.to_array()
+        highest = [limits.high for limits in PARAMETER_RANGES]
+        errors = np.array(Candidates(**self.standard_errors))
+        steps = np.maximum(_ERROR_STEP * errors, 1e-6 * base + 1e-18)
+        steps = np.where(base + steps <= highest, steps, -steps)
+        neighbours = []
+        for i, count in enumerate((errors / steps).tolist()):
+            values = base.copy()
+            values[i] += steps[i]
+            parameters = HydraulicParameters(*values.tolist())
+            neighbours.append((count, replace(self, parameters=parameters)))
+        return neighbours
 
     def refusal(
         self,
@@ -298,15 +395,13 @@ class EfficiencyModel:
         oil_temperature: float | None = None,
         stage: str | None = None,
     ) -> str | None:
-        """Say why the model has no answer at a point, or None where it has one."""
+        """Return why the model has no answer at a point, or None where it has one."""
         efficiency, _, torque = self._answer(
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage
         )
         if np.isfinite(efficiency).all():
             return None
-        if self.formulation == "published":
-            return INCONSISTENT
-        return DRAGGED if np.isfinite(torque).all() else STALLED
+        return self._formulation.missing_answer(torque)
 
     def breakdown(
         self,
@@ -316,29 +411,24 @@ class EfficiencyModel:
         oil_temperature: ArrayLike | None = None,
         stage: str | None = None,
     ) -> Breakdown:
-        """Watts lost in each part.
+        """Watts lost in each part; arguments as of `efficiency`, of one stage.
 
         Raises:
-            InputError: the formulation is not `power_balance`.
+            InputError: as of `efficiency`, or the formulation is not `power_balance`.
         """
-        solver = (
-            self.without_meters()
-            .in_stage(stage)
-            .balance("a breakdown of watts needs formulation power_balance")
-        )
+        self._require_stage(stage)
+        model = self.without_meters().in_stage(stage)
+        solver = model.balance("a breakdown of watts needs formulation power_balance")
         points = OperatingPoints.checked(
             (displacement_ratio, engine_speed, load_torque), oil_temperature
         )
-        found = solver.breakdown(points.map(np.ravel))
-        into, out, *watts = (
-            _plain(values.reshape(points.engine_speed.shape))
-            for values in (
-                found.input_power,
-                found.output_power,
-                *found.losses.values(),
-            )
+        shape = points.engine_speed.shape
+        flat = solver.breakdown(points.map(np.ravel))
+        return Breakdown(
+            _plain(flat.input_power.reshape(shape)),
+            _plain(flat.output_power.reshape(shape)),
+            {part: _plain(watts.reshape(shape)) for part, watts in flat.losses.items()},
         )
-        return Breakdown(into, out, dict(zip(found.losses, watts, strict=True)))
 
     def optimal_displacement_ratio(
         self,
@@ -349,6 +439,7 @@ class EfficiencyModel:
         displacement_ratio: ArrayLike | None = None,
         output_speed: ArrayLike | None = None,
         engine_speed_limits: tuple[float, float] = ranges.ENGINE_SPEED_LIMITS,
+        stage: str | None = None,
     ) -> Optimum:
         """Displacement ratio (and engine speed) that wastes least.
 
@@ -357,18 +448,20 @@ class EfficiencyModel:
             load_torque: now, output power / engine speed [N m]; broadcasts with the rest.
             hold: `engine_speed`, or `output_speed` to look for the best pair (engine speed,
                 displacement ratio) that keeps output speed and output power.
-            displacement_ratio: now [-]; tells the output speed to hold when that is not given.
+            displacement_ratio: now [-]; gives the output speed to hold where that is left out.
             output_speed: to hold [rad/s].
             engine_speed_limits: lowest and highest engine speed allowed [rad/s].
+            stage: name of the stage engaged; needed where the model has several.
 
         Returns:
             The best point, NaN where the model has no answer anywhere on the line.
 
         Raises:
-            InputError: input out of range, `hold` unknown, nothing tells the output speed, or the
-                formulation is `published`, whose best point is one of its own making.
+            InputError: input is out of range, `hold` is unknown, the output speed to hold is not
+                given, or the formulation is `published`, whose peak is an artefact of eq. (8).
         """
-        model = self.without_meters()
+        self._require_stage(stage)
+        model = self.without_meters().in_stage(stage)
         return optimum(
             model.balance(NO_OPTIMUM),
             engine_speed,
@@ -392,8 +485,8 @@ class EfficiencyModel:
     ) -> DriveOptimum:
         """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`."""
         stages = {
-            name: each.balance(NO_OPTIMUM)
-            for name, each in self.without_meters().stages.items()
+            name: model.balance(NO_OPTIMUM)
+            for name, model in self.without_meters().stages.items()
         }
         return drive_optimum(
             stages,
@@ -411,8 +504,15 @@ class EfficiencyModel:
         displacement_ratios: ArrayLike,
         engine_speeds: ArrayLike,
         load_torques: ArrayLike,
+        stage: str | None = None,
     ) -> EfficiencyMap:
         """Efficiency on a grid.
+
+        Args:
+            displacement_ratios: axis, shape (a,) [-].
+            engine_speeds: axis, shape (b,) [rad/s].
+            load_torques: axis, shape (c,) [N m].
+            stage: name of the stage engaged; the first of the model when left out.
 
         Raises:
             InputError: an axis is empty, not of shape (n,) or out of range.
@@ -427,11 +527,12 @@ class EfficiencyModel:
                     f"map axis {name} has shape {axis.shape}; needs (n,) with n > 0"
                 )
         grid = np.meshgrid(*axes, indexing="ij", sparse=True)
+        model = self.without_meters().in_stage(stage or self.stage.name)
         return EfficiencyMap(
             axes[0],
             axes[1],
             axes[2],
-            self.without_meters().efficiency(*grid),
+            np.asarray(model.efficiency(*grid)),
             None if self.domain is None else self.domain.contains(*grid),
         )
 
@@ -439,9 +540,8 @@ class EfficiencyModel:
 
     def solution_at(self, points: OperatingPoints) -> Solution:
         """Efficiency, output speed and engine torque at checked points of one shape."""
-        return Solution(
-            *points.solved(lambda name, at: self.in_stage(name)._solver.solve(at))
-        )
+        rows = points.solved(lambda name, at: self.in_stage(name)._solver.solve(at))
+        return Solution(*rows)
 
     def readings_at(self, points: OperatingPoints) -> Array:
         """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
@@ -455,7 +555,7 @@ class EfficiencyModel:
         )
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
-        """Efficiency with other parameters than the model's own, for many candidates at once [-].
+        """Efficiency with the parameters of many candidates at once [-].
 
         Args:
             values: (leakage, f_m, f_p) of each candidate, shape (..., 3), SI units, unchecked.
@@ -467,14 +567,13 @@ class EfficiencyModel:
         rows = values.reshape(-1, values.shape[-1])
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
-            part = max(1, ranges.CHUNK // max(1, at.engine_speed.size))
-            solvers = (
-                self.in_stage(name)._solver_of(
-                    Candidates(*rows[i : i + part].T[:, :, None])
-                )
-                for i in range(0, len(rows), part)
-            )
-            return [np.concatenate([solver.solve(at).efficiency for solver in solvers])]
+            model = self.in_stage(name)
+            size = max(1, ranges.CHUNK // max(1, at.engine_speed.size))
+            parts = []
+            for i in range(0, len(rows), size):
+                candidates = Candidates(*rows[i : i + size].T[:, :, None])
+                parts.append(model._solver_of(candidates).solve(at).efficiency)
+            return [np.concatenate(parts)]
 
         return points.solved(solve)[0].reshape(*values.shape[:-1], -1)
 
@@ -500,32 +599,55 @@ class EfficiencyModel:
     @cached_property
     def fingerprint(self) -> str:
         """Twelve hexadecimal digits that change when the physics changes, not the provenance."""
-        physics = {
-            name: value
-            for name, value in self.to_mapping().items()
-            if name in ("formulation", "transmission", "effects")
-        }
+        data = self.to_mapping()
+        physics = {name: data[name] for name in data if name in _PHYSICS}
         physics["parameters"] = self.parameters.to_array().tolist()
         text = json.dumps(physics, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def plot_map(self, power: float = 40e3, samples: BenchSamples | None = None) -> Any:
-        """Return a matplotlib figure of the efficiency at an output power [W], tests marked."""
-        return picture(self, power, samples=samples)
+    def plot_map(
+        self,
+        power: float = 40e3,
+        samples: BenchSamples | None = None,
+        *,
+        stage: str | None = None,
+        ax: Any = None,
+    ) -> Any:
+        """Draw the efficiency at an output power over engine speed and speed ratio.
+
+        Args:
+            power: output power [W].
+            samples: bench tests to mark.
+            stage: name of the stage engaged; the first of the model when left out.
+            ax: matplotlib axes to draw on; a new figure when left out.
+
+        Returns:
+            The matplotlib figure.
+        """
+        model = self.in_stage(stage or self.stage.name)
+        return picture(model, power, samples=samples, ax=ax)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the efficiency at 40 kW, see `plot_map`."""
+        return self.plot_map(ax=ax)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as plain data for JSON; see `to_mapping`."""
+        return self.to_mapping()
+
+    def report(self) -> str:
+        """Return formulation, stages and parameters as text."""
+        lines = [f"{self.formulation}, stages: {', '.join(self.stages)}"]
+        for name, entry in self.parameters.to_mapping(self.standard_errors).items():
+            error = entry.get("standard_error")
+            spread = "" if error is None else f" +- {error:.2g}"
+            lines.append(f"  {name:<14} {entry['value']:.4g}{spread} {entry['unit']}")
+        for effect in self.effects:
+            lines.append(f"  effect {effect.name}")
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        values = self.parameters.to_mapping(self.standard_errors).items()
-        return preformatted(
-            "\n".join(
-                [
-                    self.formulation,
-                    *(
-                        f"  {name:<14} {entry['value']:.4g} {entry['unit']}"
-                        for name, entry in values
-                    ),
-                ]
-            )
-        )
+        return preformatted(self.report())
 
 
 def _plain(values: Any) -> Any:

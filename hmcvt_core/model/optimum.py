@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..files import plain
 from ..physics.balance import BalanceSolver
 from ..transmission import ranges
 from ..transmission.ranges import Array, OperatingPoints, Range
@@ -29,13 +30,15 @@ Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
-_SCAN, _ZOOMS = 65, 3
+_SCAN = 65  # points of a grid on one interval
+_ZOOMS = 3  # grids, each between the neighbours of the lowest point of the one before
 _SLIP = 0.5  # part of the kinematic ratio that a stage may lose, or gain in overrun
-_BESIDE = 1e-9  # part of the speed at which the motor rests
+_NEXT_TO_REST = 1e-9  # part of the speed at which the motor rests
 _EDGE = 1e-9  # of the stroke
-_CLOSE = 0.01  # of the best: stages that the first grid cannot tell apart
+_CLOSE = 0.01  # of the best: stages that the first grid does not separate
 _LIMIT_SLACK = 1e-5  # of the width between two limits
 _BINDS = 1e-3  # of the full load
+_TORQUE_STEP = 0.01  # of the engine torque: difference that gives fuel per loss
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _PARTS = 8  # of the strokes on either side of rest
 _START = 1e-3  # of a piece
@@ -48,10 +51,10 @@ class Optimum:
 
     Attributes:
         displacement_ratio: best pump stroke [-].
-        efficiency: there [-].
-        engine_speed: there [rad/s]; as given for hold="engine_speed".
-        load_torque: there, output power / engine speed [N m].
-        output_speed: there [rad/s].
+        efficiency: at the best point [-].
+        engine_speed: [rad/s]; as given for hold="engine_speed".
+        load_torque: output power / engine speed [N m].
+        output_speed: [rad/s].
         hold: what was held.
         limit: the limit that binds ("engine_speed low", "engine_speed high",
             "displacement_ratio low", "displacement_ratio high"), or None.
@@ -65,10 +68,34 @@ class Optimum:
     hold: str
     limit: Any
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the optimum as plain data for JSON; None where it is unknown."""
+        return dict(plain(vars(self)))
+
+    def report(self) -> str:
+        """Return the optimum as text, one line for each point."""
+        points = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(self.displacement_ratio, dtype=float)),
+            np.asarray(self.efficiency, dtype=float),
+            np.asarray(self.engine_speed, dtype=float),
+            np.asarray(self.load_torque, dtype=float),
+            np.asarray(self.limit, dtype=object),
+        )
+        lines = []
+        for stroke, efficiency, speed, load, limit in zip(
+            *map(np.ravel, points), strict=True
+        ):
+            bound = f", limited by {limit}" if limit else ""
+            lines.append(
+                f"displacement ratio {stroke:.4f} at {speed:.2f} rad/s and {load:.1f} N m: "
+                f"efficiency {100 * efficiency:.2f} %{bound}"
+            )
+        return "\n".join(lines)
+
 
 @dataclass(frozen=True)
 class DriveOptimum:
-    """The best working point of the drive line; NaN, and no stage, where there is none.
+    """The best working point of the drive line; NaN, and no stage, where nothing holds the demand.
 
     Attributes:
         stage: engaged; None where nothing holds the demand.
@@ -92,6 +119,25 @@ class DriveOptimum:
     fuel_rate: float = math.nan
     limit: str | None = None
     fuel_per_loss: float = math.nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the working point as plain data for JSON; None where it is unknown."""
+        return dict(plain(vars(self)))
+
+    def report(self) -> str:
+        """Return the working point as text."""
+        if self.stage is None:
+            return "no stage holds this output speed and power"
+        lines = [
+            f"stage {self.stage}, displacement ratio {self.displacement_ratio:.4f}",
+            f"engine {self.engine_speed:.2f} rad/s, {self.engine_torque:.1f} N m",
+            f"efficiency {100 * self.efficiency:.2f} %",
+        ]
+        if math.isfinite(self.fuel_rate):
+            lines.append(f"fuel {3600 * self.fuel_rate:.3f} kg/h")
+        if self.limit is not None:
+            lines.append(f"limited by {self.limit}")
+        return "\n".join(lines)
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
@@ -184,8 +230,9 @@ def _at_engine_speed(
 def _best_on_grid(solver: BalanceSolver, speed: float, torque: float) -> float:
     """Best displacement ratio at one engine speed and load torque; NaN where none will do."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
-    beside = speed * solver.mechanical_ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
-    rest, _ = solver.held(*np.broadcast_arrays(speed, beside, torque))
+    next_to_rest = np.array([1.0 - _NEXT_TO_REST, 1.0 + _NEXT_TO_REST])
+    output = speed * solver.mechanical_ratio * next_to_rest
+    rest, _ = solver.held(*np.broadcast_arrays(speed, output, torque))
     # Next to the stall a motor need not rest between the two.
     first, last = np.sort(np.clip(np.nan_to_num(rest), -1.0, 1.0)).tolist()
 
@@ -201,7 +248,8 @@ class Search:
     """Lowest cost on intervals: on a grid first, then ever closer to the lowest point of each.
 
     Attributes:
-        at, cost: the lowest point of all, and its cost; infinite where nothing is possible.
+        at: the lowest point of all.
+        cost: its cost; infinite where nothing is possible.
     """
 
     def __init__(
@@ -209,26 +257,28 @@ class Search:
     ) -> None:
         self._function = function
         self._low, self._high = np.array(intervals).T
-        self._ends = self._low, self._high
-        self.cost, self.at = math.inf, math.nan
+        self._ends = (self._low, self._high)
+        self.cost = math.inf
+        self.at = math.nan
         self.closer(1)
 
     def closer(self, times: int) -> Search:
-        """Look closer so many times; return the search itself."""
+        """Narrow the intervals a number of times; return the search itself."""
         for _ in range(times):
             low, high = self._ends
             step = (high - low) / (_SCAN - 1)
             grid = low[:, None] + step[:, None] * np.arange(_SCAN)
             cost = self._function(grid.ravel()).reshape(grid.shape)
-            lowest = np.arange(len(grid)), cost.argmin(axis=1)
-            at, least = grid[lowest], cost[lowest]
+            intervals = np.arange(len(grid))
+            lowest = cost.argmin(axis=1)
+            at = grid[intervals, lowest]
+            least = cost[intervals, lowest]
             self._ends = (
                 np.maximum(at - step, self._low),
                 np.minimum(at + step, self._high),
             )
-            self.cost, self.at = min(
-                [(self.cost, self.at), *zip(least.tolist(), at.tolist(), strict=True)]
-            )
+            candidates = list(zip(least.tolist(), at.tolist(), strict=True))
+            self.cost, self.at = min([(self.cost, self.at), *candidates])
         return self
 
 
@@ -241,15 +291,15 @@ def _best_stroke(
     """As `_best_on_grid`, in plain floats."""
 
     def value(way: float) -> float:
-        found = lookup(corner + reach * way * way, speed, torque)[0]
-        return found if found > 0.0 else 0.0  # NaN counts as lowest
+        efficiency = lookup(corner + reach * way * way, speed, torque)[0]
+        return efficiency if efficiency > 0.0 else 0.0  # NaN counts as lowest
 
     tops = []
     usual = solver.quadrant((-1 if solver.stage.reverse else 1, 1))
     low, high = (
         min(max(rest, -1.0), 1.0) for rest in usual.resting_ratios(torque / speed)
     )
-    # Between the two the whole flow leaks: the one next to no stroke is best there.
+    # Between the two the whole flow leaks: of these strokes the one next to zero is best.
     for corner, reach in ((low, -1.0 - low), (high, 1.0 - high)):
         top, way = max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1))
         tops.append((top, way, corner, reach))
@@ -323,36 +373,52 @@ class Line:
     def search(self, low: float, high: float) -> Search:
         """Search along engine speeds, on either side of that at which the motor rests.
 
-        There friction sets a step, and often a lowest point beside it.
+        Friction sets a step at that speed, and often a lowest point next to it.
         """
-        ratio, ends = self.solver.mechanical_ratio, [low, high]
-        if ratio:
-            rest = self.output_speed / ratio * np.array([1.0 - _BESIDE, 1.0 + _BESIDE])
-            ends = [low, *np.clip(rest, low, high).tolist(), high]
-        return Search(
-            self.cost,
-            [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b],
-        )
+        ratio = self.solver.mechanical_ratio
+        if not ratio:
+            return Search(self.cost, [(low, high)])
+        next_to_rest = np.array([1.0 - _NEXT_TO_REST, 1.0 + _NEXT_TO_REST])
+        rest = np.clip(self.output_speed / ratio * next_to_rest, low, high)
+        below, above = rest.tolist()
+        intervals = [(low, below), (above, high)]
+        return Search(self.cost, [(a, b) for a, b in intervals if a < b])
 
-    def told(self, stage: str, speed: float, low: float, high: float) -> DriveOptimum:
-        """Return the working point at an engine speed between two limits."""
-        stroke, torque = (column.item() for column in self.state(np.array([speed])))
-        load, fuel, per_loss = self.output_power / speed, math.nan, math.nan
-        limit = _limit("engine_speed", speed, low, high) or _limit(
-            "displacement_ratio", stroke, -1.0, 1.0
-        )
+    def at_speed(
+        self, stage: str, speed: float, low: float, high: float
+    ) -> DriveOptimum:
+        """Return the working point of a stage at an engine speed between two limits."""
+        strokes, torques = self.state(np.array([speed]))
+        stroke = float(strokes[0])
+        torque = float(torques[0])
+        load = self.output_power / speed
+        limit = _limit("engine_speed", speed, low, high)
+        if limit is None:
+            limit = _limit("displacement_ratio", stroke, -1.0, 1.0)
+        fuel = math.nan
         if self.engine is not None:
-            fuel, full = (
-                self.engine.fuel_rate(speed, torque),
-                self.engine.full_load_torque(speed),
-            )
-            below = self.engine.fuel_rate(speed, 0.99 * torque)
-            per_loss = (fuel - below) / (0.01 * torque * speed) if torque else math.nan
-            if torque > (1.0 - self.reserve - _BINDS) * full:
+            fuel = self.engine.fuel_rate(speed, torque)
+            full_load = self.engine.full_load_torque(speed)
+            if torque > (1.0 - self.reserve - _BINDS) * full_load:
                 limit = "full_load"
         return DriveOptimum(
-            stage, stroke, speed, load, load / torque, torque, fuel, limit, per_loss
+            stage=stage,
+            displacement_ratio=stroke,
+            engine_speed=speed,
+            load_torque=load,
+            efficiency=load / torque,
+            engine_torque=torque,
+            fuel_rate=fuel,
+            limit=limit,
+            fuel_per_loss=self._fuel_per_loss(speed, torque, fuel),
         )
+
+    def _fuel_per_loss(self, speed: float, torque: float, fuel: float) -> float:
+        """Fuel that a further watt costs [kg/J]; NaN without an engine or torque."""
+        if self.engine is None or not torque:
+            return math.nan
+        below = self.engine.fuel_rate(speed, (1.0 - _TORQUE_STEP) * torque)
+        return float((fuel - below) / (_TORQUE_STEP * torque * speed))
 
 
 def drive_optimum(
@@ -378,7 +444,7 @@ def drive_optimum(
         stage: engaged now, which is kept unless another saves more than the part `hysteresis`.
 
     Raises:
-        InputError: input out of range, or there is no such stage.
+        InputError: input is out of range, or the stage is not known.
     """
     held = float(ranges.OUTPUT_SPEED.check(abs(output_speed))) * math.copysign(
         1.0, output_speed
@@ -415,39 +481,36 @@ def _best(
     hysteresis: float = 0.0,
 ) -> DriveOptimum:
     """Best working point on the lines of several stages; see `drive_optimum`."""
-    found = {
+    searches = {
         name: line.search(low, high)
         for name, line in lines.items()
         if line.reaches(low, high)
     }
     close = _CLOSE
     for _ in range(_ZOOMS):
-        promising = min((each.cost for each in found.values()), default=math.inf) * (
-            1.0 + close
-        )
-        found = {
-            name: each.closer(1)
-            for name, each in found.items()
-            if math.isfinite(each.cost) and (each.cost <= promising or name == engaged)
-        }
+        lowest = min((search.cost for search in searches.values()), default=math.inf)
+        promising = lowest * (1.0 + close)
+        closer = {}
+        for name, search in searches.items():
+            in_reach = search.cost <= promising or name == engaged
+            if math.isfinite(search.cost) and in_reach:
+                closer[name] = search.closer(1)
+        searches = closer
         close *= 2.0 / (_SCAN - 1)
-    if not found:
+    if not searches:
         return DriveOptimum(None)
-    best = min(found, key=lambda name: found[name].cost)
-    if engaged in found and found[engaged].cost <= found[best].cost * (
-        1.0 + hysteresis
-    ):
-        best = str(engaged)
-    return lines[best].told(best, found[best].at, low, high)
+    best = min(searches, key=lambda name: searches[name].cost)
+    if engaged in searches:
+        kept = searches[engaged].cost <= searches[best].cost * (1.0 + hysteresis)
+        best = str(engaged) if kept else best
+    return lines[best].at_speed(best, searches[best].at, low, high)
 
 
 def _limit(name: str, value: float, low: float, high: float) -> str | None:
-    """Name the limit that binds, if one does."""
+    """Return the name of the limit that binds, if one does."""
     slack = _LIMIT_SLACK * (high - low)
-    return (
-        f"{name} low"
-        if value <= low + slack
-        else f"{name} high"
-        if value >= high - slack
-        else None
-    )
+    if value <= low + slack:
+        return f"{name} low"
+    if value >= high - slack:
+        return f"{name} high"
+    return None

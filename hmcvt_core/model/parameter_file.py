@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import free_name, write_atomically
+from ..files.checks import require_path
 from ..files.plain_yaml import named, read_tree, require_known
 from ..physics.effects import effect_from_mapping
 from ..transmission.mapping import Section, number, quantity
@@ -21,13 +22,15 @@ from ..transmission.parameters import (
     HydraulicParameters,
 )
 from ..transmission.stage import Stage, stages_from_mapping
+from .checks import require_model
 from .domain import AXES, Domain
 from .model import SCHEMA, EfficiencyModel
 
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
+_KIND_HINT = "bench samples are read by read_bench"
 _ROUNDED = 1e-5  # a matrix in a file has six digits
 
-# The keys that there are at each place; None where there may be any. "*" is every other name.
+# The keys of each section; None where any key may follow. "*" is every other name.
 _PATH = dict.fromkeys(("gear_pairs", "direction", "member"))
 _QUANTITY = dict.fromkeys(("value", "unit", "standard_error"))
 _GEAR_TRAIN = {
@@ -71,6 +74,7 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
         InputError: the file is missing, damaged, of another schema or version, or a field is
             missing, unknown or out of range; file and field are named.
     """
+    require_path(path, "path", "a parameter file", _KIND_HINT)
     with named(path):
         data, tree = read_tree(path, SCHEMA)
         stated = data.pop("checksum", None)
@@ -95,7 +99,10 @@ def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
     """
     import yaml
 
-    path, data = Path(path), model.to_mapping()
+    require_model(model)
+    require_path(path, "path", "a parameter file")
+    path = Path(path)
+    data = model.to_mapping()
     # Above all that can be cut off: a file that has lost its end has not lost its checksum.
     sealed = {"schema": data["schema"], "checksum": _checksum(data), **data}
     text = yaml.safe_dump(sealed, sort_keys=False, default_flow_style=None, width=96)
@@ -110,6 +117,7 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
     Raises:
         InputError: the file or a field is wrong; both are named.
     """
+    require_path(path, "path", "a transmission file")
     with named(path):
         data, tree = read_tree(path, TRANSMISSION_SCHEMA)
         stage = Stage.from_mapping(data, name)
@@ -120,13 +128,14 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
 def _holds(path: Path, model: EfficiencyModel) -> bool:
     """Whether a file holds the same, but for its date."""
     try:
-        there, here = (
-            {**each.to_mapping(), "provenance": {**each.provenance, "date": ""}}
-            for each in (load_model(path), model)
-        )
+        saved = load_model(path)
     except InputError:
         return False
-    return there == here
+    return _undated(saved) == _undated(model)
+
+
+def _undated(model: EfficiencyModel) -> dict[str, Any]:
+    return {**model.to_mapping(), "provenance": {**model.provenance, "date": ""}}
 
 
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
@@ -173,10 +182,11 @@ def _checksum(data: Mapping[str, Any]) -> str:
 def _domain(entry: Section) -> Domain:
     pairs = []
     for axis in AXES:
-        value, place = entry.data.get(axis), f"{entry.where}{axis}"
+        value = entry.data.get(axis)
+        field = f"{entry.where}{axis}"
         if not (isinstance(value, list) and len(value) == 2):
-            raise InputError(f"{place} = {value!r} is not [low, high]")
-        pairs.append((number(value[0], place), number(value[1], place)))
+            raise InputError(f"{field} = {value!r} is not [low, high]")
+        pairs.append((number(value[0], field), number(value[1], field)))
     return Domain(*pairs)
 
 

@@ -16,14 +16,16 @@ from ..diagnosis import Diagnosis, result, words
 from ..files import picture
 from ..files.atomic import write_atomically
 from ..identification import Identification
+from ..model.domain import EfficiencyMap
 from ..model.model import EfficiencyModel
 from ..transmission.parameters import PARAMETER_UNITS
 from . import figures
-from .pictures import draw_fit, draw_surface, drawn
+from .pictures import draw_fit, draw_map, draw_surface, drawn
 from .style import TEMPLATES, render
 
 # What `plot_map` and `plot` of these show.
 picture.register(EfficiencyModel, partial(drawn, draw_surface))
+picture.register(EfficiencyMap, partial(drawn, draw_map))
 picture.register(Identification, partial(drawn, draw_fit))
 picture.register(Diagnosis, partial(drawn, figures.draw_residuals))
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples
 from ..identification import Identification
-from ..model.domain import Domain
+from ..model.domain import Domain, EfficiencyMap
 from ..model.model import EfficiencyModel
 from ..model.optimum import DriveOptimum
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
@@ -74,8 +74,20 @@ def save(draw: Callable[..., None], path: str | os.PathLike[str], *shown: Any) -
     write_atomically(Path(path), content)
 
 
-def drawn(draw: Callable[..., None], *shown: Any, **options: Any) -> Any:
-    """Return a matplotlib figure that a notebook shows; `draw` takes an empty one first."""
+def drawn(
+    draw: Callable[..., None], *shown: Any, ax: Any = None, **options: Any
+) -> Any:
+    """Return a matplotlib figure that a notebook shows.
+
+    Args:
+        draw: takes an empty figure first, or `axes=` besides.
+        shown: what it draws.
+        ax: axes to draw on; a new figure when left out.
+        options: of `draw`.
+    """
+    if ax is not None:
+        draw(ax.figure, *shown, axes=ax, **options)
+        return ax.figure
     with styled(_SIZE) as figure:
         draw(figure, *shown, **options)
     figure._repr_png_ = lambda: to_png(figure, 80)
@@ -83,14 +95,22 @@ def drawn(draw: Callable[..., None], *shown: Any, **options: Any) -> Any:
 
 
 def draw_fit(
-    figure: Any, found: Identification, held_back: BenchSamples | None = None
+    figure: Any,
+    found: Identification,
+    held_back: BenchSamples | None = None,
+    axes: Any = None,
 ) -> None:
-    """Draw measured over predicted efficiency on an empty matplotlib figure.
+    """Draw measured over predicted efficiency, both with their uncertainty.
 
-    Both with their uncertainty; `held_back` are samples that the identification did not see.
+    Args:
+        figure: of matplotlib, empty without `axes`.
+        found: the identification.
+        held_back: samples that it did not see.
+        axes: to draw on; the whole figure when left out.
     """
-    figure.set_size_inches(7.6, 8.2)
-    axes = figure.subplots()
+    if axes is None:
+        figure.set_size_inches(7.6, 8.2)
+        axes = figure.subplots()
     sets = [("fitted", found.samples, "o", BLUE)]
     if held_back is not None:
         sets.append(("held back", held_back, "s", ORANGE))
@@ -151,6 +171,7 @@ def draw_surface(
     power: float,
     engine_speeds: tuple[float, float] = ENGINE_SPEED_LIMITS,
     samples: BenchSamples | None = None,
+    axes: Any = None,
 ) -> None:
     """Draw the efficiency at a load power over engine speed and transmission ratio.
 
@@ -160,8 +181,10 @@ def draw_surface(
         power: output power [W].
         engine_speeds: lowest and highest [rad/s].
         samples: bench tests to mark, each with measured - predicted in points.
+        axes: to draw on; the whole figure when left out.
     """
-    axes = figure.subplots()
+    if axes is None:
+        axes = figure.subplots()
     stroke, speed = np.meshgrid(
         np.linspace(-1.0, 1.0, _STROKES),
         np.linspace(*engine_speeds, _SPEEDS),
@@ -202,6 +225,41 @@ def draw_surface(
     axes.grid(False)
     figure.colorbar(filled, ax=axes, label="efficiency [%]", pad=0.02)
     axes.legend(loc="upper center", bbox_to_anchor=(0.55, -0.14), ncols=2)
+
+
+def draw_map(
+    figure: Any,
+    shown: EfficiencyMap,
+    load_torque: float | None = None,
+    axes: Any = None,
+) -> None:
+    """Draw a map of the efficiency over engine speed and displacement ratio.
+
+    Args:
+        figure: of matplotlib, empty without `axes`.
+        shown: the map.
+        load_torque: the nearest of its axis is drawn [N m]; the middle one when left out.
+        axes: to draw on; the whole figure when left out.
+    """
+    if axes is None:
+        axes = figure.subplots()
+    index = len(shown.load_torque) // 2
+    if load_torque is not None:
+        index = int(np.abs(shown.load_torque - load_torque).argmin())
+    colours = axes.pcolormesh(
+        shown.engine_speed / RPM,
+        shown.displacement_ratio,
+        np.ma.masked_invalid(100.0 * shown.efficiency[:, :, index]),
+        cmap="viridis",
+        shading="nearest",
+    )
+    axes.set(
+        xlabel="engine speed [r/min]",
+        ylabel="displacement ratio [-]",
+        title=f"Efficiency at {shown.load_torque[index]:g} N m",
+    )
+    axes.grid(False)
+    figure.colorbar(colours, ax=axes, label="efficiency [%]", pad=0.02)
 
 
 def draw_drive_line(

@@ -24,7 +24,8 @@ from pymoo.optimize import minimize
 
 from hmcvt_core.identification import identify
 from hmcvt_core.identification.annealing import Schedule, minimise, with_steps
-from hmcvt_core.identification.problem import Problem, hydraulic_roots, starting_points
+from hmcvt_core.identification.piecewise import hydraulic_roots, starting_points
+from hmcvt_core.identification.problem import Problem
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 
 from . import paper

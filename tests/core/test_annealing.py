@@ -161,7 +161,7 @@ def test_each_chain_cools_by_itself():
 @pytest.mark.parametrize(
     ("shrink", "last"),
     [
-        # After 38 steps of 0.7 the run is as cold as after 128.64 of 0.9 (log 0.7 / log 0.9 = 3.3853).
+        # log 0.7 / log 0.9 = 3.3853: 38 steps of 0.7 cool as much as 128.64 of 0.9.
         (with_temperature, 1.0 - 128.64 / 134),
         (with_steps, 1.0 - 38 / 134),
         (never, 1.0),
@@ -216,6 +216,49 @@ def test_worse_points_are_accepted_by_metropolis_rule(temperature):
     )
 
 
+def narrow_valley(points):
+    """Lowest at (0.3, -0.7): 0; a thousand times as long as wide, across the axes."""
+    along = points[:, 0] - 0.3 + points[:, 1] + 0.7
+    across = points[:, 0] - 0.3 - points[:, 1] - 0.7
+    return along**2 + 1e6 * across**2
+
+
+def test_rounds_follow_a_narrow_valley():
+    """Later rounds measure eq. (19) along the valley; one round gets stuck in its width."""
+    for seed in range(5):
+        rounds = Schedule(chains=40, moves=2, rounds=6)
+        found = minimise(narrow_valley, SQUARE, schedule=rounds, seed=seed)
+        assert found.value < 1e-6 and found.stop_reason == "cooled"
+        np.testing.assert_allclose(found.ends[0], (0.3, -0.7), atol=1e-3)
+        one = minimise(
+            narrow_valley, SQUARE, schedule=Schedule(chains=40, moves=6), seed=seed
+        )
+        assert one.value > 100.0 * found.value
+        assert (np.diff(found.history) <= 0.0).all()
+
+
+def test_rounds_stay_within_the_bounds():
+    asked = Recorder(lambda points: points.sum(axis=1))
+    found = minimise(asked, SQUARE, schedule=Schedule(chains=20, moves=2, rounds=4))
+    points = np.concatenate(asked.asked)
+    assert (np.abs(points) <= 2.0).all() and found.evaluations == len(points)
+    np.testing.assert_allclose(found.ends[0], (-2.0, -2.0), atol=1e-3)
+
+
+@pytest.mark.parametrize("value", [0.0, math.nan])
+def test_ends_that_span_no_domain_end_the_rounds(value):
+    found = minimise(
+        lambda points: np.full(len(points), value), SQUARE, schedule=Schedule(rounds=3)
+    )
+    assert found.stop_reason == "cooled" and len(found.history) == 39
+
+
+def test_threshold_stops_a_later_round():
+    schedule = Schedule(chains=10, moves=2, rounds=8, threshold=1e-12)
+    found = minimise(sphere, SQUARE, schedule=schedule)
+    assert found.stop_reason == "threshold" and found.value < 1e-12
+
+
 def test_bounds_reflect():
     low, high = np.zeros(1), np.ones(1)
     given = np.array([[-0.2], [0.3], [1.4], [2.3], [-1.1]])
@@ -250,6 +293,7 @@ def test_nan_is_infinitely_bad():
         ),
         ({"moves": 0}, "moves = 0 is not at least 1"),
         ({"chains": 0}, "chains = 0 is not at least 1"),
+        ({"rounds": 0}, "rounds = 0 is not at least 1"),
     ],
 )
 def test_schedule_is_checked(settings, message):

@@ -162,7 +162,8 @@ def test_bad_row_is_named(tmp_path, row, message):
         (HEADER, r"holds a header but no samples"),
         (
             "displacement_ratio,engine_speed,efficiency\n0.5,150,0.8",
-            r"row 1: column load_torque is missing; there is displacement_ratio, engine_speed, effici",
+            "row 1: column load_torque is missing; there is displacement_ratio, "
+            "engine_speed, effici",
         ),
         (
             f"{HEADER}\n-,rad/s,N m,-\n{GOOD}",

@@ -121,7 +121,8 @@ def test_changed_text_is_noticed(saved, old, new):
         (
             "  leakage: {",
             "  leakage: {vlaue: 1.0, ",
-            r"parameters\.leakage\.vlaue at line 4 is not known; there is value, unit, standard_error",
+            r"parameters\.leakage\.vlaue at line 4 is not known; "
+            "there is value, unit, standard_error",
         ),
         (
             "  leakage: {",

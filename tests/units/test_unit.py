@@ -20,7 +20,7 @@ from hmcvt_core.benches.unit import (
 from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
 from hmcvt_core.files import data_path
 from hmcvt_core.files.units import read_unit
-from hmcvt_core.identification.evidence import Prior
+from hmcvt_core.identification.prior import Prior
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping

@@ -1,0 +1,55 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Checks of the types that public functions are given, with errors that say what is wanted."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+
+
+def described(value: Any) -> str:
+    """Return what a value is, in words for an error message."""
+    name = type(value).__name__
+    if value is None:
+        return "None"
+    if isinstance(value, str):
+        return f"the text {value!r}"
+    if isinstance(value, os.PathLike):
+        return f"the path {os.fspath(value)!r}"
+    if is_dataframe(value):
+        return "a pandas DataFrame"
+    if isinstance(value, np.ndarray):
+        return f"a NumPy array of shape {value.shape}"
+    article = "an" if name[0] in "aeiouAEIOU" else "a"
+    return f"{article} {name}"
+
+
+def is_dataframe(value: Any) -> bool:
+    """Whether a value is a pandas DataFrame, without importing pandas."""
+    return type(value).__name__ == "DataFrame" and hasattr(value, "columns")
+
+
+def is_path(value: Any) -> bool:
+    """Whether a value names a file."""
+    return isinstance(value, (str, os.PathLike))
+
+
+def wrong_type(argument: str, wanted: str, given: Any, hint: str = "") -> InputError:
+    """Return the error for an argument of another type.
+
+    Args:
+        argument: name of the argument.
+        wanted: what it is to be, in words.
+        given: what it is.
+        hint: what to do instead, if known.
+    """
+    text = f"{argument}: {wanted} is wanted, not {described(given)}"
+    return InputError(f"{text}; {hint}" if hint else text)
+
+
+def require_path(value: Any, argument: str, wanted: str, hint: str = "") -> None:
+    """Raise an `InputError` where an argument is not the path of a file."""
+    if not is_path(value):
+        raise wrong_type(argument, f"the path of {wanted}", value, hint)

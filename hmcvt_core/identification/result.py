@@ -1,0 +1,208 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The outcome of an identification, as a model, as data and as text."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..files import picture, preformatted
+from ..files.bench import BenchSamples
+from ..model.model import EfficiencyModel
+from ..model.parameter_file import save_model
+from ..model.plausibility import gear_train_remarks
+from ..transmission.parameters import HydraulicParameters
+from ..transmission.ranges import Array
+from .piecewise import HydraulicRoots
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Outcome of an identification.
+
+    Attributes:
+        model: the identified model; carries errors, domain and provenance.
+        samples: those it was fitted to, without those set aside.
+        residuals: predicted - measured efficiency at them, shape (n,) [-].
+        fit_error: mean |predicted - measured| / measured over them [-].
+        prediction_error: the same over the samples held back at which the model has an answer, or
+            None.
+        objective: value reached; `objective_name` says of what.
+        annealing_objective: value that the annealing reached by itself, before the finish; NaN
+            where some sample had no answer there.
+        objective_name: what was minimised.
+        history: best objective after each temperature step, then after the finish.
+        evaluations: candidates evaluated by the annealing.
+        stop_reason: of the annealing.
+        seed: of the random numbers.
+        warnings: plain sentences on what the samples leave open.
+        roots: hydraulic efficiencies of part 1 by sample (`published` only).
+        alone: standard errors that the samples of each stage would give by themselves, by stage
+            and parameter; empty where all are of one.
+        set_aside: samples that disagree with the rest, from 1 in the order given.
+    """
+
+    model: EfficiencyModel
+    samples: BenchSamples
+    residuals: Array
+    fit_error: float
+    prediction_error: float | None
+    objective: float
+    annealing_objective: float
+    objective_name: str
+    history: tuple[float, ...]
+    evaluations: int
+    stop_reason: str
+    seed: int | None
+    warnings: tuple[str, ...]
+    roots: tuple[HydraulicRoots, ...] = ()
+    alone: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    set_aside: tuple[int, ...] = ()
+
+    @property
+    def parameters(self) -> HydraulicParameters:
+        """The identified parameters."""
+        return self.model.parameters
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard error of each parameter, in its unit."""
+        return dict(self.model.standard_errors)
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation of the parameters, shape (3, 3)."""
+        return np.asarray(self.model.correlation)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the parameter file, whole or not at all."""
+        save_model(self.model, path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the outcome as plain data for JSON."""
+        pairs = self.model.stage.gear_pairs
+        data: dict[str, Any] = {
+            "formulation": self.model.formulation,
+            "stage": self.model.stage.name,
+            "parameters": self.model.to_mapping()["parameters"],
+            "correlation": self.correlation.tolist(),
+            "samples": len(self.samples),
+            "fit_error": self.fit_error,
+            "prediction_error": self.prediction_error,
+            "objective": {"name": self.objective_name, "value": self.objective},
+            "annealing_objective": self.annealing_objective,
+            "evaluations": self.evaluations,
+            "stop_reason": self.stop_reason,
+            "seed": self.seed,
+            "set_aside": list(self.set_aside),
+            "residuals": self.residuals.tolist(),
+            "warnings": list(self.warnings),
+            "gear_efficiency": sorted({pair.efficiency for pair in pairs}),
+        }
+        if self.alone:
+            data["stages"] = {
+                name: {"standard_errors": dict(errors)}
+                for name, errors in self.alone.items()
+            }
+        return data
+
+    def plot(self, holdout: BenchSamples | None = None, *, ax: Any = None) -> Any:
+        """Draw measured over predicted efficiency.
+
+        Args:
+            holdout: samples held back, to draw besides.
+            ax: matplotlib axes to draw on; a new figure when left out.
+
+        Returns:
+            The matplotlib figure.
+        """
+        return picture(self, holdout, ax=ax)
+
+    def _repr_html_(self) -> str:
+        return preformatted(self.report())
+
+    def report(self, numbers: Sequence[int] | None = None) -> str:
+        """Return the outcome as text.
+
+        Args:
+            numbers: of the samples given, in their file; 1, 2, ... when left out.
+        """
+        # What questions the gear train questions all that follows.
+        first = gear_train_remarks(self.model, self.samples)
+        notes = [f"  note: {sentence}" for sentence in self.warnings[len(first) :]]
+        return "\n".join(
+            [*first, *self._result_lines(), *self._sample_lines(numbers), *notes]
+        )
+
+    def _result_lines(self) -> Iterator[str]:
+        model = self.model
+        names = f"stage {model.stage.name}"
+        if self.alone:
+            names = f"stages {', '.join(self.alone)}"
+        yield (
+            f"{model.formulation}, {names}: fitted to {len(self.samples)} "
+            f"samples, {self.objective_name} = {self.objective:.6g}"
+        )
+        yield (
+            f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
+            "search finished it)"
+        )
+        for name, entry in self.parameters.to_mapping(self.standard_errors).items():
+            yield (
+                f"  {name:<14} {entry['value']:10.4g} +- "
+                f"{entry['standard_error']:.2g} {entry['unit']}"
+            )
+        for stage, errors in self.alone.items():
+            spread = ", ".join(f"{error:.2g}" for error in errors.values())
+            yield f"  (samples of {stage} alone would leave standard errors of {spread})"
+        yield (
+            "  (leakage holds for a displacement of "
+            f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)"
+        )
+        yield from self._error_lines()
+
+    def _error_lines(self) -> Iterator[str]:
+        yield (
+            f"  error of the fit         {100 * self.fit_error:6.2f} % "
+            "(mean |predicted - measured| / measured)"
+        )
+        held_back = self.model.provenance.get("validation_samples")
+        if self.prediction_error is not None:
+            yield (
+                f"  error of the prediction  {100 * self.prediction_error:6.2f} % "
+                f"({held_back} samples held back)"
+            )
+        elif held_back is not None:
+            yield (
+                f"  error of the prediction  unknown: no answer at any of the {held_back} "
+                "samples held back"
+            )
+
+    def _sample_lines(self, numbers: Sequence[int] | None) -> Iterator[str]:
+        samples = self.samples
+        given = numbers or range(1, len(samples) + len(self.set_aside) + 1)
+        names: Sequence[object] = [
+            number
+            for position, number in enumerate(given, start=1)
+            if position not in self.set_aside
+        ]
+        head = "sample"
+        if "test" in samples.extra:
+            names = samples.extra["test"]
+            head = "test"
+        yield f"  {head:>6}  displacement  engine      load    measured  predicted"
+        yield "            ratio [-]  [rad/s]     [N m]         [-]        [-]"
+        for i, measured in enumerate(samples.efficiency):
+            yield (
+                f"  {names[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
+                f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
+                f"{measured:10.4f} {measured + self.residuals[i]:10.4f}"
+            )
+        doubled = sum(bool(entry.rejected) for entry in self.roots)
+        if doubled:
+            yield (
+                f"  {doubled} samples have a second root for eta_H, beyond the pole of "
+                "eq. (11); it was rejected"
+            )

@@ -1,0 +1,208 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which samples belong together: reweighted least trimmed squares.
+
+[Rousseeuw & Leroy 1987, Robust Regression and Outlier Detection, ch. 5]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.bench import BenchSamples
+from ..model.domain import AXES
+from ..transmission.parameters import PARAMETER_NAMES, SEARCH_BOUNDS, from_scaled
+from ..transmission.ranges import Array
+from . import annealing
+from .annealing import QUICK
+from .prior import Prior
+from .problem import Problem
+
+MEDIAN_TO_DEVIATION = 1.4826
+"""Median of absolute values to standard deviation, normal distribution."""
+
+Mask = NDArray[np.bool_]
+
+_SAME_POINT = 0.01
+"""Of the range of displacement ratio, speed or torque: nearer samples share an operating point."""
+_FALSE_ALARM = 0.01
+"""Share of campaigns in which an honest sample may be set aside, at most."""
+_SMALL_SAMPLE = 5.0
+"""Correction of the scatter for few samples, by Rousseeuw & Leroy: 1 + 5 / (n - p)."""
+_STARTS = 4
+_CONCENTRATIONS = 3
+_REWEIGHTINGS = 10
+_NO_ANSWER = 1e3  # residual
+_STEP = 1e-5  # of the differences, in terms of `Prior.root`
+_MOST_ANNEALED = 500
+"""Samples that an annealing looks at: it costs some 13,000 predictions of each."""
+
+
+def thinned(samples: BenchSamples) -> BenchSamples:
+    """As many samples as the annealing looks at, spread over the displacement ratio."""
+    if len(samples) <= _MOST_ANNEALED:
+        return samples
+    order = np.argsort(samples.displacement_ratio, kind="stable")
+    spread = np.linspace(0, len(order) - 1, _MOST_ANNEALED).astype(int)
+    return samples.select(order[spread])
+
+
+@dataclass(frozen=True, eq=False)
+class RobustProblem(Problem):
+    """Samples and the model in service; variables are changes of it in terms of `Prior.root`."""
+
+    @cached_property
+    def prior(self) -> Prior:
+        """What the model in service states."""
+        return Prior.of(self.model)
+
+    @cached_property
+    def point_numbers(self) -> NDArray[np.intp]:
+        """Number of the operating point of each sample, shape (n,)."""
+        columns = np.array([getattr(self.samples, axis) for axis in AXES])
+        size = np.array([1.0, *columns[1:].max(axis=1)])
+        cells = np.round(columns.T / (_SAME_POINT * size))
+        return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def votes(self) -> Array:
+        """Weight of each sample, shape (n,): those at one operating point have one vote."""
+        return 1.0 / np.bincount(self.point_numbers)[self.point_numbers]
+
+    def parameters(self, variables: Array) -> Array:
+        """Parameters in SI units of changes (..., 3)."""
+        return self.prior.parameters(variables)
+
+    def residuals(self, variables: Array) -> Array:
+        """(Predicted - measured) / deviation, shape (..., n); large where there is no answer."""
+        return np.nan_to_num(super().residuals(variables), nan=_NO_ANSWER)
+
+    def slopes(self, change: Array) -> Array:
+        """Derivatives of the residuals, shape (n, 3)."""
+        step = _STEP * np.eye(len(change))
+        residuals = self.residuals(np.vstack([change - step, change + step]))
+        below, above = np.split(residuals, 2)
+        return (above - below).T / (2.0 * _STEP)
+
+    def scatter(self, residuals: Array, weights: Array) -> Array:
+        """Standard deviation of residuals (..., n); the stated one counts as one residual."""
+        free = np.maximum(weights.sum(axis=-1) - len(PARAMETER_NAMES), 0.0)
+        return np.sqrt((1.0 + (weights * residuals**2).sum(axis=-1)) / (1.0 + free))
+
+    def least_squares(self, start: Array, weights: Array) -> Array:
+        """Weighted least squares with the prior: the change, shape (3,)."""
+        return self.nearest(start, weights, np.eye(len(start)), np.ones(len(start)))
+
+    def nearest(
+        self, start: Array, weights: Array, directions: Array, precision: Array
+    ) -> Array:
+        """Weighted least squares along some directions, each with a prior.
+
+        Args:
+            start: steps along them, shape (k,).
+            weights: of the squared residuals, shape (n,).
+            directions: columns, in terms of `Prior.root`, shape (3, k).
+            precision: of the prior of a step along each, shape (k,).
+
+        Returns:
+            The change, shape (3,).
+        """
+        from scipy.optimize import least_squares
+
+        weight_roots = np.sqrt(weights)
+        prior_roots = np.sqrt(precision)
+
+        def misses(steps: Array) -> Array:
+            residuals = self.residuals(directions @ steps)
+            return np.concatenate([weight_roots * residuals, prior_roots * steps])
+
+        def jacobian(steps: Array) -> Array:
+            slopes = weight_roots[:, None] * self.slopes(directions @ steps)
+            return np.vstack([slopes @ directions, np.diag(prior_roots)])
+
+        fit = least_squares(misses, start, jacobian, method="lm")
+        return np.asarray(directions @ fit.x)
+
+    def better_half(self, residuals: Array) -> Mask:
+        """Which samples (..., n) hold the least residuals and, just, the most of the votes."""
+        order = np.argsort(np.abs(residuals), axis=-1)
+        most = 0.5 * (self.votes.sum() + len(PARAMETER_NAMES) + 1.0)
+        before = np.cumsum(self.votes[order], axis=-1) - self.votes[order]
+        half = np.empty(order.shape, dtype=bool)
+        np.put_along_axis(half, order, before < most - 1e-9, axis=-1)
+        return half
+
+    def consensus(self, seed: int) -> tuple[Array, Mask]:
+        """Reweighted least trimmed squares.
+
+        Args:
+            seed: of the random numbers.
+
+        Returns:
+            The change that most samples agree on, shape (3,); which samples belong, shape (n,).
+        """
+        from scipy.stats import norm
+
+        change = self._least_trimmed_squares(seed)
+        residuals = self.residuals(change)
+        free = max(self.votes.sum() - len(change), 1.0)
+        largest = float(np.abs(residuals[self.better_half(residuals)]).max())
+        scatter = MEDIAN_TO_DEVIATION * (1.0 + _SMALL_SAMPLE / free) * largest
+        cutoff = float(norm.isf(0.5 * _FALSE_ALARM / len(residuals)))
+        belongs = np.abs(residuals) <= cutoff * scatter
+        for _ in range(_REWEIGHTINGS):
+            weights = self.votes * belongs
+            change = self.least_squares(change, weights / scatter**2)
+            residuals = self.residuals(change)
+            slopes = self.slopes(change) / scatter
+            scatter = float(self.scatter(residuals, weights))
+            leverage = _leverage(slopes, weights)
+            # The fit misses a sample that it has not seen by more than one that it has seen.
+            spread = scatter * np.sqrt(np.where(belongs, 1.0, 1.0 + leverage))
+            still_belongs = np.abs(residuals) <= cutoff * spread
+            settled = bool((still_belongs == belongs).all())
+            belongs = still_belongs
+            if settled:
+                break
+        return change, belongs
+
+    def _least_trimmed_squares(self, seed: int) -> Array:
+        """The change under which the better half of the samples has the least squares, (3,)."""
+        few = replace(self, samples=thinned(self.samples))
+
+        def trimmed_mean(changes: Array) -> Array:
+            residuals = few.residuals(changes)
+            half = few.votes * few.better_half(residuals)
+            return np.asarray((half * residuals**2).sum(axis=-1) / half.sum(axis=-1))
+
+        annealed = annealing.minimise(
+            lambda scaled: trimmed_mean(self.prior.change(from_scaled(scaled))),
+            SEARCH_BOUNDS,
+            schedule=QUICK,
+            seed=seed,
+        )
+        starts = self.prior.change(from_scaled(annealed.ends[:_STARTS]))
+        in_service = np.zeros(len(PARAMETER_NAMES))
+        fits = [few._concentrated(start) for start in (*starts, in_service)]
+        losses = [trimmed_mean(fit) for fit in fits]
+        return fits[int(np.argmin(losses))]
+
+    def _concentrated(self, change: Array) -> Array:
+        """Fit the better half of the samples, and again the better half under that fit."""
+        for _ in range(_CONCENTRATIONS):
+            residuals = self.residuals(change)
+            half = self.votes * self.better_half(residuals)
+            weights = half / self.scatter(residuals, half) ** 2
+            change = self.least_squares(change, weights)
+        return change
+
+
+def _leverage(slopes: Array, weights: Array) -> Array:
+    """Variance of the prediction at each sample, in terms of the scatter, shape (n,)."""
+    precision = np.eye(slopes.shape[1]) + (slopes.T * weights) @ slopes
+    return np.asarray(
+        np.einsum("ni,ij,nj->n", slopes, np.linalg.inv(precision), slopes)
+    )

@@ -1,0 +1,198 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Arguments of another type are refused with a line that says what is wanted."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+
+import hmcvt_core as hmcvt
+
+MODEL = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+SAMPLES = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
+FRAME = SAMPLES.to_dataframe()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: hmcvt.identify(FRAME),
+            r"samples: BenchSamples is wanted, not a pandas Da.*from_d",
+        ),
+        (
+            lambda: hmcvt.identify("bench.csv"),
+            r"not the text 'bench\.csv'; read them by read_bench",
+        ),
+        (
+            lambda: hmcvt.identify([0.1, 0.2]),
+            "samples: BenchSamples is wanted, not a list",
+        ),
+        (
+            lambda: hmcvt.identify(MODEL),
+            "an EfficiencyModel; are model and samples swapped",
+        ),
+        (
+            lambda: hmcvt.identify(SAMPLES, stage="HM3"),
+            "stage: a Stage is wanted, not the text 'HM3'",
+        ),
+        (lambda: hmcvt.identify(SAMPLES, stage=MODEL), "take its attribute stage"),
+        (
+            lambda: hmcvt.identify(SAMPLES, effects=["churning"]),
+            r"effects\[0\]: an Effect object is wa",
+        ),
+        (
+            lambda: hmcvt.identify(SAMPLES, effects="churning"),
+            "effects: a list of Effect objects is w",
+        ),
+        (
+            lambda: hmcvt.identify(SAMPLES, holdout=FRAME),
+            "holdout: BenchSamples is wanted",
+        ),
+        (
+            lambda: hmcvt.identify(SAMPLES, holdout=SAMPLES, validation=SAMPLES),
+            "one argument: give holdout",
+        ),
+        (
+            lambda: hmcvt.diagnose(SAMPLES, MODEL),
+            "model: an EfficiencyModel is wanted, not a Bench.*sw",
+        ),
+        (
+            lambda: hmcvt.diagnose(MODEL, FRAME),
+            "convert it by BenchSamples.from_dataframe",
+        ),
+        (lambda: hmcvt.diagnose("hm4.yaml", SAMPLES), "read it by load_model"),
+        (
+            lambda: hmcvt.diagnose(MODEL, SAMPLES, [1.0]),
+            "holdout: BenchSamples is wanted, not a list",
+        ),
+        (
+            lambda: hmcvt.next_test(SAMPLES, MODEL),
+            "model: an EfficiencyModel is wanted",
+        ),
+        (lambda: hmcvt.separable(MODEL, FRAME), "samples: BenchSamples is wanted"),
+        (lambda: hmcvt.watch(SAMPLES, MODEL), "model: an EfficiencyModel is wanted"),
+        (
+            lambda: hmcvt.load_model(MODEL),
+            "path: the path of a parameter file is wanted, not an Eff",
+        ),
+        (
+            lambda: hmcvt.read_bench(FRAME),
+            "path: the path of a bench file is wanted, not a pandas Da",
+        ),
+        (
+            lambda: hmcvt.write_bench(SAMPLES, "x.csv"),
+            r"the order is \(path, samples\)",
+        ),
+        (
+            lambda: hmcvt.save_model("x.yaml", MODEL),
+            "model: an EfficiencyModel is wanted",
+        ),
+        (lambda: hmcvt.BenchSamples.from_dataframe("x.csv"), "read it by read_bench"),
+        (
+            lambda: replace(MODEL, effects=("churning",)),
+            r"effects\[0\]: an Effect object",
+        ),
+        (
+            lambda: replace(MODEL, parameters=(1.0, 2.0)),
+            "HydraulicParameters is wanted, not a tuple",
+        ),
+        (
+            lambda: hmcvt.EfficiencyModel("HM4", MODEL.parameters),
+            r"stage\[0\]: a Stage is wanted",
+        ),
+    ],
+)
+def test_what_is_wanted_is_said(call, message):
+    with pytest.raises(hmcvt.InputError, match=message) as caught:
+        call()
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_dataframe_gives_the_samples_and_back():
+    again = hmcvt.BenchSamples.from_dataframe(FRAME)
+    assert again.columns.keys() == SAMPLES.columns.keys()
+    for name, values in SAMPLES.columns.items():
+        np.testing.assert_array_equal(again.columns[name], values)
+    assert again.extra == SAMPLES.extra
+    pd.testing.assert_frame_equal(again.to_dataframe(), FRAME)
+
+
+def test_a_dataframe_is_checked_as_a_file_is():
+    with pytest.raises(hmcvt.InputError, match="column load_torque is missing"):
+        hmcvt.BenchSamples.from_dataframe(FRAME.drop(columns="load_torque"))
+    with pytest.raises(hmcvt.InputError, match="column efficiency occurs twice"):
+        hmcvt.BenchSamples.from_dataframe(FRAME.assign(Efficiency=0.8))
+    with pytest.raises(hmcvt.InputError, match="a fraction, not percent"):
+        hmcvt.BenchSamples.from_dataframe(FRAME.assign(efficiency=80.0))
+    with pytest.raises(hmcvt.InputError, match=r"engine_speed = .* is not a number"):
+        hmcvt.BenchSamples.from_dataframe(FRAME.assign(engine_speed="fast"))
+
+
+def test_samples_name_their_stage():
+    assert SAMPLES.stage is None
+    staged = replace(SAMPLES, extra={"stage": ("HM4",) * len(SAMPLES)})
+    assert staged.stage.tolist() == ["HM4"] * len(SAMPLES)
+
+
+TRACTOR = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["efficiency", "output_speed", "power_loss", "predict", "refusal", "breakdown"],
+)
+@pytest.mark.parametrize("stroke", [0.3, [0.3, 0.5]])
+def test_several_stages_need_a_name(name, stroke):
+    with pytest.raises(
+        hmcvt.InputError, match=r"the model has the stages .*HM3.*: name the one"
+    ):
+        getattr(TRACTOR, name)(stroke, 150.0, 200.0)
+    alone = getattr(TRACTOR.stages["HM3"], name)(stroke, 150.0, 200.0)
+    named = getattr(TRACTOR, name)(stroke, 150.0, 200.0, stage="HM3")
+    np.testing.assert_equal(
+        vars(named) if name == "breakdown" else named,
+        vars(alone) if name == "breakdown" else alone,
+    )
+
+
+def test_optimum_of_several_stages_needs_a_name():
+    with pytest.raises(hmcvt.InputError, match="name the one engaged"):
+        TRACTOR.optimal_displacement_ratio(150.0, 200.0)
+    one = TRACTOR.stages["HM3"].optimal_displacement_ratio(150.0, 200.0)
+    assert TRACTOR.optimal_displacement_ratio(150.0, 200.0, stage="HM3") == one
+
+
+def test_map_of_a_named_stage():
+    axes = [[0.0, 0.5], [150.0], [200.0]]
+    named = TRACTOR.efficiency_map(*axes, stage="HM3").efficiency
+    alone = TRACTOR.stages["HM3"].efficiency_map(*axes).efficiency
+    np.testing.assert_array_equal(named, alone)
+
+
+def test_results_speak_one_grammar():
+    fit = hmcvt.identify(SAMPLES)
+    results = [
+        MODEL,
+        fit,
+        MODEL.efficiency_map([-0.5, 0.0, 0.5], [100.0, 150.0], [100.0, 200.0]),
+        MODEL.predict(0.3, 150.0, 200.0),
+        MODEL.optimal_displacement_ratio([100.0, 150.0], 200.0),
+        MODEL.optimal_drive(100.0, 2e4),
+    ]
+    for result in results:
+        assert isinstance(result.to_dict(), dict) and result.report()
+    for result in results[:3]:
+        figure, ax = plt.subplots()
+        assert result.plot(ax=ax) is figure and ax.get_title()
+        plt.close(figure)
+        assert result.plot().axes
+
+
+def test_lists_and_integers_are_numbers():
+    values = MODEL.efficiency([0, 0.5], 150, [200, 300])
+    assert values.shape == (2,)
+    assert values[0] == MODEL.efficiency(0.0, 150.0, 200.0)
+    assert isinstance(MODEL.efficiency(0.0, 150.0, 200.0), float)

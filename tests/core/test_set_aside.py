@@ -1,0 +1,99 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`identify` sets a sample aside that disagrees with the rest, and says so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cli.running import run
+
+import hmcvt_core as hmcvt
+
+TRUTH = hmcvt.HydraulicParameters(1.5e-11, 0.11, 0.105)
+NOISE = 0.006
+
+
+def campaign(stage, count=40, seed=0):
+    rng = np.random.default_rng(seed)
+    stroke = rng.uniform(-1.0, 1.0, count)
+    speed = rng.uniform(90.0, 225.0, count)
+    torque = rng.uniform(90.0, 550.0, count)
+    exact = hmcvt.EfficiencyModel(stage, TRUTH).efficiency(stroke, speed, torque)
+    return hmcvt.BenchSamples(
+        stroke, speed, torque, exact * (1.0 + NOISE * rng.standard_normal(count))
+    )
+
+
+def with_reading(samples, index, efficiency):
+    values = samples.efficiency.copy()
+    values[index] = efficiency
+    return replace(samples, efficiency=values)
+
+
+@pytest.mark.parametrize("reading", [0.57, 0.05, 0.98])
+def test_one_bad_sample_is_named_and_does_not_count(hm4, reading):
+    samples = campaign(hm4)
+    fit = hmcvt.identify(with_reading(samples, 7, reading))
+    assert fit.set_aside == (8,) and len(fit.samples) == 39
+    expected = samples.efficiency[7]
+    sentence = next(text for text in fit.warnings if "set aside" in text)
+    start = f"sample 8 is set aside: it reads {reading:g}, the rest of the samples say "
+    assert sentence.startswith(start)
+    assert float(sentence.removeprefix(start)) == pytest.approx(expected, abs=0.02)
+    assert any(text.startswith("with all 40 samples the fit") for text in fit.warnings)
+    rest = hmcvt.identify(samples.select(np.delete(np.arange(40), 7)))
+    np.testing.assert_allclose(
+        fit.parameters.to_array(), rest.parameters.to_array(), rtol=1e-6
+    )
+    assert fit.standard_errors == pytest.approx(rest.standard_errors, rel=1e-4)
+    assert fit.to_dict()["set_aside"] == [8]
+    assert "\n       8  " not in fit.report() and "\n       9  " in fit.report()
+
+
+def test_standard_errors_mean_what_they_say(hm4):
+    """Deviations from the truth, over 20 campaigns with a typo, are those stated."""
+    ratios = []
+    for seed in range(20):
+        fit = hmcvt.identify(with_reading(campaign(hm4, seed=seed), 3, 0.4))
+        assert 4 in fit.set_aside
+        errors = np.array(list(fit.standard_errors.values()))
+        ratios.append((fit.parameters.to_array() - TRUTH.to_array()) / errors)
+    assert 0.7 < np.std(ratios) < 1.3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_honest_samples_all_count(hm4, seed):
+    assert hmcvt.identify(campaign(hm4, seed=seed)).set_aside == ()
+
+
+def test_few_samples_all_count(table2, fitted):
+    assert fitted.set_aside == () and len(fitted.samples) == 5
+    assert hmcvt.identify(with_reading(table2.select(range(5)), 2, 0.5)).set_aside == ()
+
+
+def test_the_command_names_the_row(hm4, tmp_path):
+    """Case `identify_one_typo`: two digits swapped in one row."""
+    file = tmp_path / "bench.csv"
+    hmcvt.write_bench(file, with_reading(campaign(hm4), 7, 0.57))
+    text = run("identify", file).out
+    assert "note: row 9 (sample 8) is set aside: it reads 0.57, the rest" in text
+    data = run("identify", file, "--json").json
+    assert data["set_aside"] == [8]
+
+
+def test_stated_noise_is_the_deviation_of_the_samples(hm4, tmp_path):
+    samples = campaign(hm4)
+    stated = replace(samples, efficiency_std=np.full(len(samples), 0.02))
+    fit = hmcvt.identify(samples, noise=0.02)
+    assert fit.standard_errors == hmcvt.identify(stated).standard_errors
+    assert (
+        fit.standard_errors["leakage"]
+        > hmcvt.identify(samples).standard_errors["leakage"]
+    )
+    with pytest.raises(hmcvt.InputError, match=r"noise: efficiency_std = 2 is outside"):
+        hmcvt.identify(samples, noise=2.0)
+    file = tmp_path / "bench.csv"
+    hmcvt.write_bench(file, samples)
+    data = run("identify", file, "--noise", "0.02", "--json").json
+    entry = data["parameters"]["leakage"]
+    assert entry["standard_error"] == pytest.approx(fit.standard_errors["leakage"])
