@@ -20,7 +20,7 @@ from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.published import PublishedSolver
-from ..physics.steady_state import Point
+from ..physics.single_point import Point
 from ..transmission import ranges
 from ..transmission.parameters import (
     PARAMETER_RANGES,
