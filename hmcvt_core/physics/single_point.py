@@ -153,6 +153,8 @@ def _pump_on_row(
     mean, half = first.pump_gears
     standing, forward, sqrt = first.standing_ratio, first.flow_ratio, math.sqrt
     lowest, highest = standing_band(quadrant)
+    # Comparing members of an enumeration would take longer than the equations.
+    driving, driven, is_reversed = map(int, list(Regime)[:3])
 
     def constants(output: int) -> tuple[float, float, float, list[_RowConstants]]:
         chosen = quadrant(Senses(output))
@@ -193,18 +195,18 @@ def _pump_on_row(
                 middle = (level + flow * ratio + 0.5 * held * a * ratio) / square
                 inside = middle * middle - load / square
                 if not inside >= 0.0 or square <= 0.0:
-                    if regime == Regime.DRIVING:
+                    if regime == driving:
                         return NO_ANSWER
                     continue
                 output = middle + sqrt(inside) if load else 2.0 * middle
                 pressure = stiffness * (ratio * (a + c * output) - output / h)
-                if regime == Regime.DRIVING:
+                if regime == driving:
                     if motor * pressure > drag * output / h:
                         break
-                elif regime == Regime.DRIVEN:
+                elif regime == driven:
                     if pressure >= 0.0:
                         break
-                elif regime == Regime.REVERSED:
+                elif regime == is_reversed:
                     ideal = ratio * pressure
                     pump = ideal + friction * abs(ideal) + damping * (a + c * output)
                     if pump >= 0.0:

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..transmission.ranges import Array, OperatingPoints, Solution
-from .regimes import Quadrant, Regime, RegimeConstants
+from .regimes import Quadrant, Regime
 
 STANDING = math.ulp(0.0)
 """y of an output at rest without load: the smallest number, so that no torque is 0 / 0."""
+
+_DRIVEN_REGIMES = (Regime.DRIVEN, Regime.REVERSED, Regime.MOTORED)
 
 _MOTOR_AT_REST = 1e-14
 """x below which a motor rests but for rounding."""
@@ -115,63 +117,52 @@ class SteadyState(Quadrant):
         output = self.reflection * output_speed / engine_speed
         load = load_torque / engine_speed
         motor = (output - self.mechanical_ratio) / self.hydraulic_ratio  # (4)
-        pressure, ratio = self._held_in(Regime.DRIVING, output, load)
-        regime = np.full(np.shape(output), Regime.DRIVING)
+        pressure, ratio, square = self._held_in(Regime.DRIVING, output, load)
         if self.pump_on_row:
             is_driven = ~self.drives(pressure, output)
         else:
             is_driven = ~(motor > _MOTOR_AT_REST)
-        passed_on = is_driven
-        for lower in list(Regime)[Regime.DRIVEN : len(self.regimes)]:
-            if not passed_on.any():
+        is_lower = is_driven
+        for regime in _DRIVEN_REGIMES[: len(self.regimes) - 1]:
+            if not is_lower.any():
                 break
-            pressure_there, ratio_there = self._held_in(lower, output, load)
-            pressure = np.where(passed_on, pressure_there, pressure)
-            ratio = np.where(passed_on, ratio_there, ratio)
-            regime = np.where(passed_on, lower, regime)
-            if lower == Regime.DRIVEN:
+            lower = self._held_in(regime, output, load)
+            pressure = np.where(is_lower, lower[0], pressure)
+            ratio = np.where(is_lower, lower[1], ratio)
+            square = np.where(is_lower, lower[2], square)
+            if regime is Regime.DRIVEN:
                 holds = pressure >= 0.0
             else:
                 holds = self.pump_torque(ratio, output, pressure) >= 0.0
-            passed_on = passed_on & ~holds
-        keeps = (
-            self._square(regime, ratio, load) * output * output >= load
-        )  # the larger root
-        if not self.pump_on_row:
+            is_lower = is_lower & ~holds
+        keeps = square * output * output >= load  # the larger root
+        if self.pump_on_row:
+            keeps &= ~self.beyond_pole(ratio)
+        else:
             keeps &= ~is_driven | (load <= self.stall_load)
-        keeps &= ~self.beyond_pole(ratio)
         torque = self.engine_torque(ratio, output, load) * engine_speed
         return ratio / self.flow_ratio, np.where(keeps, torque, np.nan)
 
     def _held_in(
         self, regime: Regime, output: Array, load: Array
-    ) -> tuple[Array, Array]:
-        """Return pi and e that make an output speed in one regime."""
+    ) -> tuple[Array, Array, Any]:
+        """Return pi, e and A that make an output speed in one regime."""
         constants = self.regimes[regime]
         motor = (output - self.mechanical_ratio) / self.hydraulic_ratio
         pump = self.pump_speed(output)
         asked = load / output + constants.motor_drag * motor
         if not self.pump_on_row:
             pressure = asked / constants.motor
-        else:
-            # L / y = alpha M + rho P with e of (13) is a quadratic of pi.
-            brace = constants.brace * constants.pump
-            rest = asked - constants.brace_drag * pump
-            linear = constants.motor + brace * motor / pump
-            bend = 4.0 * brace * rest / (self.stiffness * pump)
-            pressure = 2.0 * rest / (linear + np.sqrt(linear * linear + bend))
-        return pressure, (motor + pressure / self.stiffness) / pump  # (13)
-
-    def _square(self, regime: Array, ratio: Array, load: Array) -> Any:
-        """Return A in the regime of each point."""
-        square: Any = np.nan
-        for number, constants in enumerate(self.regimes):
-            square = np.where(
-                regime == number, self._square_in(constants, ratio, load), square
+            return (
+                pressure,
+                (motor + pressure / self.stiffness) / pump,
+                constants.square,
             )
-        return square
-
-    def _square_in(self, constants: RegimeConstants, ratio: Array, load: Array) -> Any:
-        if not self.pump_on_row:
-            return constants.square
-        return self.quadratic(constants, ratio, load)[2]
+        # L / y = alpha M + rho P with e of (13) is a quadratic of pi.
+        brace = constants.brace * constants.pump
+        rest = asked - constants.brace_drag * pump
+        linear = constants.motor + brace * motor / pump
+        bend = 4.0 * brace * rest / (self.stiffness * pump)
+        pressure = 2.0 * rest / (linear + np.sqrt(linear * linear + bend))
+        ratio = (motor + pressure / self.stiffness) / pump  # (13)
+        return pressure, ratio, self.quadratic(constants, ratio, load)[2]
