@@ -40,6 +40,13 @@ _SLOW, _FAST = ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high
 _OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
+BEYOND_POLE = (
+    "the displacement ratio is beyond the pole of eq. (5): the row feeds more flow back to the "
+    "pump than the motor takes, and no speed settles"
+)
+SELF_LOCKING = (
+    "the stage is self-locking: without load no turning output balances its losses"
+)
 DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
 NO_OPTIMUM = (
     "formulation 'published' has no optimum: it has a pole, eq. (11), and "
@@ -304,9 +311,17 @@ class EfficiencyModel:
         )
         if np.isfinite(efficiency).all():
             return None
-        if self.formulation == "published":
+        if isinstance(self._solver, PublishedSolver):
             return INCONSISTENT
-        return DRAGGED if np.isfinite(torque).all() else STALLED
+        if np.isfinite(torque).all():
+            return DRAGGED
+        solver = self.in_stage(stage)._solver
+        if isinstance(solver, BalanceSolver):
+            if solver.beyond_pole(np.array(displacement_ratio)).any():
+                return BEYOND_POLE
+            if solver.stage.layout == "output_coupled" and load_torque == 0.0:
+                return SELF_LOCKING
+        return STALLED
 
     def breakdown(
         self,

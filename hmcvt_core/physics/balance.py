@@ -119,8 +119,17 @@ class BalanceSolver:
             return None
         lowest, highest = standing_band(self.quadrant)
         stroke = points.displacement_ratio
-        inside = (lowest <= stroke) & (stroke <= highest)
+        inside = (lowest <= stroke) & (stroke <= highest) & ~self.beyond_pole(stroke)
         return np.asarray(inside & (points.load_torque == 0.0))
+
+    def beyond_pole(self, displacement_ratio: Array) -> NDArray[np.bool_]:
+        """Return whether displacement ratios lie at or beyond the pole of eq. (5), shape (n,).
+
+        Only output-coupled stages have a pole: where the flow that the motor takes equals the flow
+        that the row feeds back to the pump.
+        """
+        first = self.quadrant(FORWARD_PULL)
+        return np.asarray(first.beyond_pole(first.flow_ratio * displacement_ratio))
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def readings(

@@ -179,14 +179,26 @@ class Shafts(SteadyState):
         return self._motor_on_row(ratio, load)
 
     def _motor_at_output(self, ratio: Array, load: Array) -> tuple[Array, Array, Array]:
-        first = self.output(ratio, load) * self.engine_speed / self.hydraulic_ratio
-        speed, pressure = self._settled(first, np.sign(first))
+        output = self.output(ratio, load)
+        first = output * self.engine_speed / self.hydraulic_ratio
+        pressure_unit = self.engine_speed / self.stage.pump_motor.motor_displacement
+        if self.effects:
+            speed, pressure = self._settled(first, np.sign(first))
+        else:
+            # The closed form is the answer unless the row turns the pump backward.
+            speed, pressure = first, self.pressure(ratio, output) * pressure_unit
+            backward = self.pump_speed(output) < 0.0
+            if backward.any():
+                iterated = self._settled(
+                    np.where(backward, first, np.nan), np.sign(first)
+                )
+                speed = np.where(backward, iterated[0], speed)
+                pressure = np.where(backward, iterated[1], pressure)
         if self.resting is not None:
             # The whole flow of the pump leaks while friction holds the output.
-            pumped = self.pressure(ratio, 0.0) * self.engine_speed
-            displacement = self.stage.pump_motor.motor_displacement
+            leaking = self.pressure(ratio, 0.0) * pressure_unit
             speed = np.where(self.resting, 0.0, speed)
-            pressure = np.where(self.resting, pumped / displacement, pressure)
+            pressure = np.where(self.resting, leaking, pressure)
         return speed, np.sign(speed), pressure
 
     def _motor_on_row(self, ratio: Array, load: Array) -> tuple[Array, Array, Array]:
@@ -365,6 +377,8 @@ class Shafts(SteadyState):
             motor = self._geared("motor", asked, speed, direction)
         torques["motor"] = motor
         answer = self._motor_pressure(motor[-1] + drag * direction, speed, direction)
+        if self.resting is not None:
+            answer = np.where(self.resting, pressure, answer)
         # What pump and motor share answers the pressure assumed: a step of Newton.
         pressure = pressure + (answer - pressure) / (1.0 - self._row_share(stroke))
         state = self._lagged(state._replace(pressure=self.sense * pressure))

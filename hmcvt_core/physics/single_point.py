@@ -211,10 +211,10 @@ def _pump_on_row(
                     pump = ideal + friction * abs(ideal) + damping * (a + c * output)
                     if pump >= 0.0:
                         break
+            if not load and output == 0.0:
+                output = STANDING
             if not output > 0.0:
-                if load or output != output:
-                    return NO_ANSWER
-                output = output or STANDING
+                return NO_ANSWER
         pump_speed = a + c * output
         if pump_speed < 0.0:
             return general(displacement_ratio, engine_speed, load_torque)

@@ -56,7 +56,9 @@ class SteadyState(Quadrant):
             return self.selected(driving, driven, self.mechanical_ratio, load)
         drives = self.drives(self.pressure(ratio, driving), driving)
         output = np.where(drives | np.isnan(driving), driving, driven)
-        return np.where(self.beyond_pole(ratio), np.nan, output)
+        # An output that turns the other way without load is no steady state.
+        turned_back = (load == 0.0) & (output < 0.0)
+        return np.where(self.beyond_pole(ratio) | turned_back, np.nan, output)
 
     def output_speeds(self, ratio: Array, load: Array) -> tuple[Array, Array]:
         """Return y while the motor drives, and while it is driven, valid or not."""
