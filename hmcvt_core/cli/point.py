@@ -11,8 +11,9 @@ from ..errors import HmcvtError
 from ..files.bench import read_bench
 from ..model.agreement import LOADS, mean_error, stage_of_each
 from ..model.engine import load_engine
-from ..model.model import DRAGGED, STALLED, EfficiencyModel
+from ..model.model import EfficiencyModel
 from ..model.optimum import HOLDS
+from ..physics.balance import DRAGGED
 from ..report.pictures import draw_losses, save
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
@@ -127,7 +128,7 @@ def breakdown(
     model = common.stage_from(params, stage).without_meters()
     point = point_from(given, model)
     refusal = model.refusal(*point)
-    if refusal == STALLED:
+    if refusal not in (None, DRAGGED):
         raise HmcvtError(f"no breakdown at this point: {refusal}")
     found = model.breakdown(*point)
     common.note_oil_temperature(model, point.oil_temperature)

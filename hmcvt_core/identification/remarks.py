@@ -107,7 +107,7 @@ def unchecked(
     """
     count = len(held_back)
     if unanswered:
-        reason = FORMULATIONS[model.formulation].missing_answer(np.nan)
+        reason = FORMULATIONS[model.formulation].no_answer
         yield (
             f"the model has no answer at {unanswered} of {count} samples held back, which "
             f"the error of the prediction leaves out: {reason}"

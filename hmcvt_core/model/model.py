@@ -19,11 +19,9 @@ from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver, Breakdown
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
-from ..physics.formulation import DRAGGED as DRAGGED
 from ..physics.formulation import FORMULATIONS as _FORMULATIONS
-from ..physics.formulation import STALLED as STALLED
 from ..physics.formulation import Formulation, Solver, formulation_named
-from ..physics.steady_state import Point
+from ..physics.single_point import Point
 from ..transmission import ranges
 from ..transmission.parameters import (
     PARAMETER_RANGES,
@@ -401,7 +399,8 @@ class EfficiencyModel:
         )
         if np.isfinite(efficiency).all():
             return None
-        return self._formulation.missing_answer(torque)
+        solver = self.in_stage(stage)._solver
+        return solver.refusal(displacement_ratio, load_torque, torque)
 
     def breakdown(
         self,

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..files import plain
 from ..physics.balance import BalanceSolver
+from ..physics.regimes import Senses
 from ..transmission import ranges
 from ..transmission.ranges import Array, OperatingPoints, Range
 from ..transmission.stage import speed_ratio
@@ -295,7 +296,7 @@ def _best_stroke(
         return efficiency if efficiency > 0.0 else 0.0  # NaN counts as lowest
 
     tops = []
-    usual = solver.quadrant((-1 if solver.stage.reverse else 1, 1))
+    usual = solver.quadrant(Senses(-1 if solver.stage.reverse else 1, 1))
     low, high = (
         min(max(rest, -1.0), 1.0) for rest in usual.resting_ratios(torque / speed)
     )
@@ -342,7 +343,7 @@ class Line:
             speed,
             np.full_like(speed, self.output_speed),
             self.output_power / speed,
-            ways=(1 if self.output_speed > 0.0 else -1, 1),
+            senses=Senses(1 if self.output_speed > 0.0 else -1, 1),
         )
         within = np.fmin(np.fmax(stroke, -1.0), 1.0)
         return within, np.where(np.abs(stroke - within) < _EDGE, torque, np.nan)

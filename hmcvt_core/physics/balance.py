@@ -1,21 +1,35 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What answers at many points: the balance without effects, and with them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
-from .effects.base import Effect
+from .effects.base import Effect, ShaftState
+from .regimes import FORWARD_PULL, Senses, sign
 from .shafts import PowerFlow, Shafts
-from .steady_state import Point, Quadrant, Ways, at_point, sign
+from .single_point import Point, PointSolver, point_solver, standing_band
+from .steady_state import SteadyState
 
-_HELD = 1e-6  # of the output speed
+STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
+BEYOND_POLE = (
+    "the displacement ratio is beyond the pole of eq. (5): the row feeds more flow back to the "
+    "pump than the motor takes, and no speed settles"
+)
+SELF_LOCKING = (
+    "the stage is self-locking: without load no turning output balances its losses"
+)
+DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
+
+_HELD = 1e-6
+"""Relative difference of the output speed up to which a search holds it."""
 
 
 @dataclass(frozen=True)
@@ -36,47 +50,126 @@ class Breakdown:
 
 
 class BalanceSolver:
-    """The steady state at points of shape (n,); parameters of shape (..., 1) give (..., n).
+    """The steady state of a stage at points of shape (n,).
 
-    Effects act each at its own place; without any the state has a closed form.
+    Without effects the state has a closed form, except where the row turns the pump backward; with
+    effects, each at its own place, it is found by iteration.
+
+    Args:
+        stage: of any layout.
+        parameters: of the units; parameters of shape (..., 1) give results of shape (..., n).
+        effects: what acts besides.
     """
 
     def __init__(
         self, stage: Stage, parameters: Parameters, effects: Sequence[Effect] = ()
     ) -> None:
-        self.stage, self._parameters, self._effects = stage, parameters, tuple(effects)
-        self._quadrants: dict[Ways, Quadrant] = {}
+        self.stage = stage
         self.mechanical_ratio = stage.mechanical_speed_ratio
+        self._parameters = parameters
+        self._effects = tuple(effects)
+        self._quadrants: dict[Senses, SteadyState] = {}
 
     @cached_property
-    def at_point(self) -> Callable[[float, float, float], Point] | None:
+    def at_point(self) -> PointSolver | None:
         """What solves single points in a microsecond; None with effects."""
-        return None if self._effects else at_point(self.quadrant)
+        if self._effects:
+            return None
+        return point_solver(self.quadrant, self._general_at_point)
+
+    def _general_at_point(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> Point:
+        points = OperatingPoints(
+            *np.array([[displacement_ratio], [engine_speed], [load_torque]])
+        )
+        solution = self.solve(points)
+        efficiency, output_speed, engine_torque = (float(row[0]) for row in solution)
+        return efficiency, output_speed, engine_torque
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Solution:
-        """Efficiency, output speed and engine torque as read; NaN where no load is carried."""
-        if not self._effects:
-            return self.quadrant(self.ways(points)).solve(points)
+        """Return efficiency, output speed and engine torque as read; NaN is no answer."""
+        if self._effects:
+            return self._iterated(points)
+        senses = self.senses(points)
+        solution = self.quadrant(senses).solve(points, self._resting(points))
+        if self.stage.layout != "output_coupled":
+            return solution
+        return self._with_backward_pump(points, solution)
+
+    def _iterated(self, points: OperatingPoints) -> Solution:
         efficiency, speed, _, torque = self.readings(points)
         return Solution(efficiency, speed, torque)
 
+    def _with_backward_pump(
+        self, points: OperatingPoints, solution: Solution
+    ) -> Solution:
+        """Solve anew where the row turns the pump backward: its signs are not the closed form's."""
+        engine_share, output_share = self.stage.pump_speed_ratios
+        pump_speed = (
+            engine_share * points.engine_speed + output_share * solution.output_speed
+        )
+        backward = pump_speed < 0.0
+        if (
+            not backward.any() or backward.ndim > 1
+        ):  # candidates are fitted to no overrun
+            return solution
+        iterated = self._iterated(points.map(lambda values: values[backward]))
+        renewed = [row.copy() for row in solution]
+        for row, values in zip(renewed, iterated, strict=True):
+            row[backward] = values
+        return Solution(*renewed)
+
+    def _resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
+        """Where friction holds the output without load: output-coupled, close to standstill."""
+        if self.stage.layout != "output_coupled" or points.load_torque.all():
+            return None
+        if np.ndim(self._parameters.motor_damping) > 0:
+            return None
+        lowest, highest = standing_band(self.quadrant)
+        stroke = points.displacement_ratio
+        inside = (lowest <= stroke) & (stroke <= highest) & ~self.beyond_pole(stroke)
+        return np.asarray(inside & (points.load_torque == 0.0))
+
+    def beyond_pole(self, displacement_ratio: Array) -> NDArray[np.bool_]:
+        """Return whether displacement ratios lie at or beyond the pole of eq. (5), shape (n,).
+
+        Only output-coupled stages have a pole: where the flow that the motor takes equals the flow
+        that the row feeds back to the pump.
+        """
+        first = self.quadrant(FORWARD_PULL)
+        return np.asarray(first.beyond_pole(first.flow_ratio * displacement_ratio))
+
+    def refusal(
+        self, displacement_ratio: float, load_torque: float, engine_torque: float
+    ) -> str:
+        """Return why there is no efficiency at a point with this engine torque [N m]."""
+        if np.isfinite(engine_torque).all():
+            return DRAGGED
+        if self.beyond_pole(np.asarray(displacement_ratio)).any():
+            return BEYOND_POLE
+        if self.stage.layout == "output_coupled" and load_torque == 0.0:
+            return SELF_LOCKING
+        return STALLED
+
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def readings(
-        self, points: OperatingPoints, ways: Ways | None = None
+        self, points: OperatingPoints, senses: Senses | None = None
     ) -> tuple[Array, ...]:
-        """Efficiency [-], output speed [rad/s], pressure [Pa] and engine torque [N m] as read.
+        """Return what a bench reads, four arrays of shape (n,).
 
-        The pressure is the difference over the motor, eq. (14).
+        Efficiency [-], output speed [rad/s], pressure [Pa] and engine torque [N m]. The pressure
+        is the difference over the motor, eq. (14).
         """
-        shafts, flow = self.flow(points, ways)
-        state, torque = flow.state, flow.engine_power / points.engine_speed
+        shafts, flow = self.flow(points, senses)
+        state = flow.state
         efficiency, speed, torque = Solution.of(
             state.load_power / points.engine_speed,
-            torque,
+            flow.engine_power / points.engine_speed,
             shafts.reflection * flow.output_speed,
         )
-        pressure = shafts.turning * state.pressure
+        pressure = shafts.senses.output * state.pressure
         # Of powers, not of meters: an effect on a meter comes after.
         for effect in self._effects:
             efficiency = effect.reading(efficiency, state)
@@ -86,121 +179,168 @@ class BalanceSolver:
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(
-        self, points: OperatingPoints, ways: Ways | None = None
+        self, points: OperatingPoints, senses: Senses | None = None
     ) -> tuple[Shafts, PowerFlow]:
-        """Constants and power flow at points; NaN where there is none."""
+        """Return constants and power flow at points; NaN where there is none."""
         shafts = Shafts(
             self.stage,
             self._parameters,
             self._effects,
             points,
-            ways or self.ways(points),
+            senses or self.senses(points),
+            self._resting(points),
         )
         return shafts, shafts.power_flow()
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def breakdown(self, points: OperatingPoints) -> Breakdown:
         """Share the lost power among the parts that take it."""
-        stage, (shafts, flow) = self.stage, self.flow(points)
-        state, units, given = flow.state, stage.pump_motor, shafts.given
-        delivered = (
-            units.pump_displacement * state.displacement_ratio * state.pump_speed
-        )
+        shafts, flow = self.flow(points)
+        losses = self._unit_losses(shafts, flow)
+        speeds = {
+            # Torques of output and motor are reflected, speeds are not.
+            "output": flow.output_speed,
+            "motor": shafts.sense * flow.state.motor_speed,
+            "mechanical": flow.state.engine_speed,
+            "pump": flow.state.pump_speed,
+        }
+        for name, watts in self._gear_losses(flow, speeds):
+            # A pair that serves two paths loses on both.
+            losses[name] = losses.get(name, 0.0) + watts
+        if self.stage.has_row:
+            losses["planetary_row"] = _row_loss(shafts, flow, speeds)
+        for effect in self._effects:
+            watts = _drag_loss(effect, flow.state)
+            losses[effect.name] = losses.get(effect.name, 0.0) + watts
+        optional = {"pressure_drop", *(effect.name for effect in self._effects)}
+        shown = {
+            name: watts
+            for name, watts in losses.items()
+            if name not in optional or watts.any()
+        }
+        return Breakdown(np.asarray(flow.engine_power), flow.output_power, shown)
+
+    def _unit_losses(self, shafts: Shafts, flow: PowerFlow) -> dict[str, Array]:
+        """Losses of pump and motor and of the lines between them [W]."""
+        units, state, given = self.stage.pump_motor, flow.state, shafts.given
+        stroke_volume = units.pump_displacement * state.displacement_ratio
+        delivered = stroke_volume * state.pump_speed
         taken = units.motor_displacement * state.motor_speed
-        losses = {
+        pump_friction = np.abs(flow.pump_pressure * delivered)
+        return {
             # What leaks does so at the pressure of the motor, eq. (13), as if behind the lines.
             "leakage": state.pressure * (delivered - taken),
             "pump_damping": given.pump_damping * state.pump_speed**2,
-            "pump_friction": units.pump_friction
-            * np.abs(flow.pump_pressure * delivered),
+            "pump_friction": units.pump_friction * pump_friction,
             "motor_damping": given.motor_damping * state.motor_speed**2,
             "motor_friction": units.motor_friction * np.abs(state.pressure * taken),
+            "pressure_drop": (flow.pump_pressure - state.pressure) * delivered,
         }
-        losses["pressure_drop"] = (flow.pump_pressure - state.pressure) * delivered
-        # Torques of output and motor are reflected, speeds are not.
-        speeds = {
-            "output": flow.output_speed,
-            "motor": shafts.sense * state.motor_speed,
-            "mechanical": state.engine_speed,
-            "pump": state.pump_speed,
-        }
+
+    def _gear_losses(
+        self, flow: PowerFlow, speeds: Mapping[str, Array]
+    ) -> Iterator[tuple[str, Array]]:
+        """Loss of each gear pair of each path [W]."""
         for path, speed in speeds.items():
-            pairs = reversed(getattr(stage, path).gear_pairs)
-            for pair, (after, before) in zip(
-                pairs, pairwise(flow.torques[path]), strict=True
-            ):
-                name = f"gear_pair_{pair.name}"
-                # A pair that serves two paths loses on both.
-                losses[name] = losses.get(name, 0.0) + (before - after) * speed
-        if stage.has_row:
-            hydraulic = (
-                -flow.torques["pump"][-1] * speeds["pump"]
-                if shafts.braced
-                else flow.torques["motor"][0] * speeds["motor"]
-            )
-            losses["planetary_row"] = (
-                hydraulic
-                + flow.torques["mechanical"][0] * state.engine_speed
-                - flow.torques["output"][-1] * speeds["output"]
-            )
-        for effect in self._effects:
-            watts = np.asarray(
-                effect.engine_drag(state) * state.engine_speed
-                + effect.at("pump_drag", state) * state.pump_speed
-                + effect.at("motor_drag", state) * np.abs(state.motor_speed)
-                + effect.output_drag(state) * state.output_speed
-            )
-            losses[effect.name] = losses.get(effect.name, 0.0) + watts
-        optional = {"pressure_drop", *(effect.name for effect in self._effects)}
-        return Breakdown(
-            np.asarray(flow.engine_power),
-            flow.output_power,
-            {
-                name: lost
-                for name, lost in losses.items()
-                if name not in optional or lost.any()
-            },
-        )
+            pairs = reversed(getattr(self.stage, path).gear_pairs)
+            torques = pairwise(flow.torques[path])
+            for pair, (after, before) in zip(pairs, torques, strict=True):
+                yield f"gear_pair_{pair.name}", (before - after) * speed
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def held(
-        self, speed: Array, output: Array, load: Array, *, ways: Ways | None = None
+        self,
+        engine_speed: Array,
+        output_speed: Array,
+        load_torque: Array,
+        *,
+        senses: Senses | None = None,
     ) -> tuple[Array, Array]:
-        """As `Quadrant.held` for arrays of one shape; `ways`: senses of output and power, if known.
+        """Return the displacement ratio and engine torque that make an output speed.
 
-        With effects by a search, and a look at where it leads.
+        The torque is NaN where no steady state does.
+
+        Args:
+            engine_speed: [rad/s], shape (n,).
+            output_speed: to make [rad/s], shape (n,).
+            load_torque: output power / engine speed [N m], shape (n,).
+            senses: of output and power, if known.
         """
-        ways = ways or (sign(output > 0.0), sign(load >= 0.0))
-        stroke, torque = self.quadrant(ways).held(speed, output, load)
-        if not self._effects:
+        if senses is None:
+            senses = Senses(sign(output_speed > 0.0), sign(load_torque >= 0.0))
+        stroke, torque = self.quadrant(senses).held(
+            engine_speed, output_speed, load_torque
+        )
+        engine_share, output_share = self.stage.pump_speed_ratios
+        backward = engine_share * engine_speed + output_share * output_speed < 0.0
+        if not self._effects and not backward.any():
             return stroke, torque
-        points = OperatingPoints(stroke, speed, load)
-        shafts = Shafts(self.stage, self._parameters, self._effects, points, ways)
-        stroke = shafts.stroke_for(output)
+        searched = self._searched(
+            stroke, engine_speed, output_speed, load_torque, senses
+        )
+        if self._effects:
+            return searched
+        return (
+            np.where(backward, searched[0], stroke),
+            np.where(backward, searched[1], torque),
+        )
+
+    def _searched(
+        self,
+        stroke: Array,
+        engine_speed: Array,
+        output_speed: Array,
+        load_torque: Array,
+        senses: Senses,
+    ) -> tuple[Array, Array]:
+        """Search the displacement ratio from a first one, and check the speed that it makes."""
+        points = OperatingPoints(stroke, engine_speed, load_torque)
+        shafts = Shafts(self.stage, self._parameters, self._effects, points, senses)
+        stroke = shafts.stroke_for(output_speed)
         _, reached, _, torque = self.readings(
-            points._replace(displacement_ratio=stroke), ways
+            points._replace(displacement_ratio=stroke), senses
         )
-        return stroke, np.where(
-            np.abs(reached - output) < _HELD * np.abs(output), torque, np.nan
-        )
+        holds = np.abs(reached - output_speed) < _HELD * np.abs(output_speed)
+        return stroke, np.where(holds, torque, np.nan)
 
-    def quadrant(self, ways: Ways) -> Quadrant:
-        """Constants without effects."""
-        if any(isinstance(way, np.ndarray) for way in ways):
-            return Quadrant(self.stage, self._parameters, *ways)
-        if ways not in self._quadrants:
-            self._quadrants[ways] = Quadrant(self.stage, self._parameters, *ways)
-        return self._quadrants[ways]
+    def quadrant(self, senses: Senses) -> SteadyState:
+        """Return the closed form in one quadrant, without effects."""
+        if any(isinstance(sense, np.ndarray) for sense in senses):
+            return SteadyState(self.stage, self._parameters, senses)
+        if senses not in self._quadrants:
+            self._quadrants[senses] = SteadyState(self.stage, self._parameters, senses)
+        return self._quadrants[senses]
 
-    def ways(self, points: OperatingPoints) -> Ways:
-        """Senses of output and power: the output turns as it does without load.
+    def senses(self, points: OperatingPoints) -> Senses:
+        """Return the senses of output and power: the output turns as it does without load.
 
-        Of many candidates, without damping too.
+        For many candidates, as it does without damping, too.
         """
         stroke = points.displacement_ratio
         if np.ndim(self._parameters.motor_damping) > 0:
             forward = speed_ratio(self.stage, stroke) > 0.0
         else:
-            first = self.quadrant((1, 1))
-            forward = (stroke - first.standing) * first.full > 0.0
-        return sign(forward), sign(points.load_torque >= 0.0)
+            first = self.quadrant(FORWARD_PULL)
+            forward = (stroke - first.standing_ratio) * first.flow_ratio > 0.0
+        return Senses(sign(forward), sign(points.load_torque >= 0.0))
+
+
+def _row_loss(shafts: Shafts, flow: PowerFlow, speeds: Mapping[str, Array]) -> Array:
+    """Power that enters the planetary row and does not leave it [W]."""
+    if shafts.pump_on_row:
+        hydraulic = -flow.torques["pump"][-1] * speeds["pump"]
+    else:
+        hydraulic = flow.torques["motor"][0] * speeds["motor"]
+    mechanical = flow.torques["mechanical"][0] * speeds["mechanical"]
+    output = flow.torques["output"][-1] * speeds["output"]
+    return np.asarray(hydraulic + mechanical - output)
+
+
+def _drag_loss(effect: Effect, state: ShaftState) -> Array:
+    """Power that an effect takes from the shafts [W]."""
+    return np.asarray(
+        effect.engine_drag(state) * state.engine_speed
+        + effect.at("pump_drag", state) * state.pump_speed
+        + effect.at("motor_drag", state) * np.abs(state.motor_speed)
+        + effect.output_drag(state) * state.output_speed
+    )

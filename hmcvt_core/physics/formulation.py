@@ -7,22 +7,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-import numpy as np
-
 from ..errors import InputError
 from ..transmission.parameters import Parameters
 from ..transmission.ranges import OperatingPoints, Solution
 from ..transmission.stage import Stage
-from .balance import BalanceSolver
+from .balance import STALLED, BalanceSolver
 from .effects.base import Effect
-from .published import PublishedSolver
-
-STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
-DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
-INCONSISTENT = (
-    "the published formulas contradict themselves here (pole of eq. (11), "
-    "or an efficiency outside 0 to 1)"
-)
+from .published import INCONSISTENT, PublishedSolver
 
 
 class Solver(Protocol):
@@ -30,6 +21,11 @@ class Solver(Protocol):
 
     def solve(self, points: OperatingPoints) -> Solution:
         """Return efficiency, output speed and engine torque at n points."""
+
+    def refusal(
+        self, displacement_ratio: float, load_torque: float, engine_torque: float
+    ) -> str:
+        """Return why there is no efficiency at a point with this engine torque [N m]."""
 
 
 class Formulation(Protocol):
@@ -39,6 +35,10 @@ class Formulation(Protocol):
     def name(self) -> str:
         """The name in parameter files and arguments."""
 
+    @property
+    def no_answer(self) -> str:
+        """The usual reason why there is no efficiency under load."""
+
     def require_valid(self, stage: Stage, effects: Sequence[Effect]) -> None:
         """Raise an `InputError` where the equations do not hold for a stage or effects."""
 
@@ -47,14 +47,12 @@ class Formulation(Protocol):
     ) -> Solver:
         """Return the equations of one stage with given parameters."""
 
-    def missing_answer(self, engine_torque: float) -> str:
-        """Return why there is no efficiency at a point with this engine torque [N m]."""
-
 
 class _PowerBalance:
     """The balance of powers, shaft by shaft; holds for every layout and effect."""
 
     name = "power_balance"
+    no_answer = STALLED
 
     def require_valid(self, stage: Stage, effects: Sequence[Effect]) -> None:
         """Accept every stage and effect."""
@@ -64,14 +62,12 @@ class _PowerBalance:
     ) -> BalanceSolver:
         return BalanceSolver(stage, parameters, effects)
 
-    def missing_answer(self, engine_torque: float) -> str:
-        return DRAGGED if np.isfinite(engine_torque).all() else STALLED
-
 
 class _Published:
     """The formulas of the paper; NaN where they contradict themselves."""
 
     name = "published"
+    no_answer = INCONSISTENT
 
     def require_valid(self, stage: Stage, effects: Sequence[Effect]) -> None:
         if stage.layout != "input_coupled" or stage.reverse:
@@ -87,9 +83,6 @@ class _Published:
         self, stage: Stage, parameters: Parameters, effects: tuple[Effect, ...]
     ) -> PublishedSolver:
         return PublishedSolver(stage, parameters)
-
-    def missing_answer(self, engine_torque: float) -> str:
-        return INCONSISTENT
 
 
 POWER_BALANCE: Formulation = _PowerBalance()

@@ -142,6 +142,12 @@ def is_consistent(
     return np.asarray(sound & (agrees | (displacement_ratio == 0.0)))
 
 
+INCONSISTENT = (
+    "the published formulas contradict themselves here (pole of eq. (11), "
+    "or an efficiency outside 0 to 1)"
+)
+
+
 class PublishedSolver(NamedTuple):
     """Answers of the published formulas; see `EfficiencyModel` for the attributes."""
 
@@ -160,3 +166,9 @@ class PublishedSolver(NamedTuple):
             points.engine_speed * speed_ratio(self.stage, stroke),
             points.load_torque / total,
         )
+
+    def refusal(
+        self, displacement_ratio: float, load_torque: float, engine_torque: float
+    ) -> str:
+        """Return why there is no efficiency at a point."""
+        return INCONSISTENT

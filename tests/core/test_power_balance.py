@@ -8,8 +8,7 @@ import pytest
 from hypothesis import assume, given
 
 from hmcvt_core import EfficiencyModel, HydraulicParameters, PumpMotor
-from hmcvt_core.model.model import STALLED
-from hmcvt_core.physics.balance import BalanceSolver
+from hmcvt_core.physics.balance import STALLED, BalanceSolver
 from hmcvt_core.physics.effects.hydraulic import PressureFrictionStribeck
 from hmcvt_core.physics.effects.mechanical import ChargePump, GearMesh
 from hmcvt_core.transmission.ranges import OperatingPoints

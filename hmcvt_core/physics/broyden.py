@@ -1,0 +1,105 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+r"""Broyden's method for many small systems x = g(x) at once.
+
+Every point is a system of its own with the same number of unknowns. The first step is that of a
+fixed-point iteration, g(x) - x; each further step is bent by what the earlier ones have shown:
+
+.. math:: s_{k+1} = \frac{s'}{1 - s'^T s_k / |s_k|^2}, \qquad
+          s' = r \prod_{j<k} \left(I + \frac{s_{j+1} s_j^T}{|s_j|^2}\right), \quad r = g(x) - x
+
+This needs no Jacobian, and only products of vectors (Kelley 1995, Iterative Methods for Linear and
+Nonlinear Equations, algorithm `brsol`).
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ITERATIONS = 40
+_MEMORY = 8
+"""Steps that are remembered; then the method starts anew from where it is."""
+_TOLERANCE = 1e-7
+"""Scaled residual at which the next step is the last: a step from there is exact to rounding."""
+_SETTLED = 1e-6
+"""Scaled residual up to which a point counts as solved: the last digits of the terms are noise."""
+_SLOPES = (0.05, 20.0)
+"""Slopes between which a step is trusted. The function answers x weakly: a slope far from 1 is
+noise of the last digits, or a kink beyond which earlier steps show nothing."""
+_NO_STEP = 1e-300
+"""Squared length below which a step has no direction."""
+
+
+class _Steps:
+    """Steps taken so far, and the direction of each over its squared length."""
+
+    def __init__(self) -> None:
+        self._steps: list[Array] = []
+        self._directions: list[Array] = []
+
+    def bent(self, residual: Array) -> Array:
+        """Return the next step for a residual, both of shape (unknowns, n)."""
+        if len(self._steps) == _MEMORY:
+            self._steps.clear()
+            self._directions.clear()
+        if not self._steps:
+            return residual
+        step = residual
+        for direction, following in zip(
+            self._directions, self._steps[1:], strict=False
+        ):
+            step = step + following * _dot(step, direction)
+        slope = 1.0 - _dot(step, self._directions[-1])
+        step = step / slope
+        doubtful = (slope < _SLOPES[0]) | (slope > _SLOPES[1])
+        if doubtful.any():
+            step = np.where(doubtful, residual, step)
+            self._directions = [
+                np.where(doubtful, 0.0, direction) for direction in self._directions
+            ]
+        return step
+
+    def add(self, step: Array) -> None:
+        """Remember a step that was taken."""
+        self._steps.append(step)
+        self._directions.append(step / np.maximum(_dot(step, step), _NO_STEP))
+
+
+def broyden(
+    function: Callable[..., Array],
+    first: Array,
+    scale: Array,
+    longest_step: float = math.inf,
+) -> Array:
+    """Solve x = function(*x) at n points.
+
+    Args:
+        function: takes the unknowns, each of shape (..., n), and gives them anew, stacked.
+        first: where to start, shape (unknowns, ..., n).
+        scale: typical size of each unknown, broadcasts to `first`.
+        longest_step: longest change of an unknown in one step, in scales.
+
+    Returns:
+        The solutions, shape as `first`; NaN where the iteration does not settle.
+    """
+    unknown = first / scale
+    steps = _Steps()
+    for _ in range(_ITERATIONS):
+        residual = function(*(unknown * scale)) / scale - unknown
+        step = steps.bent(residual)
+        if longest_step < math.inf:
+            length = np.abs(step).max(axis=0) / longest_step
+            step = step / np.maximum(1.0, length)
+        unknown = unknown + step
+        if not (np.abs(residual) > _TOLERANCE).any():
+            break
+        steps.add(step)
+    settled = (np.abs(residual) <= _SETTLED).all(axis=0)
+    return np.where(settled, unknown * scale, np.nan)
+
+
+def _dot(first: Array, second: Array) -> Array:
+    return np.asarray(np.einsum("k...,k...->...", first, second))

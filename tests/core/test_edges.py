@@ -1,0 +1,158 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Physics at its edges: poles, a pump turned backward, standstill; every path answers alike."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hmcvt_core import EfficiencyModel, load_model
+
+from .random_stages import LAYOUTS, random_parameters, random_stage
+from .reference import steady_states
+
+STAGES = Path(__file__).parents[1] / "data" / "stages"
+
+
+def column(*values):
+    return [np.array([value]) for value in values]
+
+
+# --- values of an independent shaft balance -------------------------------------------------------
+
+
+@pytest.mark.parametrize("load_torque", [20.0, 0.0, -20.0])
+def test_no_answer_beyond_the_pole(load_torque):
+    model = load_model(STAGES / "pole_in_stroke.yaml").stages["forward"]
+    point = (-0.5, 100.0, load_torque)
+    assert np.isnan(model.power_loss(*point))
+    assert np.isnan(model.power_loss(*column(*point)))
+    assert "pole" in model.refusal(*point)
+    assert np.isnan(model.breakdown(*point).input_power)
+
+
+def test_answers_up_to_the_pole():
+    model = load_model(STAGES / "pole_in_stroke.yaml").stages["forward"]
+    assert model.output_speed(-0.3, 100.0, 0.0) < 0.0
+    assert np.isfinite(model.power_loss(-0.3, 100.0, 0.0))
+
+
+# An own solver of the shaft balance gave these values.
+@pytest.mark.parametrize(
+    ("file", "point", "loss", "speed"),
+    [
+        ("backward_pump.yaml", (0.0095, 83.83, -833.68), 67986.0, None),
+        (
+            "backward_pump_random.yaml",
+            (-0.6196361496612559, 146.44723388349195, -468.89250293543756),
+            38423.04,
+            71.00,
+        ),
+    ],
+)
+def test_pump_turned_backward(file, point, loss, speed):
+    model = load_model(STAGES / file)
+    assert model.power_loss(*point) == pytest.approx(loss, abs=0.5)
+    assert model.power_loss(*column(*point))[0] == pytest.approx(loss, abs=0.5)
+    assert sum(model.breakdown(*point).losses.values()) == pytest.approx(loss, abs=0.5)
+    if speed is not None:
+        assert model.output_speed(*point) == pytest.approx(speed, abs=0.005)
+
+
+def test_self_locking_stage_has_no_answer_without_load():
+    model = load_model(STAGES / "self_locking.yaml")
+    point = (-0.8104355767028117, 38.367672339665475, 0.0)
+    assert np.isnan(model.output_speed(*point))
+    assert np.isnan(model.output_speed(*column(*point)))
+
+
+@pytest.mark.parametrize(
+    ("file", "point", "loss"),
+    [
+        ("../../../params/output_coupled.yaml", (-0.001, 116.57, 0.0), 4484.0),
+        ("standing_output.yaml", (-0.00079, 218.0, 0.0), None),
+    ],
+)
+def test_friction_holds_an_output_without_load(file, point, loss):
+    model = next(iter(load_model(STAGES / file).stages.values()))
+    assert model.output_speed(*point) == pytest.approx(0.0, abs=1e-9)
+    watts = model.breakdown(*point)
+    assert sum(watts.losses.values()) == pytest.approx(
+        model.power_loss(*point), rel=1e-9
+    )
+    if loss is not None:
+        assert model.power_loss(*point) == pytest.approx(loss, abs=1.0)
+
+
+# --- random stages --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_paths_agree_on_random_stages(layout):
+    """One point, an array and the breakdown give the same state; its powers close."""
+    rng = np.random.default_rng(LAYOUTS.index(layout))
+    answered = 0
+    for _ in range(40):
+        model = EfficiencyModel(random_stage(rng, layout), random_parameters(rng))
+        points = random_points(rng, 60)
+        loss, speed = model.power_loss(*points), model.output_speed(*points)
+        single = np.transpose(
+            [
+                (model.power_loss(*point), model.output_speed(*point))
+                for point in zip(*(row.tolist() for row in points), strict=True)
+            ]
+        )
+        np.testing.assert_allclose(single, [loss, speed], rtol=1e-7)
+        watts = model.breakdown(*points)
+        scale = np.abs(watts.input_power) + np.abs(watts.output_power) + 1.0
+        lost = sum(watts.losses.values())
+        known = np.isfinite(loss)
+        np.testing.assert_array_equal(np.isfinite(lost), known)
+        gap = np.abs(watts.input_power - watts.output_power - lost) / scale
+        assert np.max(gap[known], initial=0.0) < 1e-9
+        assert np.max((np.abs(lost - loss) / scale)[known], initial=0.0) < 1e-9
+        answered += known.sum()
+    assert answered > 800
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_random_stages_agree_with_an_independent_solver(layout):
+    rng = np.random.default_rng(10 + LAYOUTS.index(layout))
+    compared = 0
+    for _ in range(12):
+        model = EfficiencyModel(random_stage(rng, layout), random_parameters(rng))
+        for point in zip(*(row.tolist() for row in random_points(rng, 4)), strict=True):
+            speed = model.output_speed(*point)
+            if not abs(speed) > 0.02 * point[1]:
+                continue
+            states = steady_states(model.stage, model.parameters, *point, near=[speed])
+            if not states:  # friction holds the motor
+                continue
+            compared += 1
+            nearest = min(states, key=lambda state: abs(state.output_speed - speed))
+            assert speed == pytest.approx(nearest.output_speed, rel=1e-6), (
+                model,
+                point,
+            )
+            loss = nearest.engine_torque * point[1] - point[2] * point[1]
+            assert model.power_loss(*point) == pytest.approx(loss, rel=1e-5, abs=0.1)
+    assert compared >= 20
+
+
+def random_points(rng, count):
+    """Pull, overrun, no load; full stroke and close to standstill."""
+    stroke = rng.uniform(-1.0, 1.0, count)
+    stroke[::10] *= 1e-3
+    speed = rng.uniform(40.0, 230.0, count)
+    torque = rng.uniform(-500.0, 300.0, count)
+    torque[::5] = 0.0
+    return [stroke, speed, torque]
+
+
+def test_replaced_stage_is_solved_anew():
+    """A model keeps no constants of the stage it had before."""
+    model = load_model(STAGES / "pole_in_stroke.yaml").stages["forward"]
+    units = replace(model.stage.pump_motor, pump_displacement=1e-5)
+    other = replace(model, stage=replace(model.stage, pump_motor=units))
+    assert np.isfinite(other.power_loss(-0.5, 100.0, 0.0))
