@@ -10,7 +10,6 @@ SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio a
 
 from .benches.transmission import diagnose, next_test, separable
 from .benches.unit import diagnose_unit
-from .benches.watch import Opening, Watch, watch
 from .diagnosis import Advice, Diagnosis, Isolability
 from .errors import HmcvtError, IdentificationError, InputError
 from .files import data_path
@@ -23,6 +22,7 @@ from .model.engine import Engine, load_engine
 from .model.model import EfficiencyModel
 from .model.optimum import DriveOptimum, Optimum
 from .model.parameter_file import load_model, load_stage, save_model
+from .monitoring import Opening, Watch, watch
 from .physics.balance import Breakdown
 from .physics.effects import load_effects
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
