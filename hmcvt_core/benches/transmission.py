@@ -11,7 +11,8 @@ import numpy as np
 
 from ..diagnosis import Advice, Diagnosis, Isolability, diagnose_system, isolability
 from ..diagnosis import next_test as next_test_of_system
-from ..diagnosis.observations import TRUST_ASSUMED, Observations, noise_of
+from ..diagnosis.observations import Observations, noise_statement
+from ..diagnosis.settings import PRIOR_DOF_ASSUMED
 from ..diagnosis.system import Array, Axis, BaseParameters, Channel, Points
 from ..diagnosis.system import Effect as AnyEffect
 from ..errors import InputError
@@ -43,7 +44,7 @@ AXES = (
         2,
         0.001,
         graded=False,
-        told="stroke {0:+.2f}",
+        test_format="stroke {0:+.2f}",
     ),
     Axis(
         "engine_speed",
@@ -52,10 +53,10 @@ AXES = (
         "speed [rad/s]",
         1,
         ranges.RPM,
-        told="{0:.1f} rad/s ({1:.0f} r/min)",
-        second=1.0 / ranges.RPM,
+        test_format="{0:.1f} rad/s ({1:.0f} r/min)",
+        second_unit_factor=1.0 / ranges.RPM,
     ),
-    Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, told="{0:.0f} N m"),
+    Axis("load_torque", "N m", "load", "load [N m]", 0, 0.2, test_format="{0:.0f} N m"),
 )
 OIL_TEMPERATURE = Axis(
     "oil_temperature", "deg C", "oil temperature", "oil [deg C]", 0, 1.0, steered=False
@@ -153,7 +154,7 @@ class Transmission:
             stage.layout == "input_coupled"
             for stage in (model.stage, *model.other_stages)
         ):
-            self.axes = (replace(AXES[0], turns=_TURNS), *self.axes[1:])
+            self.axes = (replace(AXES[0], transition_width=_TURNS), *self.axes[1:])
         tolerances = np.ones(len(_TOLERANCES) if pressure else 1)
         low, high = (
             to_scaled(np.array([getattr(limits, end) for limits in PARAMETER_RANGES]))
@@ -300,7 +301,7 @@ def observe(
         axes = (*axes, replace(STAGE, labels=tuple(stages)))
         points["stage"] = np.array([stages.index(name) for name in names], float)
     stated = samples.efficiency_std
-    first, trust, source = noise_of(
+    first, prior_dof, source = noise_statement(
         EFFICIENCY_CHANNEL,
         samples.efficiency,
         noise,
@@ -325,7 +326,7 @@ def observe(
         channels,
         np.stack(measured),
         np.stack([first, *others]),
-        np.array([trust, *(TRUST_ASSUMED for _ in others)]),
+        np.array([prior_dof, *(PRIOR_DOF_ASSUMED for _ in others)]),
         samples,
         np.arange(len(samples)),
         source or _ASSUMED,

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis, diagnose_system, next_test
-from ..diagnosis.observations import TRUST_ASSUMED, TRUST_STATED, Observations
-from ..diagnosis.result import NAMING
+from ..diagnosis.observations import Observations
+from ..diagnosis.results.outcome import NAMING
+from ..diagnosis.settings import PRIOR_DOF_ASSUMED, PRIOR_DOF_STATED
 from ..diagnosis.system import Axis, BaseParameters, Channel, Points
 from ..errors import InputError
 from ..files.units import METER_DEVIATION, TELLING, UnitSamples, sign_of
@@ -43,8 +44,8 @@ PRESSURE = Axis(
     "pressure [Pa]",
     0,
     1e5,
-    told="{1:.0f} bar",
-    second=1e-5,
+    test_format="{1:.0f} bar",
+    second_unit_factor=1e-5,
 )
 _AXES = (STROKE, SPEED, PRESSURE, OIL_TEMPERATURE)
 PARAMETERS = {"leakage": "m3/(s Pa)", "damping": "N m s/rad"}
@@ -118,7 +119,7 @@ class HydrostaticUnit:
         )
         # On its stop, or in proportion, the plate is the reference displacement; a charge pump on
         # the shaft is one of the constant torques, and friction at the stroke one of the base.
-        varied = np.ptp(samples.displacement_ratio) > STROKE.held
+        varied = np.ptp(samples.displacement_ratio) > STROKE.tolerance
         full = {"displacement_error", "at full stroke", CoulombStribeckFull.form}
         twins = {
             "charge_pump",
@@ -265,17 +266,21 @@ def observe_unit(system: HydrostaticUnit, samples: UnitSamples) -> Observations:
         axis
         for axis in _AXES
         if axis.name in points
-        and (axis is not STROKE or np.ptp(samples.displacement_ratio) > STROKE.held)
+        and (
+            axis is not STROKE or np.ptp(samples.displacement_ratio) > STROKE.tolerance
+        )
     )
     assumed = samples.noise is None
-    trust = np.full(len(system.channels), TRUST_ASSUMED if assumed else TRUST_STATED)
+    prior_dof = np.full(
+        len(system.channels), PRIOR_DOF_ASSUMED if assumed else PRIOR_DOF_STATED
+    )
     return Observations(
         axes,
         points,
         system.channels,
         samples.losses,
         samples.deviation,
-        trust,
+        prior_dof,
         samples,
         np.arange(len(samples)),
         "assumed, ISO 4409 class A" if assumed else "given",
@@ -324,7 +329,7 @@ class UnitDiagnosis:
         )
         variance = next(
             (
-                np.diag(rival.plain.covariance)
+                np.diag(rival.plain_model.covariance)
                 for rival, _ in self.found.alive.entries
                 if rival.names == names
             ),

@@ -11,7 +11,8 @@ from ..benches import transmission
 from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
 from ..benches.watch import FALSE_ALARMS
 from ..benches.watch import watch as watch_samples
-from ..diagnosis import Diagnosis, words
+from ..diagnosis import Diagnosis
+from ..diagnosis.results import text as words
 from ..files.bench import BenchSamples, read_bench
 from ..files.units import AXES, KINDS, read_unit
 from ..model.parameter_file import save_model
