@@ -8,7 +8,8 @@ import click
 
 from ..benches import transmission
 from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
-from ..diagnosis import Diagnosis, words
+from ..diagnosis import Diagnosis
+from ..diagnosis.results import text as words
 from ..files.bench import BenchSamples, read_bench
 from ..files.units import AXES, KINDS, read_unit
 from ..model.parameter_file import save_model

@@ -13,29 +13,19 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from .settings import (
+    LEAST_REPLICATE_NOISE,
+    MOST_SAMPLES,
+    PRIOR_DOF_ASSUMED,
+    PRIOR_DOF_ASSUMED_SMALL,
+    PRIOR_DOF_STATED,
+    PRIOR_DOF_STATED_SMALL,
+    REPLICATE_TOLERANCE,
+    REPLICATES_NEEDED,
+    SMALL_CAMPAIGN,
+    SMOOTH_DEGREE,
+)
 from .system import Array, Axis, Channel, Points
-
-FEW = 16
-"""Below this many samples scatter has no shape to be judged by; only its size is left."""
-
-LARGE = 1000
-"""Most samples that are weighed."""
-
-REPEATED = 0.002
-"""Samples so close in every axis repeat one point; a part of the range of the axis."""
-
-SMOOTH_DEGREE = 3
-"""Of what counts as smooth over the working space of a campaign."""
-
-TRUST_STATED, TRUST_ASSUMED = 8.0, 1.0
-"""How many samples a statement of the noise is worth, and how many an assumption."""
-
-_TRUST_FEW = 30.0
-# Nobody stated the noise: weak enough that a bench twice as noisy raises no alarm at the size of
-# its scatter, strong enough that one six times as noisy does.
-_TRUST_FEW_ASSUMED = 3.0
-_LEAST_PART = 1e-5  # of the largest reading
-_REPLICATES_NEEDED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +38,7 @@ class Observations:
         channels: those read, the one in which the gap is measured first.
         measured: shape (channels, n), each in its unit.
         deviation: standard deviations stated or assumed, same shape and units.
-        trust: how many samples the statement of `deviation` is worth, shape (channels,); the data
+        prior_dof: how many samples the statement of `deviation` is worth, shape (channels,); the data
             tell the rest.
         samples: the system's own record, with a length, `source` (for messages) and
             `select(index)`.
@@ -62,7 +52,7 @@ class Observations:
     channels: tuple[Channel, ...]
     measured: Array
     deviation: Array
-    trust: Array
+    prior_dof: Array
     samples: Any
     number: NDArray[np.intp]
     noise_source: str
@@ -77,17 +67,17 @@ class Observations:
         return tuple(axis for axis in self.axes if axis.steered)
 
     @property
-    def place(self) -> Array:
+    def coordinates(self) -> Array:
         """Values along them, shape (axes, n)."""
         return np.stack([self.points[axis.name] for axis in self.steered])
 
     @cached_property
     def smooth(self) -> tuple[Array, NDArray[np.intp]]:
         """`smooth_functions` of the place, up to the third degree."""
-        return smooth_functions(self.place, SMOOTH_DEGREE)
+        return smooth_functions(self.coordinates, SMOOTH_DEGREE)
 
     @cached_property
-    def unit_loss(self) -> Array:
+    def unit_discrepancy(self) -> Array:
         """One unit of an unlisted loss in one channel as it shows in each, in deviations.
 
         Shape (channels, channels, n).
@@ -100,7 +90,7 @@ class Observations:
         return np.asarray(found / self.deviation)
 
     @property
-    def usual_noise(self) -> float:
+    def stated_noise(self) -> float:
         """Root of the mean square of the noise stated of the first channel."""
         return float(np.sqrt(np.mean(self.deviation[0] ** 2)))
 
@@ -119,15 +109,15 @@ class Observations:
         """Return the other samples."""
         return self.select(np.setdiff1d(np.arange(len(self)), index))
 
-    def stating(self, noise: float) -> Observations:
+    def with_stated_noise(self, noise: float) -> Observations:
         """Return the same as if somebody had stated the noise of the first channel."""
-        first, trust, _ = noise_of(
+        first, prior_dof, _ = noise_statement(
             self.channels[0], self.measured[0], noise, None, (), {}
         )
         return replace(
             self,
             deviation=np.vstack([first, self.deviation[1:]]),
-            trust=np.append(trust, self.trust[1:]),
+            prior_dof=np.append(prior_dof, self.prior_dof[1:]),
             noise_source="given",
             assumed=False,
         )
@@ -142,7 +132,7 @@ class Observations:
         return f"sample {self.number[i] + 1} ({place})"
 
 
-def noise_of(
+def noise_statement(
     channel: Channel,
     measured: Array,
     given: float | None,
@@ -162,18 +152,21 @@ def noise_of(
         Standard deviations, shape (n,), how many samples that is worth, and who states it; None
         where nobody does and `channel.uncertainty` stands in.
     """
-    n, trust, source = len(measured), TRUST_STATED, None
+    n, prior_dof, source = len(measured), PRIOR_DOF_STATED, None
     if given is not None:
         deviation, source = np.full(n, given), "given"
     elif column is not None:
         deviation, source = column, f"column {channel.name}_std"
     elif (pure := pure_error(replicate_groups(axes, points), measured)) is not None:
-        deviation, trust, source = np.full(n, pure[0]), pure[1], "repeated points"
+        deviation, prior_dof, source = np.full(n, pure[0]), pure[1], "repeated points"
     else:
-        deviation, trust = channel.deviation(measured), TRUST_ASSUMED
-    if n < FEW:  # so few cannot correct a statement: it has to be believed
-        trust = max(trust, _TRUST_FEW_ASSUMED if source is None else _TRUST_FEW)
-    return deviation, trust, source
+        deviation, prior_dof = channel.deviation(measured), PRIOR_DOF_ASSUMED
+    if n < SMALL_CAMPAIGN:  # so few cannot correct a statement: it has to be believed
+        prior_dof = max(
+            prior_dof,
+            PRIOR_DOF_ASSUMED_SMALL if source is None else PRIOR_DOF_STATED_SMALL,
+        )
+    return deviation, prior_dof, source
 
 
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:
@@ -185,13 +178,15 @@ def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] 
     """
     count = np.bincount(group)
     free = float(np.sum(count - 1))
-    if free < _REPLICATES_NEEDED:
+    if free < REPLICATES_NEEDED:
         return None
     mean = np.bincount(group, measured) / count
     deviation = float(np.sqrt(np.sum((measured - mean[group]) ** 2) / free))
     # Readings that agree better than any bench are filled in, as in a plan, or copied.
     return (
-        None if deviation <= _LEAST_PART * np.abs(measured).max() else (deviation, free)
+        None
+        if deviation <= LEAST_REPLICATE_NOISE * np.abs(measured).max()
+        else (deviation, free)
     )
 
 
@@ -207,12 +202,14 @@ def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
     scaled = np.stack(
         [
             points[axis.name]
-            / max(REPEATED * float(np.ptp(points[axis.name])), axis.held)
+            / max(
+                REPLICATE_TOLERANCE * float(np.ptp(points[axis.name])), axis.tolerance
+            )
             for axis in axes
         ],
         axis=1,
     )
-    if 1 < len(scaled) <= LARGE:
+    if 1 < len(scaled) <= MOST_SAMPLES:
         label = fclusterdata(
             scaled, 1.0, "distance", metric="chebyshev", method="complete"
         )

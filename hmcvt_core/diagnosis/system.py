@@ -44,13 +44,13 @@ class Axis:
     word: str
     heading: str
     digits: int
-    held: float
+    tolerance: float
     graded: bool = True
     steered: bool = True
     labels: tuple[str, ...] = ()
-    told: str = "{0:g}"
-    second: float = 1.0
-    turns: float = 0.0
+    test_format: str = "{0:g}"
+    second_unit_factor: float = 1.0
+    transition_width: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,9 @@ from functools import partial
 from pathlib import Path
 
 from ..benches.unit import PARAMETERS, UnitDiagnosis
-from ..diagnosis import Diagnosis, result, words
+from ..diagnosis import Diagnosis
+from ..diagnosis.results import outcome as result
+from ..diagnosis.results import text as words
 from ..files import picture
 from ..files.atomic import write_atomically
 from ..identification import Identification

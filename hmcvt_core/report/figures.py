@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis import Diagnosis, words
-from ..diagnosis.result import REGION_SIGNIFICANCE
+from ..diagnosis import Diagnosis
+from ..diagnosis.results import text as words
+from ..diagnosis.results.outcome import REGION_SIGNIFICANCE
 from ..transmission.ranges import RPM, Array
 from .pictures import lost_power, scale, stack, worth_drawing
 from .style import BLUE, INK, ORANGE, few_ticks, icon, loss_style, styled, to_svg

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis import words
+from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import (
     OrificeLeakage,

@@ -9,11 +9,13 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis import advice
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
-from hmcvt_core.diagnosis.procedure import _twins
-from hmcvt_core.diagnosis.ranking import Ranking
-from hmcvt_core.diagnosis.rivals import Foretold, explanation, fields
+from hmcvt_core.diagnosis.design import next_test as advice
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
+from hmcvt_core.diagnosis.pipeline import _twins
+from hmcvt_core.diagnosis.selection.explanation import explain, smooth_discrepancies
+from hmcvt_core.diagnosis.selection.posterior import Posterior
+from hmcvt_core.diagnosis.selection.prediction import Prediction
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import BASE, NOISE, campaign, with_column
@@ -25,15 +27,15 @@ def _explained(*sets):
         (
             SimpleNamespace(
                 names=tuple(text.rstrip("*").split("+")),
-                of_base=False,
-                by_itself="*" not in text,
-                listed=lambda bare, text=text: 0.5 if "*" in text else 1.0,
+                is_base=False,
+                is_listed_set="*" not in text,
+                explained_fraction=lambda bare, text=text: 0.5 if "*" in text else 1.0,
             ),
             p,
         )
         for text, p in sets
     ]
-    return Ranking(tuple(rivals), bare=SimpleNamespace(), no_gap=0.0)
+    return Posterior(tuple(rivals), base_only=SimpleNamespace(), no_gap=0.0)
 
 
 @pytest.mark.parametrize(
@@ -61,20 +63,20 @@ def test_the_company_of_a_cause_is_the_smallest_set_that_holds_it(sets, name, ot
 
 def test_a_set_is_told_from_the_loss_that_stands_beside_it():
     labels = advice._labels(_explained(("a*", 0.7), ("a", 0.3)))
-    assert labels[("a",)][0].by_itself and not labels[()][0].by_itself
+    assert labels[("a",)][0].is_listed_set and not labels[()][0].is_listed_set
     assert labels[("a",)][1] == pytest.approx(0.65)
 
 
 @pytest.mark.parametrize("off", [0.1, 0.3])
 def test_no_gap_is_foretold_by_what_is_likelier_an_exact_base_or_one_a_little_off(off):
     loose = SimpleNamespace(
-        names=(), of_base=True, by_itself=False, listed=lambda bare: 0.0
+        names=(), is_base=True, is_listed_set=False, explained_fraction=lambda bare: 0.0
     )
     ranking = replace(_explained(("a", 1.0 - off)), no_gap=0.2)
     ranking = replace(ranking, entries=(*ranking.entries, (loose, off)))
     told = advice._labels(ranking)[None]
     assert told == (
-        loose if off > 0.25 else ranking.bare,
+        loose if off > 0.25 else ranking.base_only,
         pytest.approx(0.2 + 0.8 * off),
     )
 
@@ -98,7 +100,7 @@ def test_no_gap_is_foretold_by_what_is_likelier_an_exact_base_or_one_a_little_of
 )
 def test_which_sets_no_test_will_settle(names, p, stuck):
     rivals = [
-        Foretold(
+        Prediction(
             np.full((1, 4), 9.0 * (name == ("far",))), np.zeros((1, 4, 1)), np.eye(1)
         )
         for name in names
@@ -108,32 +110,34 @@ def test_which_sets_no_test_will_settle(names, p, stuck):
 
 def test_how_fine_the_tests_are_laid_out_does_not_decide_what_a_hundred_of_them_tell():
     one, other = (
-        Foretold(np.full((1, 4), mean), np.ones((1, 4, 1)), np.eye(1))
+        Prediction(np.full((1, 4), mean), np.ones((1, 4, 1)), np.eye(1))
         for mean in (0.0, 1.0)
     )
     finer = one._replace(mean=np.zeros((1, 8)), columns=np.ones((1, 8, 1)))
-    told = one.against(other, 100.0)
+    told = one.squared_distance(other, 100.0)
     assert told == pytest.approx(
         100.0 / 101.0
     )  # 100 deviations, of which a mean is free
-    assert finer.against(other._replace(mean=np.ones((1, 8))), 100.0) == pytest.approx(
-        told
-    )
+    assert finer.squared_distance(
+        other._replace(mean=np.ones((1, 8))), 100.0
+    ) == pytest.approx(told)
     wide = one._replace(
         columns=np.array([[[0.0, 1e3]] * 4]), covariance=np.diag([1e9, 1e-6])
     )
-    assert wide.against(other, 100.0) == pytest.approx(told)  # in whatever unit
+    assert wide.squared_distance(other, 100.0) == pytest.approx(
+        told
+    )  # in whatever unit
 
 
 def test_what_is_foretold_of_the_campaign_is_what_was_weighed_there():
     observed = observe(campaign([ChargePump(6.0)], seed=3), NOISE)
-    rival, _ = fields(
-        explanation(refit(Hypothesis(Transmission(BASE), (ChargePump(),)), observed))
+    rival, _ = smooth_discrepancies(
+        explain(refit(Hypothesis(Transmission(BASE), (ChargePump(),)), observed))
     )
     elsewhere = observed.select(np.arange(len(observed)))
-    for allowing, model in ((False, rival.plain), (True, rival.weighed)):
-        told = rival.at(elsewhere, allowing)
-        np.testing.assert_allclose(told.mean, -model.left(), atol=1e-6)
+    for with_allowances, model in ((False, rival.plain_model), (True, rival.model)):
+        told = rival.prediction_at(elsewhere, with_allowances)
+        np.testing.assert_allclose(told.mean, -model.residual(), atol=1e-6)
         np.testing.assert_allclose(told.columns, model.columns, atol=1e-6)
 
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from hmcvt_core.diagnosis import Region, words
-from hmcvt_core.diagnosis.result import Cause, CauseSet
+from hmcvt_core.diagnosis import Region
+from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.results.outcome import Cause, CauseSet
 
 from .campaigns import diagnosed
 

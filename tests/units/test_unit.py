@@ -17,7 +17,8 @@ from hmcvt_core.benches.unit import (
     observe_unit,
     put_into,
 )
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.files import data_path
 from hmcvt_core.files.units import read_unit
 from hmcvt_core.identification.evidence import Prior

@@ -11,9 +11,9 @@ DISPLACEMENT_RATIO = Axis(
     word="displacement ratio",
     heading="stroke",
     digits=2,
-    held=0.001,
+    tolerance=0.001,
     graded=False,
-    told="stroke {0:+.2f}",
+    test_format="stroke {0:+.2f}",
 )
 ENGINE_SPEED = Axis(
     name="engine_speed",
@@ -21,9 +21,9 @@ ENGINE_SPEED = Axis(
     word="engine speed",
     heading="speed [rad/s]",
     digits=1,
-    held=ranges.RPM,
-    told="{0:.1f} rad/s ({1:.0f} r/min)",
-    second=1.0 / ranges.RPM,
+    tolerance=ranges.RPM,
+    test_format="{0:.1f} rad/s ({1:.0f} r/min)",
+    second_unit_factor=1.0 / ranges.RPM,
 )
 LOAD_TORQUE = Axis(
     name="load_torque",
@@ -31,8 +31,8 @@ LOAD_TORQUE = Axis(
     word="load",
     heading="load [N m]",
     digits=0,
-    held=0.2,
-    told="{0:.0f} N m",
+    tolerance=0.2,
+    test_format="{0:.0f} N m",
 )
 AXES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 """What a test sets."""
@@ -43,7 +43,7 @@ OIL_TEMPERATURE = Axis(
     word="oil temperature",
     heading="oil [deg C]",
     digits=0,
-    held=1.0,
+    tolerance=1.0,
     steered=False,
 )
 STAGE = Axis(
@@ -52,7 +52,7 @@ STAGE = Axis(
     word="stage",
     heading="stage",
     digits=0,
-    held=0.1,
+    tolerance=0.1,
     steered=False,
 )
 """Index of the engaged stage among the stages of the model."""

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...diagnosis.observations import TRUST_ASSUMED, Observations, noise_of
+from ...diagnosis.observations import Observations, noise_statement
+from ...diagnosis.settings import PRIOR_DOF_ASSUMED
 from ...diagnosis.system import Array, Axis, Channel, Points
 from ...errors import InputError
 from ...files.bench import BenchSamples
@@ -40,13 +41,13 @@ def observe(
     stated = samples.efficiency_std
     if stated is not None:
         stated = np.maximum(stated, LEAST_DEVIATION)
-    efficiency_deviation, efficiency_trust, source = noise_of(
+    efficiency_deviation, efficiency_dof, source = noise_statement(
         EFFICIENCY_CHANNEL, samples.efficiency, noise, stated, axes, points
     )
     channels: list[Channel] = []
     measured: list[Array] = []
     deviation: list[Array] = []
-    trust: list[float] = []
+    prior_dof: list[float] = []
     for channel in CHANNELS:
         readings = getattr(samples, channel.name)
         if readings is None:
@@ -55,17 +56,17 @@ def observe(
         measured.append(readings)
         if channel is EFFICIENCY_CHANNEL:
             deviation.append(efficiency_deviation)
-            trust.append(efficiency_trust)
+            prior_dof.append(efficiency_dof)
         else:
             deviation.append(channel.deviation(readings))
-            trust.append(TRUST_ASSUMED)
+            prior_dof.append(PRIOR_DOF_ASSUMED)
     return Observations(
         axes=axes,
         points=points,
         channels=tuple(channels),
         measured=np.stack(measured),
         deviation=np.stack(deviation),
-        trust=np.array(trust),
+        prior_dof=np.array(prior_dof),
         samples=samples,
         number=np.arange(len(samples)),
         noise_source=source or _ASSUMED_NOISE,

@@ -74,7 +74,7 @@ class Transmission:
         stages = (model.stage, *model.other_stages)
         if all(stage.layout == "input_coupled" for stage in stages):
             # Only in this layout does the motor stand still at a stroke that is known: zero.
-            stroke = replace(DISPLACEMENT_RATIO, turns=STANDSTILL)
+            stroke = replace(DISPLACEMENT_RATIO, transition_width=STANDSTILL)
             self.axes = (stroke, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
         self.base = base_parameters(pressure)
         self.library: tuple[AnyEffect, ...] = _missing_effects(model)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...diagnosis import Diagnosis, diagnose_system, next_test
 from ...diagnosis.observations import Observations
-from ...diagnosis.result import NAMING
+from ...diagnosis.results.outcome import NAMING
 from ...diagnosis.system import Channel
 from ...errors import InputError
 from ...files import preformatted
@@ -107,7 +107,7 @@ class UnitDiagnosis:
             names = self.diagnosis.sets[0].effects
         for rival, _ in self.diagnosis.alive.entries:
             if rival.names == names:
-                return np.diag(rival.plain.covariance)
+                return np.diag(rival.plain_model.covariance)
         return self.model.system.base.spread**2
 
     def to_dict(self) -> dict[str, Any]:

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...diagnosis.observations import TRUST_ASSUMED, TRUST_STATED, Observations
+from ...diagnosis.observations import Observations
+from ...diagnosis.settings import PRIOR_DOF_ASSUMED, PRIOR_DOF_STATED
 from ...diagnosis.system import Array, Axis, BaseParameters, Channel, Points
 from ...files.units import METER_DEVIATION, UnitSamples, sign_of
 from ...physics.effects import library
@@ -36,9 +37,9 @@ PRESSURE = Axis(
     word="pressure",
     heading="pressure [Pa]",
     digits=0,
-    held=1e5,
-    told="{1:.0f} bar",
-    second=1e-5,
+    tolerance=1e5,
+    test_format="{1:.0f} bar",
+    second_unit_factor=1e-5,
 )
 UNIT_AXES = (STROKE, SPEED, PRESSURE, OIL_TEMPERATURE)
 
@@ -105,7 +106,7 @@ class HydrostaticUnit:
         self.size = self.displacement / PAPER_DISPLACEMENT
         self.channels = _channels(samples)
         self.base = _base_parameters(self.kind, self.size)
-        stroke_varies = np.ptp(samples.displacement_ratio) > STROKE.held
+        stroke_varies = np.ptp(samples.displacement_ratio) > STROKE.tolerance
         self.library: tuple[Any, ...] = _library(
             self.kind, self.size, bool(stroke_varies)
         )
@@ -292,17 +293,17 @@ def observe_unit(system: HydrostaticUnit, samples: UnitSamples) -> Observations:
     """Set up the two channels of a unit; the stroke is an axis where it varies."""
     points = points_of(samples)
     axes = [axis for axis in UNIT_AXES if axis.name in points]
-    if np.ptp(samples.displacement_ratio) <= STROKE.held:
+    if np.ptp(samples.displacement_ratio) <= STROKE.tolerance:
         axes.remove(STROKE)
     assumed = samples.noise is None
-    trust = TRUST_ASSUMED if assumed else TRUST_STATED
+    prior_dof = PRIOR_DOF_ASSUMED if assumed else PRIOR_DOF_STATED
     return Observations(
         axes=tuple(axes),
         points=points,
         channels=system.channels,
         measured=samples.losses,
         deviation=samples.deviation,
-        trust=np.full(len(system.channels), trust),
+        prior_dof=np.full(len(system.channels), prior_dof),
         samples=samples,
         number=np.arange(len(samples)),
         noise_source="assumed, ISO 4409 class A" if assumed else "given",

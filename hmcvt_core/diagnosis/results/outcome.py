@@ -7,18 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from .advice import Advice, NextTest
-from .observations import Observations
-from .ranking import Ranking
-from .system import Array, Axis, Channel
+from ...errors import InputError
+from ..design.next_test import Advice, NextTest
+from ..observations import Observations
+from ..selection.posterior import Posterior
+from ..settings import GAP_SIGNIFICANCE as GAP_SIGNIFICANCE
+from ..settings import REGION_SIGNIFICANCE as REGION_SIGNIFICANCE
+from ..system import Array, Axis, Channel
 
-GAP_SIGNIFICANCE = 0.02
-"""A gap counts when chance alone would show as much in one campaign of fifty."""
 NAMING = ("cause_found", "ambiguous")
 """Verdicts that name a cause."""
-REGION_SIGNIFICANCE = 0.05
-"""Family-wise p value up to which a place is one by itself."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +187,7 @@ class Outcome:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     base: Any
-    alive: Ranking
+    alive: Posterior
     samples: Any
     residuals: Array
     judged: Any
@@ -198,7 +196,7 @@ class Outcome:
 
     @property
     def _observed(self) -> Observations:
-        return self.alive.bare.fit.observed
+        return self.alive.base_only.fit.observed
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -210,7 +208,7 @@ class Outcome:
         """How far the samples reach along each of `axes`."""
         return {
             axis.name: (float(row.min()), float(row.max()))
-            for axis, row in zip(self.axes, self._observed.place, strict=True)
+            for axis, row in zip(self.axes, self._observed.coordinates, strict=True)
         }
 
     @property

@@ -1,213 +1,36 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A hypothesis: the base model with some effects, their sizes free; and its refit to the bench.
+"""The refit of a hypothesis to the bench.
 
 Every hypothesis is refitted together with the base parameters: a few free parameters swallow most
 of the signature of any effect, so a comparison at fixed base parameters would compare nothing.
-
-Parameters are theta: scaled base parameters, then of every effect its size, in typical ones, and
-its shapes where they are free, as parts of their range.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .observations import Observations
-from .system import Array, Channel, Effect, Points, System, forms_of
+from ..observations import Observations
+from ..settings import (
+    AUXILIARY_VARIANCE_RATIO,
+    BASE_DIFFERENCE,
+    INVISIBLE_SIGNATURE,
+    NEGLIGIBLE_STEP,
+    NO_ANSWER,
+    REFIT_STEPS,
+    ROUGH_REFIT_STEPS,
+    SIGNATURE_SIZE,
+    SIZE_DIFFERENCE,
+    STEP_PARTS,
+)
+from ..system import Array, Effect, Points, forms_of
+from .hypothesis import Hypothesis
 
 Signature = tuple[Effect, Array]
 """A form, and the change of prediction / deviation by one typical size, shape (channels, n)."""
-
-REFUSED = 100.0
-"""Standard deviations charged where a hypothesis has no answer.
-
-More than any misfit, or refits to a large gap would hide the worst points where there is none.
-"""
-
-_SCREENED_SIZE = 0.1  # in typical sizes
-_UNSEEN = (
-    1e-3  # deviations: an effect this small at typical size has no channel to show in
-)
-_PASSES, _ROUGH = 60, 6  # at most; of a rough refit
-_PARTS = (
-    1.0,
-    0.5,
-    0.2,
-    0.05,
-    0.01,
-    0.0,
-)  # of a step, until it is one down; at last none
-_OTHERS_BEAR = (
-    9.0  # times the variance of their noise, at least, the channels not served
-)
-_SMALL = (
-    0.3  # standard deviations: a step that changes or gains less is not worth making
-)
-_BASE_STEP, _SIZE_STEP = 1e-5, 1e-3  # of the differences
-# Anywhere in its range, as a normal: its mean, and the deviation that gives it the density there.
-_MIDDLE, _ANYWHERE = 0.5, (2.0 * np.pi) ** -0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A system and effects whose sizes are free.
-
-    Attributes:
-        system: what stands on the bench.
-        effects: with the shapes to use; what is free of them is fitted.
-        opposite: whether sizes that cannot be negative are negative: effects that nobody listed.
-        bent: of how many effects, from the first, the shapes are free too.
-    """
-
-    system: System
-    effects: tuple[Effect, ...] = ()
-    opposite: bool = False
-    bent: int = 0
-
-    @property
-    def shared(self) -> int:
-        """How many parameters every hypothesis has."""
-        return len(self.system.base)
-
-    @cached_property
-    def free(self) -> list[tuple[int, Any]]:
-        """Which effect, and which parameter of it, each theta after the shared ones is."""
-        return [
-            (i, item)
-            for i, effect in enumerate(self.effects)
-            for item in (
-                effect.sizes()[0],
-                *(
-                    other
-                    for other in effect.parameters()
-                    if i < self.bent and other.bends
-                ),
-            )
-        ]
-
-    @cached_property
-    def sizes(self) -> NDArray[np.intp]:
-        """Places of the sizes in theta, one for each effect."""
-        return self.shared + np.flatnonzero([item.is_size for _, item in self.free])
-
-    @property
-    def prior_mean(self) -> Array:
-        """Mean of theta; sizes are free and have zero."""
-        return np.append(
-            self.system.base.mean,
-            [0.0 if item.is_size else _MIDDLE for _, item in self.free],
-        )
-
-    def spread(self, sizes: Array | float) -> Array:
-        """Prior standard deviations of theta, for those of the sizes."""
-        found = np.append(self.system.base.spread, np.full(len(self.free), _ANYWHERE))
-        found[self.sizes] = sizes
-        return found
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest theta."""
-        base, ends = self.system.base, []
-        for _, item in self.free:
-            low, high = _scaled(item, item.low), _scaled(item, item.high)
-            ends.append(
-                (-high, -max(low, 0.0))
-                if self.opposite and item.is_size
-                else (low, high)
-            )
-        lowest, highest = np.array(ends).reshape(-1, 2).T
-        return np.append(base.low, lowest), np.append(base.high, highest)
-
-    @property
-    def signs(self) -> Array:
-        """1 or -1 for sizes of one sign only, 0 for the others, NaN for what is none, (p,)."""
-        low, high = (end[self.sizes] for end in self.bounds)
-        one = np.full(self.shared + len(self.free), np.nan)
-        one[self.sizes] = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0))
-        return one
-
-    def effects_at(self, theta: Array) -> tuple[Effect, ...]:
-        """Return the effects as they are at theta."""
-        values: list[dict[str, float]] = [{} for _ in self.effects]
-        for (i, item), value in zip(
-            self.free, theta[self.shared :].tolist(), strict=True
-        ):
-            values[i][item.name] = _value(item, value)
-        return tuple(
-            effect.with_values(each)
-            for effect, each in zip(self.effects, values, strict=True)
-        )
-
-    def theta(self, base: Array) -> Array:
-        """Return where the effects are as they stand, for scaled base parameters."""
-        return np.append(
-            base,
-            [
-                _scaled(item, self.effects[i].values()[item.name])
-                for i, item in self.free
-            ],
-        )
-
-    def predict(
-        self, theta: Array, points: Points, channels: Sequence[Channel] = ()
-    ) -> Array:
-        """Return some channels, or every one, shape (channels, n)."""
-        found = self.system.predict(
-            theta[: self.shared], self.effects_at(theta), points
-        )
-        names = [channel.name for channel in self.system.channels]
-        return (
-            found[[names.index(channel.name) for channel in channels]]
-            if channels
-            else found
-        )
-
-    def turning(
-        self, theta: Array, points: Points, channels: Sequence[Channel], here: Array
-    ) -> Array:
-        """How far readings, `here`, turn within `Axis.turns` of points, in their units.
-
-        What is served hardly does, and what is stated of its noise stands. Shape (channels, n).
-        """
-        found = np.zeros_like(here)
-        for axis in (axis for axis in self.system.axes if axis.turns):
-            around = sum(
-                self.predict(theta, {**points, axis.name: place}, channels)
-                for place in points[axis.name] + axis.turns * np.array([[-1.0], [1.0]])
-            )
-            found = np.fmax(
-                found, np.abs(around / 2.0 - here)
-            )  # of NaN and a number, the number
-        found[[channel.served for channel in channels]] = 0.0
-        return found
-
-
-def _scaled(item: Any, value: float) -> float:
-    """A size in typical ones; a shape as the part of its range, in proportion where it can be."""
-    if item.is_size:
-        return value / item.typical
-    if item.low > 0.0:
-        return math.log(value / item.low) / math.log(item.high / item.low)
-    return (value - item.low) / (item.high - item.low)
-
-
-def _value(item: Any, scaled: float) -> float:
-    """What `_scaled` gives back; a shape stays in its range, however it is rounded."""
-    if item.is_size:
-        return scaled * item.typical
-    found = (
-        item.low * (item.high / item.low) ** scaled
-        if item.low > 0.0
-        else (item.low + scaled * (item.high - item.low))
-    )
-    return min(max(found, item.low), item.high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,12 +56,12 @@ class Fit:
     @property
     def base(self) -> Array:
         """Scaled base parameters."""
-        return self.theta[: self.hypothesis.shared]
+        return self.theta[: self.hypothesis.base_count]
 
     @property
     def sizes(self) -> Array:
         """Sizes of the effects, in typical ones."""
-        return self.theta[self.hypothesis.sizes]
+        return self.theta[self.hypothesis.size_indices]
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -253,7 +76,7 @@ class Fit:
         )
 
     @cached_property
-    def absorbed(self) -> Array:
+    def nuisance_basis(self) -> Array:
         """What a refit nearby absorbs: an orthonormal basis, shape (channels x n + p, p).
 
         Of its columns, the noise divided out, and of the priors as further rows; for a hypothesis
@@ -275,18 +98,20 @@ class Fit:
             for form in forms_of(kind)
         )
         return [
-            (form, change) for form, change in every if np.abs(change).max() >= _UNSEEN
+            (form, change)
+            for form, change in every
+            if np.abs(change).max() >= INVISIBLE_SIGNATURE
         ]
 
     def signature(self, form: Effect) -> Array:
         """Change by one typical size of a form beside what there is, shape (channels, n)."""
         more = replace(self.hypothesis, effects=(*self.hypothesis.effects, form))
         # The refit leaves little of an effect: the slope that counts is that of a small one.
-        there = _whitened(more, self.observed, np.append(self.theta, _SCREENED_SIZE))
+        there = _whitened(more, self.observed, np.append(self.theta, SIGNATURE_SIZE))
         # Where the typical size cannot be carried it says nothing.
-        return np.where(there == REFUSED, 0.0, self.whitened - there) / _SCREENED_SIZE
+        return np.where(there == NO_ANSWER, 0.0, self.whitened - there) / SIGNATURE_SIZE
 
-    def left(self, readings: Array, prior: Array | float = 0.0) -> Array:
+    def project_out(self, readings: Array, prior: Array | float = 0.0) -> Array:
         """What a refit leaves of changes of the readings, shape (k, channels, n), and of priors.
 
         Returns:
@@ -299,16 +124,18 @@ class Fit:
             ],
             axis=1,
         )
-        return np.asarray(whole - whole @ self.absorbed @ self.absorbed.T)
+        return np.asarray(whole - whole @ self.nuisance_basis @ self.nuisance_basis.T)
 
-    def delivered(self, noise: Array) -> Fit:
+    def served_fit(self, noise: Array) -> Fit:
         """Refit so that channels that are not served bear what forms are off.
 
         The likeliest refit may give up one that is, to meet another to the last digit. `noise` is
         that of each channel, forms aside, shape (channels,).
         """
         served = [channel.served for channel in self.observed.channels]
-        weights = np.where(served, noise, np.maximum(self.noise, _OTHERS_BEAR * noise))
+        weights = np.where(
+            served, noise, np.maximum(self.noise, AUXILIARY_VARIANCE_RATIO * noise)
+        )
         return (
             self
             if all(served)
@@ -322,7 +149,7 @@ class Fit:
             )
         )
 
-    def as_measured(self, points: Points) -> Observations:
+    def observations_at(self, points: Points) -> Observations:
         """Other points as if read there: what is foretold, with the noise of the campaign."""
         observed = self.observed
         found = self.hypothesis.predict(self.theta, points, observed.channels)
@@ -335,7 +162,9 @@ class Fit:
         deviation[0] = np.median(observed.deviation[0])
         deviation = np.hypot(
             deviation * np.sqrt(self.noise)[:, None],
-            self.hypothesis.turning(self.theta, points, observed.channels, found),
+            self.hypothesis.local_variation(
+                self.theta, points, observed.channels, found
+            ),
         )
         return replace(
             observed,
@@ -383,7 +212,7 @@ def refit(
         _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
     )
     prior = np.diag(1.0 / hypothesis.spread(np.inf))
-    for _ in range(_ROUGH if rough else _PASSES):
+    for _ in range(ROUGH_REFIT_STEPS if rough else REFIT_STEPS):
         weight = _noise(observed, here, len(theta)) if noise is None else noise
         root = np.sqrt(weight)[:, None]
 
@@ -395,15 +224,15 @@ def refit(
         )
         left, before, whitened = missed(here, theta), theta, here
         aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
-        small, edge = np.linalg.norm(columns @ (aim - theta)) < _SMALL, False
-        for part in (0.0,) if small else _PARTS:
+        small, edge = np.linalg.norm(columns @ (aim - theta)) < NEGLIGIBLE_STEP, False
+        for part in (0.0,) if small else (*STEP_PARTS, 0.0):
             theta = (before + part * (aim - before)).clip(
                 *bounds
             )  # `aim` may miss by rounding
             here = _whitened(hypothesis, observed, theta) if part else whitened
-            if np.sum(missed(here, theta) ** 2) <= np.sum(left**2) - _SMALL**2:
+            if np.sum(missed(here, theta) ** 2) <= np.sum(left**2) - NEGLIGIBLE_STEP**2:
                 break
-            edge = edge or bool(((here == REFUSED) > (whitened == REFUSED)).any())
+            edge = edge or bool(((here == NO_ANSWER) > (whitened == NO_ANSWER)).any())
         if part:
             step = theta - before
             along = columns.T @ columns @ step
@@ -431,13 +260,16 @@ def refit(
     )
 
 
-def freed(fit: Fit, rough: bool = False) -> Fit:
+def with_free_shapes(fit: Fit, rough: bool = False) -> Fit:
     """Refit with the shapes of all effects free, from where a refit ended."""
     before, observed = fit.hypothesis, fit.observed
-    free = replace(before, effects=fit.effects, bent=len(fit.effects))
+    free = replace(before, effects=fit.effects, free_shapes=len(fit.effects))
     theta = free.theta(fit.base)
     known = np.array(
-        [*np.full(before.shared, True), *(item in before.free for item in free.free)]
+        [
+            *np.full(before.base_count, True),
+            *(item in before.free_parameters for item in free.free_parameters),
+        ]
     )
     slopes = np.empty((*fit.whitened.shape, len(theta)))
     slopes[..., known] = fit.jacobian
@@ -451,16 +283,19 @@ def freed(fit: Fit, rough: bool = False) -> Fit:
     return refit(free, observed, theta, slopes, rough=rough)
 
 
-def without(fit: Fit, i: int) -> Fit:
+def refit_without(fit: Fit, i: int) -> Fit:
     """Refit without one of the effects, from where a refit ended."""
     before = fit.hypothesis
     kept = np.array(
-        [*np.full(before.shared, True), *(place != i for place, _ in before.free)]
+        [
+            *np.full(before.base_count, True),
+            *(place != i for place, _ in before.free_parameters),
+        ]
     )
     rest = replace(
         before,
         effects=(*fit.effects[:i], *fit.effects[i + 1 :]),
-        bent=before.bent - (i < before.bent),
+        free_shapes=before.free_shapes - (i < before.free_shapes),
     )
     return refit(
         rest, fit.observed, fit.theta[kept], fit.jacobian[..., kept], rough=True
@@ -484,16 +319,18 @@ def linearise(
 
 def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:
     """Variance of each channel from its residuals and what was stated."""
-    trust, n = observed.trust, len(observed)
-    used = min(parameters, n - 1) / len(trust)
+    prior_dof, n = observed.prior_dof, len(observed)
+    used = min(parameters, n - 1) / len(prior_dof)
     return np.asarray(
-        (trust + np.sum(whitened**2, axis=1)) / (trust + max(n - used, 1.0))
+        (prior_dof + np.sum(whitened**2, axis=1)) / (prior_dof + max(n - used, 1.0))
     )
 
 
 def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> Array:
     found = hypothesis.predict(theta, observed.points, observed.channels)
-    return np.nan_to_num((observed.measured - found) / observed.deviation, nan=REFUSED)
+    return np.nan_to_num(
+        (observed.measured - found) / observed.deviation, nan=NO_ANSWER
+    )
 
 
 def _jacobian(
@@ -507,12 +344,12 @@ def _jacobian(
     which = range(len(theta)) if which is None else which
     high, jacobian = hypothesis.bounds[1], np.empty((*here.shape, len(which)))
     for place, i in enumerate(which):
-        step = _BASE_STEP if i < hypothesis.shared else _SIZE_STEP
+        step = BASE_DIFFERENCE if i < hypothesis.base_count else SIZE_DIFFERENCE
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= high[i] else -step
         there = _whitened(hypothesis, observed, moved)
         # Where an answer comes or goes there is no slope.
         jacobian[..., place] = np.where(
-            (there == REFUSED) == (here == REFUSED), here - there, 0.0
+            (there == NO_ANSWER) == (here == NO_ANSWER), here - there, 0.0
         ) / (moved[i] - theta[i])
     return jacobian

@@ -17,36 +17,33 @@ from functools import cached_property
 
 import numpy as np
 
-from .hypothesis import Fit
-from .regions import Regions
-from .rivals import Rival, exact, fields, local, misfitting, nothing, screen
+from ..detection.regions import Regions
+from ..fitting.refit import Fit
+from ..settings import (
+    BOOTSTRAP_CAMPAIGNS,
+    PRIOR_BASE_DISCREPANCY,
+    PRIOR_NO_GAP,
+    PRIOR_OF_SET_SIZE,
+    PRIOR_UNLISTED,
+    RELEVANT_PROBABILITY,
+    REVERSED_EFFECTS,
+    SETS_WITH_DISCREPANCY,
+)
+from ..system import Array, Points
+from .explanation import (
+    Explanation,
+    boxed_discrepancies,
+    explain_by_base,
+    explain_by_base_discrepancy,
+    explain_exactly,
+    smooth_discrepancies,
+)
+from .screen import screen
 from .search import Names, distinct, search
-from .system import Array, Points
-
-PRIOR_NO_GAP = 0.5
-"""Probability of an exact base and nothing else, before any bench; the rest is given a gap."""
-PRIOR_OF_SIZE = {1: 0.40, 2: 0.15, 3: 0.05}
-"""Probability that a gap has so many listed causes; all sets of one size are alike.
-
-Each further cause is rarer by a factor of three to four: what a larger set has to pay.
-"""
-PRIOR_MISFIT = 0.30
-"""Probability that a gap is a base model that is a little off, and nothing else.
-
-No model is exact: that is nearly as likely as a single cause.
-"""
-PRIOR_UNLISTED = 0.10
-"""Probability that a loss that nobody listed is all of a gap; the same of one beside each set."""
-
-_CAMPAIGNS = 400  # drawn
-_BESIDE = 4  # leading sets that are tried with an unlisted loss beside them
-_OPPOSITE = 3  # effects tried with the wrong sign
-ALIVE = 0.01
-"""Probability below which a rival is left out of what is foretold."""
 
 
 @dataclass(frozen=True, eq=False)
-class Ranking:
+class Posterior:
     """Rivals weighed.
 
     Attributes:
@@ -56,16 +53,18 @@ class Ranking:
         no_gap: the probability of that.
     """
 
-    entries: tuple[tuple[Rival, float], ...]
-    bare: Rival
+    entries: tuple[tuple[Explanation, float], ...]
+    base_only: Explanation
     no_gap: float
 
     @cached_property
-    def sets(self) -> dict[Names, tuple[Rival, float]]:
+    def sets(self) -> dict[Names, tuple[Explanation, float]]:
         """Refit and probability of each set of listed effects, most probable first."""
-        found: dict[Names, tuple[Rival, float]] = {}
-        for rival, p in sorted(self.entries, key=lambda item: not item[0].by_itself):
-            if part := rival.listed(self.bare):
+        found: dict[Names, tuple[Explanation, float]] = {}
+        for rival, p in sorted(
+            self.entries, key=lambda item: not item[0].is_listed_set
+        ):
+            if part := rival.explained_fraction(self.base_only):
                 first, total = found.get(rival.names, (rival, 0.0))
                 found[rival.names] = first, total + part * p
         return dict(sorted(found.items(), key=lambda item: -item[1][1]))
@@ -78,12 +77,14 @@ class Ranking:
     @cached_property
     def misfit(self) -> float:
         """Probability that the base model is a little off and nothing else."""
-        return sum(p for rival, p in self.entries if rival.of_base)
+        return sum(p for rival, p in self.entries if rival.is_base)
 
     @cached_property
     def effects(self) -> dict[str, float]:
         """Probability that an effect is present, by name, most probable first."""
-        listed = [item for item in self.entries if not item[0].fit.hypothesis.opposite]
+        listed = [
+            item for item in self.entries if not item[0].fit.hypothesis.reversed_sign
+        ]
         each = {
             name: min(1.0, sum(p for rival, p in listed if name in rival.names))
             for name in sorted({name for rival, _ in listed for name in rival.names})
@@ -94,14 +95,14 @@ class Ranking:
             )
         )
 
-    def best_with(self, name: str) -> Rival:
+    def best_with(self, name: str) -> Explanation:
         """The most probable set that holds an effect."""
         return next(rival for names, (rival, _) in self.sets.items() if name in names)
 
     @property
-    def alive(self) -> Ranking:
+    def relevant(self) -> Posterior:
         """The rivals that matter, their probabilities summing to 1 again."""
-        kept = [(rival, p) for rival, p in self.entries if p >= ALIVE]
+        kept = [(rival, p) for rival, p in self.entries if p >= RELEVANT_PROBABILITY]
         total = sum(p for _, p in kept)
         return replace(self, entries=tuple((rival, p / total) for rival, p in kept))
 
@@ -113,13 +114,13 @@ class Ranking:
         listed among them: measured minus refitted base in the unit of the first channel; NaN where
         the base model has no answer.
         """
-        there, start = self.bare.fit.observed, self.bare.fit.whitened[0]
+        there, start = self.base_only.fit.observed, self.base_only.fit.whitened[0]
         if points is not None:
-            there, start = self.bare.fit.as_measured(points), np.zeros(1)
-        told = [rival.at(there) for rival, _ in self.entries]
+            there, start = self.base_only.fit.observations_at(points), np.zeros(1)
+        told = [rival.prediction_at(there) for rival, _ in self.entries]
         means = there.deviation[0] * np.array([start + each.mean[0] for each in told])
         variances = there.deviation[0] ** 2 * np.array(
-            [each.spread[:, 0, 0] for each in told]
+            [each.reading_covariance[:, 0, 0] for each in told]
         )
         # Who has no answer at a point has no say there.
         weight = np.isfinite(means) * np.array([[p] for _, p in self.entries])
@@ -130,7 +131,7 @@ class Ranking:
         return mean, np.sqrt(np.sum(weight * (variances + (means - mean) ** 2), axis=0))
 
 
-def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
+def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
     """Search and weigh.
 
     Args:
@@ -140,62 +141,74 @@ def rank(base: Fit, boxes: Regions, seed: int) -> Ranking:
     """
     from scipy.special import expit, logsumexp, softmax
 
-    bare, library = nothing(base), base.signatures
-    sets, kinds = search(bare, library, max(PRIOR_OF_SIZE))
+    bare, library = explain_by_base(base), base.signatures
+    sets, kinds = search(bare, library, max(PRIOR_OF_SET_SIZE))
     found = [
         (
             rival,
             math.log(
-                PRIOR_OF_SIZE[len(rival.names)] / math.comb(kinds, len(rival.names))
+                PRIOR_OF_SET_SIZE[len(rival.names)] / math.comb(kinds, len(rival.names))
             )
             + log,
         )
         for rival, log in sets
     ]
     found.sort(key=lambda item: -item[1])
-    for rival, log in found[:_BESIDE]:
-        prior = log - rival.log + math.log(PRIOR_UNLISTED / 2.0)
-        found += _shared(fields(rival), prior) + _shared(local(rival, boxes), prior)
-    found += _shared([misfitting(bare)], math.log(PRIOR_MISFIT))
+    for rival, log in found[:SETS_WITH_DISCREPANCY]:
+        prior = log - rival.log_evidence + math.log(PRIOR_UNLISTED / 2.0)
+        found += _shared(smooth_discrepancies(rival), prior) + _shared(
+            boxed_discrepancies(rival, boxes), prior
+        )
+    found += _shared(
+        [explain_by_base_discrepancy(bare)], math.log(PRIOR_BASE_DISCREPANCY)
+    )
     # A loss that nobody listed: smooth, in some place, or of a listed effect with the wrong sign.
-    wrong = distinct(screen(base, library, opposite=True))
+    wrong = distinct(screen(base, library, reversed_sign=True))
     turned = [
         replace(
-            rival := exact(each.refit(opposite=True)), log=rival.log + each.price[0]
+            rival := explain_exactly(each.refit(reversed_sign=True)),
+            log_evidence=rival.log_evidence + each.price[0],
         )
-        for each in wrong[:_OPPOSITE]
+        for each in wrong[:REVERSED_EFFECTS]
         if each.gain > 0.0
     ]
     for family, count in (
-        (fields(bare), 0),
-        (local(bare, boxes), 0),
+        (smooth_discrepancies(bare), 0),
+        (boxed_discrepancies(bare, boxes), 0),
         (turned, len(wrong)),
     ):
         found += _shared(family, math.log(PRIOR_UNLISTED / 3.0), count)
     logs = np.array([log for _, log in found])
-    odds = math.log(PRIOR_NO_GAP / (1.0 - PRIOR_NO_GAP)) + bare.log - logsumexp(logs)
+    odds = (
+        math.log(PRIOR_NO_GAP / (1.0 - PRIOR_NO_GAP))
+        + bare.log_evidence
+        - logsumexp(logs)
+    )
     observed, n = base.observed, len(base.observed)
     drawn = (
-        np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), _CAMPAIGNS)
+        np.random.default_rng(seed).multinomial(
+            n, np.full(n, 1.0 / n), BOOTSTRAP_CAMPAIGNS
+        )
         - 1.0
     )
     # The same draw whatever the order of the rows.
-    drawn[:, np.lexsort([*observed.measured, *observed.place])] = drawn.copy()
-    likelihoods = np.stack([rival.weighed.likelihoods for rival, _ in found], axis=1)
+    drawn[:, np.lexsort([*observed.measured, *observed.coordinates])] = drawn.copy()
+    likelihoods = np.stack([rival.model.likelihoods for rival, _ in found], axis=1)
     entries = zip(
         (rival for rival, _ in found),
         softmax(logs + drawn @ likelihoods, axis=1).mean(axis=0).tolist(),
         strict=True,
     )
-    return Ranking(
+    return Posterior(
         tuple(sorted(entries, key=lambda item: -item[1])), bare, float(expit(odds))
     )
 
 
 def _shared(
-    rivals: Sequence[Rival], prior: float, count: int = 0
-) -> list[tuple[Rival, float]]:
+    rivals: Sequence[Explanation], prior: float, count: int = 0
+) -> list[tuple[Explanation, float]]:
     """Share a log prior among rivals, or as many as `count` of which these are the best."""
     return [
-        (rival, prior + rival.log - math.log(count or len(rivals))) for rival in rivals
+        (rival, prior + rival.log_evidence - math.log(count or len(rivals)))
+        for rival in rivals
     ]

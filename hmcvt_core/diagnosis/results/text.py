@@ -5,48 +5,37 @@ Nothing is computed here, and nothing is escaped.
 """
 
 import json
-import math
-import textwrap
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from ..files import picture, preformatted
-from .advice import Advice, NextTest
-from .advice import named as named
-from .result import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE, Outcome, Region
-from .system import Axis
+from ...files import picture, preformatted
+from ..design.next_test import Advice, NextTest
+from ..design.next_test import named as named
+from ..settings import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
+from ..system import Axis
+from ..wording import AT_MOST as AT_MOST
+from ..wording import MINUS as MINUS
+from ..wording import NOTHING as NOTHING
+from ..wording import chance as chance
+from ..wording import fixed as fixed
+from ..wording import listed as listed
+from ..wording import number as number
+from ..wording import p_is as p_is
+from ..wording import percent as percent
+from ..wording import plain as plain
+from ..wording import probability as probability
+from ..wording import wrapped as wrapped
+from .outcome import Outcome, Region
 
-MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
-
-NOTHING = "\N{EN DASH}"
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _WIDE = 0.75  # part of the range from which a place is not special along an axis
 _OUTSTANDING = 0.3  # a leading cause less probable than this is one among many
 _MOST_WORDS = 25  # of the sentence for the mechanic
 _ALIVE, _MOST_TOLD = 0.03, 4  # sets named in the verdict
 _TOLD_SET, _SETS = 0.01, 5  # and in the report
 _DETAILED = 3  # causes told at length; the page has all
-_WIDTH, _MARGIN = 100, 11
+_MARGIN = 11
 _SETTLED = 2.0  # standard errors from which a drift of a base parameter is worth a line
-
-
-def fixed(value: float | None, digits: int, sign: bool = False) -> str:
-    """Return a number with so many decimals; a dash where there is none."""
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    value = round(value, digits) + 0.0  # no zero is negative
-    return f"{value:{'+' if sign and value else ''}.{digits}f}".replace("-", MINUS)
-
-
-def number(value: float | None) -> str:
-    """Return a number with three significant digits, powers of ten as such."""
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    mantissa, _, power = f"{value:.3g}".partition("e")
-    exponent = str(int(power)).translate(_SUPERSCRIPT) if power else ""
-    times = f" \N{MULTIPLICATION SIGN} 10{exponent}" if power else ""
-    return (mantissa + times).replace("-", MINUS)
 
 
 def amount(found: Outcome, value: float, sign: bool = False) -> str:
@@ -55,48 +44,13 @@ def amount(found: Outcome, value: float, sign: bool = False) -> str:
     return f"{fixed(channel.factor * value, channel.digits, sign)} {channel.unit}"
 
 
-def percent(value: float) -> str:
-    """Return a part in percent."""
-    return f"{fixed(100.0 * value, 0)} %"
-
-
-def probability(value: float) -> str:
-    """Return a probability in percent; none is quite 0 or 1."""
-    if 0.0 < value < 0.01:
-        return "< 1 %"
-    return "> 99 %" if value > 0.99 else percent(value)
-
-
-def chance(value: float | None) -> str:
-    """Return a p-value; the simulated campaigns behind it tell none below a thousandth."""
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    return f"{value:.2g}" if value > 0.001 else f"{AT_MOST} 0.001"
-
-
-def p_is(value: float) -> str:
-    """Return `p = ...`, or that it is no larger than can be told."""
-    told = chance(value)
-    return f"p {told}" if told.startswith(AT_MOST) else f"p = {told}"
-
-
-def plain(name: str) -> str:
-    """Return the name of an effect or parameter in words."""
-    return name.replace("_", " ")
-
-
-def listed(names: Sequence[str], last: str = "or") -> str:
-    """Return `a, b or c`."""
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} {last} {names[-1]}"
-
-
 def point_of(test: NextTest, axes: Sequence[Axis]) -> str:
     """Return the point of a test."""
     point = test.point or {}
     told = [
-        axis.told.format(point[axis.name], axis.second * point[axis.name])
+        axis.test_format.format(
+            point[axis.name], axis.second_unit_factor * point[axis.name]
+        )
         for axis in axes
     ]
     return ", ".join([*told, *map(" ".join, test.setting.items())])
@@ -122,17 +76,6 @@ def advice(found: Advice) -> str:
         f"({probability(found.no_gap)})"
     )
     return "\n".join(wrapped(line) for line in lines)
-
-
-def wrapped(line: str, margin: int = 0) -> str:
-    """Return a line in lines of at most 100 characters, the further ones indented."""
-    return textwrap.fill(
-        line,
-        _WIDTH,
-        subsequent_indent=" " * margin,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
 
 
 def mechanic(found: Outcome) -> str:

@@ -2,7 +2,6 @@
 """Diagnosis of the gap between model and bench: where, which effect, how far it shrinks."""
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -11,35 +10,39 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from . import result
-from .advice import Advice, advise
-from .evidence import cross_validated_errors, deals
-from .hypothesis import REFUSED, Fit, refit
-from .intake import admitted, listed_samples
-from .observations import FEW, Observations
-from .ranking import Ranking, rank
-from .regions import Regions, Significance, covering, regions, significance
-from .result import GAP_SIGNIFICANCE, NAMING, Cause, CauseSet
-from .rivals import Rival
+from .design.next_test import Advice, advise
+from .detection.regions import Regions, candidate_regions, covering
+from .detection.significance import Significance, significance
+from .fitting.cross_validation import cross_validated_errors, fold_assignments
+from .fitting.refit import Fit, refit
+from .observations import Observations
+from .preparation import describe_samples, prepare
+from .results import outcome as result
+from .results.outcome import NAMING, Cause, CauseSet
+from .results.text import Diagnosis
+from .selection.explanation import Explanation
+from .selection.posterior import Posterior, compute_posterior
+from .settings import (
+    CAUSE_FOUND_PROBABILITY,
+    GAP_SIGNIFICANCE,
+    MOST_REGIONS,
+    NO_ANSWER,
+    RIVAL_SET_MARGIN,
+    ROUNDING,
+    SHRINKAGE_DRAWS,
+    SHRINKAGE_TAIL,
+    SMALL_CAMPAIGN,
+    SUMMARISED_SETS,
+    UNEXPLAINED_PROBABILITY,
+)
 from .system import Array, Effect, Points, System
-from .words import Diagnosis
-
-FOUND = 0.80  # probability from which one set is called found, or effects that are not told apart
-UNEXPLAINED = 0.5  # probability of an unlisted loss from which no cause is named
-_TWIN = math.log(
-    FOUND / (1.0 - FOUND)
-)  # evidence, forms aside: less does not tell two sets apart
-_ROUNDING = 1e-9
-_MOST_REGIONS = 5
-_TOLD_SETS = 5
-_DRAWS, _TAIL = 999, 0.025
 
 
 @dataclass(frozen=True, eq=False)
 class _Study:
     """A campaign once everything has been weighed; `seed` is that of every random number."""
 
-    ranking: Ranking
+    ranking: Posterior
     boxes: Regions
     found: Significance
     seed: int
@@ -47,7 +50,7 @@ class _Study:
     @property
     def base(self) -> Fit:
         """The refit without any effect."""
-        return self.ranking.bare.fit
+        return self.ranking.base_only.fit
 
     @property
     def significant(self) -> bool:
@@ -55,30 +58,33 @@ class _Study:
         return self.found.p_value <= GAP_SIGNIFICANCE
 
     @cached_property
-    def leading(self) -> tuple[Rival, float]:
+    def leading(self) -> tuple[Explanation, float]:
         """The most probable set of listed effects."""
         return next(iter(self.ranking.sets.values()))
 
     @cached_property
     def before(self) -> Array:
         """Errors of the base model at samples left out, shape (n,)."""
-        return self.errors(self.ranking.bare)
+        return self.errors(self.ranking.base_only)
 
     @cached_property
-    def errors(self) -> Callable[[Rival], Array]:
+    def errors(self) -> Callable[[Explanation], Array]:
         """Errors of a rival at samples left out, shape (n,); worked out once for each."""
-        observed, dealt = self.base.observed, deals(self.base.observed, self.seed)
+        observed, dealt = (
+            self.base.observed,
+            fold_assignments(self.base.observed, self.seed),
+        )
         # A size is held at its bound in what is handed over, not in the folds.
         return cache(
             lambda rival: max(
-                cross_validated_errors(rival.plain, observed, dealt),
-                rival.delivered.whitened[0] * observed.deviation[0],
+                cross_validated_errors(rival.plain_model, observed, dealt),
+                rival.served_fit.whitened[0] * observed.deviation[0],
                 key=_rms,
             )
         )
 
     @cached_property
-    def shrunk(self) -> Callable[[Rival], result.ShrinkageSummary]:
+    def shrunk(self) -> Callable[[Explanation], result.ShrinkageSummary]:
         """How far the gap shrinks with a set held in every fold; worked out once for each."""
         return cache(
             lambda rival: shrinkage(
@@ -94,14 +100,14 @@ class _Study:
     @cached_property
     def expected(self) -> tuple[Array, Array]:
         """The gap at the samples and its standard deviation, over all that is alive."""
-        return self.ranking.alive.gap_at()
+        return self.ranking.relevant.gap_at()
 
-    def _foretold(self, rival: Rival) -> Array:
+    def _foretold(self, rival: Explanation) -> Array:
         """Mean squares expected of the gap before and after a set, shape (2,)."""
         (mean, deviation), unit = self.expected, self.base.observed.deviation[0]
         before, after = (
-            np.where(fit.whitened[0] == REFUSED, np.nan, fit.whitened[0] * unit)
-            for fit in (self.base, rival.delivered)
+            np.where(fit.whitened[0] == NO_ANSWER, np.nan, fit.whitened[0] * unit)
+            for fit in (self.base, rival.served_fit)
         )
         return np.nanmean(
             [mean**2, (mean - before + after) ** 2] + deviation**2, axis=1
@@ -112,7 +118,9 @@ class _Study:
         """Standard deviation of the first channel, (n,); without a gap that of the base model."""
         ranking = self.ranking
         likeliest = (
-            ranking.entries[0][0].weighed if self.significant else ranking.bare.plain
+            ranking.entries[0][0].model
+            if self.significant
+            else ranking.base_only.plain_model
         )
         return np.asarray(self.base.observed.deviation[0] * np.sqrt(likeliest.noise[0]))
 
@@ -144,13 +152,13 @@ def diagnose_system(
         InputError: samples cannot carry a diagnosis.
     """
     tell = progress or (lambda text: None)
-    base, more = admitted(system, observed)
+    base, more = prepare(system, observed)
     observed = base.observed
-    boxes = regions(observed.place)
+    boxes = candidate_regions(observed.coordinates)
     tell("step 1 of 3, is there a gap")
     found = significance(base, boxes, seed)
     tell("step 2 of 3, refits with sets of effects")
-    study = _Study(rank(base, boxes, seed), boxes, found, seed)
+    study = _Study(compute_posterior(base, boxes, seed), boxes, found, seed)
     tell("step 3 of 3, how far the gap shrinks")
     ranking, residuals, real = study.ranking, study.before, study.significant
     verdict, why = _verdict(study)
@@ -177,7 +185,7 @@ def diagnose_system(
         len(residuals),
         _rms(residuals),
         _rms(study.noise),
-        observed.usual_noise,
+        observed.stated_noise,
         observed.noise_source,
         found.p_value,
         real,
@@ -208,7 +216,7 @@ def diagnose_system(
             *why,
         ),
         _model_of(base),
-        ranking.alive,
+        ranking.relevant,
         observed.samples,
         residuals,
         judged.samples,
@@ -231,10 +239,13 @@ def next_test(
         system, observed, notes, seed: as there.
         possible: the tests that can be run; None for those that the system knows.
     """
-    base, more = admitted(system, observed)
+    base, more = prepare(system, observed)
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)
-    found = advise(rank(base, regions(base.observed.place), seed), possible)
+    found = advise(
+        compute_posterior(base, candidate_regions(base.observed.coordinates), seed),
+        possible,
+    )
     return replace(found, notes=(*notes, *more))
 
 
@@ -267,14 +278,17 @@ def shrinkage(
         - np.broadcast_to(np.square(noise), before.shape)[:, None]
     )
     mean, hidden = np.maximum(squares.mean(axis=0), 0.0), np.mean(np.square(noise))
-    mean = np.maximum(mean, least * hidden / max(hidden + mean[0], _ROUNDING**2))
+    mean = np.maximum(mean, least * hidden / max(hidden + mean[0], ROUNDING**2))
     fraction, interval = None, None
     if real and mean[0] > 0.0:
         rng, n = np.random.default_rng(seed), len(squares)
         drawn = np.stack(
             [
                 mean,
-                *(squares[rng.integers(0, n, n)].mean(axis=0) for _ in range(_DRAWS)),
+                *(
+                    squares[rng.integers(0, n, n)].mean(axis=0)
+                    for _ in range(SHRINKAGE_DRAWS)
+                ),
             ]
         )
         drawn = drawn[drawn[:, 0] > 0.0]
@@ -283,7 +297,9 @@ def shrinkage(
             1.0 - drawn[:, 1] / drawn[:, 0], -10.0, 1.0
         ).tolist()
         if others:
-            low, high = np.quantile(others, [_TAIL, 1.0 - _TAIL]).tolist()
+            low, high = np.quantile(
+                others, [SHRINKAGE_TAIL, 1.0 - SHRINKAGE_TAIL]
+            ).tolist()
             interval = min(low, fraction), max(high, fraction)
     gap = np.sqrt(mean).tolist()
     return result.ShrinkageSummary(gap[0], gap[1], fraction, interval, on)
@@ -302,7 +318,7 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
     ranking, (leading, probability) = study.ranking, study.leading
     if not study.significant:
         return "no_gap", []
-    if ranking.unlisted > UNEXPLAINED:
+    if ranking.unlisted > UNEXPLAINED_PROBABILITY:
         return "unexplained", [
             "the base model is a little off, smoothly: less than what a cause would need"
             if ranking.misfit > ranking.unlisted / 2.0
@@ -314,20 +330,26 @@ def _verdict(study: _Study) -> tuple[str, list[str]]:
         for names, (rival, _) in ranking.sets.items()
         if len(names) == len(leading.names)
         and rival is not leading
-        and rival.log > leading.log - _TWIN
+        and rival.log_evidence > leading.log_evidence - RIVAL_SET_MARGIN
     ]
     first = ranking.entries[0][0]
     rest = (
         ["a smaller loss that nobody listed stands beside it: look at the regions"]
-        if first.beside is not None and first.listed(ranking.bare) > 0.5
+        if first.discrepancy is not None
+        and first.explained_fraction(ranking.base_only) > 0.5
         else []
     )
-    return "cause_found" if probability >= FOUND and not twins else "ambiguous", rest
+    return (
+        "cause_found"
+        if probability >= CAUSE_FOUND_PROBABILITY and not twins
+        else "ambiguous",
+        rest,
+    )
 
 
 def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
     """Mean over the samples, of the leading set [W]; where none is named, over where the gap is."""
-    fit = study.leading[0].delivered if verdict in NAMING else study.base
+    fit = study.leading[0].served_fit if verdict in NAMING else study.base
     system, points = fit.hypothesis.system, study.base.observed.points
     (expected,) = system.predict(fit.base, (), points)[:1]
     if fit is not study.base:
@@ -341,7 +363,7 @@ def _lost_power(study: _Study, verdict: str, gap: Array) -> float:
 def _sets(study: _Study) -> tuple[CauseSet, ...]:
     told = list[CauseSet]()
     for names, (rival, p) in study.ranking.sets.items():
-        each = study.shrunk(rival) if len(told) < _TOLD_SETS else None
+        each = study.shrunk(rival) if len(told) < SUMMARISED_SETS else None
         told.append(
             CauseSet(names, p, *((each.after, each.fraction) if each else (None, None)))
         )
@@ -357,7 +379,7 @@ def _errors_on(
     their noise have that of the campaign.
     """
     base, refusal = study.base, study.base.hypothesis.system.refusal
-    first = study.leading[0].delivered
+    first = study.leading[0].served_fit
     before, after = (
         held.measured[0] - fit.hypothesis.predict(fit.theta, held.points)[0]
         for fit in (base, first if study.significant else base)
@@ -372,7 +394,7 @@ def _errors_on(
     notes = (
         [
             f"{len(stalled)} of {len(held)} samples held out {refusal} and do not count: "
-            f"{listed_samples(held, stalled)}"
+            f"{describe_samples(held, stalled)}"
         ]
         if len(stalled)
         else []
@@ -401,13 +423,13 @@ def _causes(study: _Study, verdict: str) -> tuple[Cause, ...]:
 
 def _cause(study: _Study, name: str) -> Cause:
     rival = study.ranking.best_with(name)
-    fit = rival.delivered
+    fit = rival.served_fit
     effects = fit.effects
     index = [effect.name for effect in effects].index(name)
     effect, hypothesis = effects[index], fit.hypothesis
     # At the fitted shapes: with them free, a size may be anything that keeps the loss.
-    kept = [*range(hypothesis.shared), *hypothesis.sizes]
-    known = np.linalg.inv(rival.plain.covariance)[np.ix_(kept, kept)]
+    kept = [*range(hypothesis.base_count), *hypothesis.size_indices]
+    known = np.linalg.inv(rival.plain_model.covariance)[np.ix_(kept, kept)]
     errors = np.sqrt(np.diagonal(np.linalg.inv(known)))
     shrunk = study.shrunk(rival)
     partners = [other for other in rival.names if other != name]
@@ -418,7 +440,7 @@ def _cause(study: _Study, name: str) -> Cause:
         study.ranking.effects[name],
         _twins(study.ranking, name),
         " and ".join(partners) or None,
-        _parameters(effect, errors[hypothesis.shared + index]),
+        _parameters(effect, errors[hypothesis.base_count + index]),
         shrunk.after,
         shrunk.fraction,
         _drift(study.base, fit, errors),
@@ -429,7 +451,7 @@ def _cause(study: _Study, name: str) -> Cause:
     )
 
 
-def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
+def _twins(ranking: Posterior, name: str) -> tuple[str, ...]:
     """Effects that these data cannot tell from one: the rest of the credible set.
 
     It holds at each step the effect that most of the probability still missed needs; sets of none
@@ -441,7 +463,7 @@ def _twins(ranking: Ranking, name: str) -> tuple[str, ...]:
         for names, (_, p) in ranking.sets.items()
         if not partners.issuperset(names)
     }
-    least = (1.0 - FOUND) * sum(missed.values()) + _ROUNDING
+    least = (1.0 - CAUSE_FOUND_PROBABILITY) * sum(missed.values()) + ROUNDING
     while sum(missed.values()) > least:
         need = {
             other: sum(p for names, p in missed.items() if other in names)
@@ -498,7 +520,7 @@ def _where(study: _Study, expected: Array) -> tuple[result.Region, ...]:
     boxes, found = study.boxes, study.found
     if not study.significant or not len(boxes):
         return ()
-    chosen = covering(boxes.members, np.abs(expected) > _rms(expected), _MOST_REGIONS)
+    chosen = covering(boxes.members, np.abs(expected) > _rms(expected), MOST_REGIONS)
     chosen.sort(key=lambda i: -abs(np.sum(expected[boxes.members[i]])))
     observed = study.base.observed
     residual = study.base.whitened[0] * observed.deviation[0]
@@ -523,13 +545,13 @@ def _on_noise(study: _Study) -> list[str]:
     observed = study.base.observed
     channel, stated, found = (
         observed.channels[0],
-        observed.usual_noise,
+        observed.stated_noise,
         _rms(study.noise),
     )
     ratio = found / stated
-    if observed.assumed and len(observed) < FEW:
+    if observed.assumed and len(observed) < SMALL_CAMPAIGN:
         noise = float(f"{stated:.2g}")
-        believed = refit(study.base.hypothesis, observed.stating(noise))
+        believed = refit(study.base.hypothesis, observed.with_stated_noise(noise))
         p_value = significance(believed, study.boxes, study.seed).p_value
         return [
             f"nobody stated the noise, and {len(observed)} samples cannot tell it from a gap: "

@@ -20,14 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .observations import Observations, replicate_groups
-from .system import Array
-
-FOLDS, DEALS = 12, 8
-_ROUNDS, _SETTLED = 8, 2e-3
+from ..observations import Observations
+from ..settings import NOISE_ROUNDS, NOISE_TOLERANCE
+from ..system import Array
 
 
-class Evidence(NamedTuple):
+class ModelEvidence(NamedTuple):
     """Evidence of m models.
 
     Attributes:
@@ -37,7 +35,7 @@ class Evidence(NamedTuple):
         noise: variance of each channel, shape (m, channels).
     """
 
-    log: Array
+    log_evidence: Array
     mean: Array
     covariance: Array
     noise: Array
@@ -57,28 +55,28 @@ def gram(columns: Array, target: Array) -> Array:
     return np.asarray(np.swapaxes(both, -1, -2) @ both)
 
 
-def evidence(
+def model_evidence(
     grams: Array,
     count: int | NDArray[np.intp],
     spread: Array,
-    trust: Array,
+    prior_dof: Array,
     signs: Array | None = None,
-) -> Evidence:
+) -> ModelEvidence:
     """Weigh m linear models.
 
     Args:
         grams: of [columns, target], shape (m, channels, p + 1, p + 1).
         count: samples per channel; shape (m, 1) where the models have different ones.
         spread: prior standard deviations of the coefficients, shape (p,) or (m, p).
-        trust: worth of the stated noise in samples, shape (channels,).
-        signs: of coefficients that are sizes of effects, see `size_odds`; NaN for the others and
+        prior_dof: worth of the stated noise in samples, shape (channels,).
+        signs: of coefficients that are sizes of effects, see `moment_prior_log_bayes_factor`; NaN for the others and
             by default, shape (p,) or (m, p).
     """
     square, cross, total = grams[..., :-1, :-1], grams[..., :-1, -1], grams[..., -1, -1]
     precision = spread**-2.0
     p = spread.shape[-1]
     noise, flat = np.ones(total.shape), square.reshape(*total.shape, p * p)
-    for _ in range(_ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         weights = 1.0 / noise[:, None]
         matrix = (weights @ flat).reshape(-1, p, p)
         matrix[:, np.arange(p), np.arange(p)] += precision
@@ -88,22 +86,26 @@ def evidence(
         residual = np.maximum(total + (fitted @ mean[..., None])[..., 0], 1e-12)
         # The part of the noise that the fitted coefficients hide.
         hidden = (flat @ covariance.reshape(-1, p * p, 1))[..., 0]
-        noise, before = (trust + residual + hidden) / (trust + count), noise
-        if (np.abs(noise / before - 1.0) < _SETTLED).all():
+        noise, before = (prior_dof + residual + hidden) / (prior_dof + count), noise
+        if (np.abs(noise / before - 1.0) < NOISE_TOLERANCE).all():
             break
     _, logdet = np.linalg.slogdet(matrix)
     log = -0.5 * (
-        np.sum((count + trust) * np.log(noise) + (trust + residual) / noise, axis=1)
+        np.sum(
+            (count + prior_dof) * np.log(noise) + (prior_dof + residual) / noise, axis=1
+        )
         + np.sum(precision * mean**2, axis=1)
         + logdet
         + 2.0 * np.sum(np.log(spread), axis=-1)
     )
     if signs is not None:
-        log += size_odds(mean, np.diagonal(covariance, axis1=1, axis2=2), spread, signs)
-    return Evidence(log, mean, covariance, noise)
+        log += moment_prior_log_bayes_factor(
+            mean, np.diagonal(covariance, axis1=1, axis2=2), spread, signs
+        )
+    return ModelEvidence(log, mean, covariance, noise)
 
 
-def respread(
+def change_of_prior_scale(
     mean: Array, covariance: Array, spread: Array, others: Array, signs: Array
 ) -> Array:
     r"""Log evidence of a model under other priors of some coefficients, against the one it had.
@@ -115,7 +117,7 @@ def respread(
         mean, covariance: posterior of these coefficients, shapes (k,) and (k, k).
         spread: the prior they had, shape (k,).
         others: prior standard deviations instead, shape (m, k).
-        signs: as `size_odds` takes them, shape (k,); in the model they have not been counted.
+        signs: as `moment_prior_log_bayes_factor` takes them, shape (k,); in the model they have not been counted.
     """
     known = np.linalg.inv(covariance)
     pull = known @ mean
@@ -133,11 +135,15 @@ def respread(
             + np.linalg.slogdet(known)[1]
         )
         + np.sum(np.log(spread / others), axis=1)
-        + size_odds(there, np.diagonal(narrower, axis1=1, axis2=2), others, signs)
+        + moment_prior_log_bayes_factor(
+            there, np.diagonal(narrower, axis1=1, axis2=2), others, signs
+        )
     )
 
 
-def size_odds(mean: Array, variance: Array, spread: Array, signs: Array) -> Array:
+def moment_prior_log_bayes_factor(
+    mean: Array, variance: Array, spread: Array, signs: Array
+) -> Array:
     r"""Log of what evidence changes by when sizes have a prior that is none at zero.
 
     An effect too small to matter is no cause: :math:`p(a) = a^2 / s^2 \; N(a; 0, s^2)` instead of
@@ -172,7 +178,7 @@ def log_mean(values: Sequence[float] | Sequence[Array] | Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearModel:
     """One hypothesis as a linear model.
 
     Attributes:
@@ -190,12 +196,12 @@ class Linear:
     target: Array
     spread: Array
     signs: Array
-    log: float
+    log_evidence: float
     mean: Array
     covariance: Array
     noise: Array
 
-    def left(self, first: int | None = None) -> Array:
+    def residual(self, first: int | None = None) -> Array:
         """What all coefficients, or the first ones alone, leave of the target, (channels, n)."""
         return np.asarray(self.target - self.columns[..., :first] @ self.mean[:first])
 
@@ -206,81 +212,26 @@ class Linear:
         So the log evidence changes with the weight of a sample, the noise being where it is
         largest.
         """
-        squares = self.left() ** 2 + np.sum(
+        squares = self.residual() ** 2 + np.sum(
             (self.columns @ self.covariance) * self.columns, axis=-1
         )
         noise = self.noise[:, None]
         return np.asarray(-0.5 * np.sum(squares / noise + np.log(noise), axis=0))
 
 
-def weigh(
+def linear_models(
     observed: Observations, columns: Array, target: Array, spreads: Array, signs: Array
-) -> list[Linear]:
+) -> list[LinearModel]:
     """Weigh the same columns under several priors, spreads of shape (m, p)."""
     one = gram(columns, target)
-    found = evidence(
+    found = model_evidence(
         np.broadcast_to(one, (len(spreads), *one.shape)),
         len(observed),
         spreads,
-        observed.trust,
+        observed.prior_dof,
         signs,
     )
     return [
-        Linear(columns, target, spread, signs, float(log), mean, covariance, noise)
+        LinearModel(columns, target, spread, signs, float(log), mean, covariance, noise)
         for spread, log, mean, covariance, noise in zip(spreads, *found, strict=True)
     ]
-
-
-def deals(observed: Observations, seed: int) -> list[list[NDArray[np.intp]]]:
-    """Deal the samples to folds several times; once where every point is left out alone.
-
-    Each fold is the part left out; repeated points stay together.
-    """
-    group = replicate_groups(observed.axes, observed.points)
-    points = int(group.max()) + 1
-    orders = [
-        np.random.default_rng(seed + 1000 * i).permutation(points)
-        for i in range(1 if points <= FOLDS else DEALS)
-    ]
-    return [
-        [
-            np.flatnonzero(np.isin(group, part))
-            for part in np.array_split(order, min(FOLDS, points))
-        ]
-        for order in orders
-    ]
-
-
-def cross_validated_errors(
-    model: Linear, observed: Observations, dealt: Sequence[Sequence[NDArray[np.intp]]]
-) -> Array:
-    """Errors of the first channel at samples left out, (n,); all coefficients refitted each time.
-
-    How samples are dealt to the folds is chance: over several deals the root of the mean square at
-    each sample, with the sign of the mean.
-    """
-    n, errors = len(observed), np.empty((len(dealt), len(observed)))
-    for parts, own in zip(dealt, errors, strict=True):
-        count = np.array([[n - len(part)] for part in parts])
-        left_out = np.stack(
-            [gram(model.columns[:, part], model.target[:, part]) for part in parts]
-        )
-        found = evidence(
-            gram(model.columns, model.target) - left_out,
-            count,
-            model.spread,
-            observed.trust,
-            model.signs,
-        )
-        for part, mean, covariance in zip(
-            parts, found.mean, found.covariance, strict=True
-        ):
-            for size in np.flatnonzero(model.signs * mean < 0.0):
-                # The others as they are once it is known to be zero.
-                along = covariance[:, size]
-                mean = mean - along * mean[size] / along[size]
-            own[part] = model.target[0, part] - model.columns[0, part] @ mean
-    errors *= observed.deviation[0]
-    return np.asarray(
-        np.copysign(np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0))
-    )

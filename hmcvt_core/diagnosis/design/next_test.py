@@ -20,22 +20,23 @@ from typing import Any
 
 import numpy as np
 
-from .ranking import ALIVE, Ranking
-from .rivals import Foretold, Rival
-from .search import Names
-from .system import Array, Axis, Points
-
-SETTLED = 0.95
-"""Probability at which an explanation stands."""
-_NO_TEST, _REGIONS = (
-    "cannot be settled by tests",
-    "look at the regions that hmcvt diagnose tells",
+from ..selection.explanation import Explanation
+from ..selection.posterior import Posterior
+from ..selection.prediction import Prediction
+from ..selection.search import Names
+from ..settings import (
+    DESIGN_EXPLANATIONS,
+    DESIGN_MAJORITY,
+    DESIGN_TESTS,
+    MANY_TESTS,
+    RELEVANT_PROBABILITY,
+    SETTLED_LOG_ODDS,
+    SETTLED_PROBABILITY,
 )
+from ..system import Array, Axis, Points
 
-_MOST, _TESTS = 8, 4  # explanations weighed, tests chosen
-_MANY = 100.0  # tests, evenly spread: what a campaign so large cannot tell apart, tests cannot
-_ODDS = math.log(SETTLED / (1.0 - SETTLED))
-_HALF = 0.5  # of the probability: where so much will not be settled, or carried, no test is made
+_NO_TEST = "cannot be settled by tests"
+_REGIONS = "look at the regions that hmcvt diagnose tells"
 
 
 def named(effects: Names | None) -> str:
@@ -130,7 +131,7 @@ class Advice:
         }
 
 
-def advise(ranking: Ranking, possible: Points) -> Advice:
+def advise(ranking: Posterior, possible: Points) -> Advice:
     """Choose the next tests, each knowing of those before it.
 
     Args:
@@ -139,7 +140,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     """
     from scipy.special import logit, xlogy
 
-    labels, base = _labels(ranking), ranking.bare.fit
+    labels, base = _labels(ranking), ranking.base_only.fit
     alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
     answer = partial(
         Advice,
@@ -148,17 +149,19 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
         no_gap=labels[None][1],
         axes=base.observed.steered,
     )
-    if labels[None][1] >= SETTLED:
+    if labels[None][1] >= SETTLED_PROBABILITY:
         return answer("no gap worth a test")
-    if alive[0][1] >= SETTLED:
+    if alive[0][1] >= SETTLED_PROBABILITY:
         return answer("settled", measure=None if alive[0][0] else _REGIONS)
     p = np.array([each for _, each in labels.values()])
     p /= p.sum()
     likeliest, _ = max(labels.values(), key=lambda item: item[1])
-    pool = replace(base, noise=likeliest.weighed.noise).as_measured(possible)
-    rivals = [rival.at(pool, allowing=True) for rival, _ in labels.values()]
+    pool = replace(base, noise=likeliest.model.noise).observations_at(possible)
+    rivals = [
+        rival.prediction_at(pool, with_allowances=True) for rival, _ in labels.values()
+    ]
     carried = np.stack([np.isfinite(each.mean).all(axis=0) for each in rivals])
-    able = carried[-1] & (p @ carried > _HALF)  # by the base, and by most
+    able = carried[-1] & (p @ carried > DESIGN_MAJORITY)  # by the base, and by most
     if not able.any():
         return answer(_NO_TEST, measure="none of the tests can be carried")
     place = {name: row[able] for name, row in pool.points.items()}
@@ -173,7 +176,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     ]
     names = list(labels)
     twins = _untold(rivals, names, p)
-    if p[list(twins)].sum() > _HALF:
+    if p[list(twins)].sum() > DESIGN_MAJORITY:
         first = min(twins)  # they come most probable first
         rival, twin = (labels[names[i]][0] for i in (first, twins[first]))
         remedy = [
@@ -190,7 +193,7 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
     says = p[:, None] * carried
     says /= says.sum(axis=0)
     tests = []
-    for _ in range(_TESTS):
+    for _ in range(DESIGN_TESTS):
         distance = _distances(rivals)
         information = -xlogy(
             says, np.einsum("jn,kjn->kn", says, np.exp(-distance))
@@ -210,14 +213,16 @@ def advise(ranking: Ranking, possible: Points) -> Advice:
                 },
             )
         )
-        rivals = [each.measured(best) for each in rivals]
-    short = _ODDS - logit(p.max())
-    expected = math.ceil(np.clip(short / max(2.0 * tests[0].gain, 1e-9), 1.0, _MANY))
+        rivals = [each.after_reading(best) for each in rivals]
+    short = SETTLED_LOG_ODDS - logit(p.max())
+    expected = math.ceil(
+        np.clip(short / max(2.0 * tests[0].gain, 1e-9), 1.0, MANY_TESTS)
+    )
     return answer(tests=tuple(tests), tests_expected=expected)
 
 
 def _untold(
-    rivals: Sequence[Foretold], names: Sequence[Names | None], p: Array
+    rivals: Sequence[Prediction], names: Sequence[Names | None], p: Array
 ) -> dict[int, int]:
     """Explanations that many tests would not tell from another: by which of those.
 
@@ -228,51 +233,60 @@ def _untold(
     for (i, one), (j, other) in itertools.combinations(sets, 2):
         if not (one < other or other < one):
             told = max(
-                rivals[i].against(rivals[j], _MANY), rivals[j].against(rivals[i], _MANY)
+                rivals[i].squared_distance(rivals[j], MANY_TESTS),
+                rivals[j].squared_distance(rivals[i], MANY_TESTS),
             )
             for each, beside in ((i, j), (j, i)):
-                if told < 2.0 * (_ODDS - math.log(p[each] / p[beside])):
+                if told < 2.0 * (SETTLED_LOG_ODDS - math.log(p[each] / p[beside])):
                     found.setdefault(each, beside)
     return found
 
 
-def _labels(ranking: Ranking) -> dict[Names | None, tuple[Rival, float]]:
+def _labels(ranking: Posterior) -> dict[Names | None, tuple[Explanation, float]]:
     """The likeliest rival of each explanation and its probability; () unlisted, None no gap.
 
     Of a set the one without a loss beside it, if there is one; of an unlisted loss one that has it.
     """
-    found: dict[Names | None, tuple[Rival, float]] = {}
+    found: dict[Names | None, tuple[Explanation, float]] = {}
     for rival, p in ranking.entries:
-        part = rival.listed(ranking.bare)
+        part = rival.explained_fraction(ranking.base_only)
         for label, share in (
             (rival.names, part),
-            (None if rival.of_base else (), 1.0 - part),
+            (None if rival.is_base else (), 1.0 - part),
         ):
             if share:
                 first, total = found.get(label, (rival, 0.0))
-                if first.by_itself != bool(label) and rival.by_itself == bool(label):
+                if first.is_listed_set != bool(label) and rival.is_listed_set == bool(
+                    label
+                ):
                     first = rival
                 found[label] = first, total + (1.0 - ranking.no_gap) * share * p
-    loose, misfit = found.pop(None, (ranking.bare, 0.0))
+    loose, misfit = found.pop(None, (ranking.base_only, 0.0))
     kept = sorted(
-        ((names, item) for names, item in found.items() if item[1] >= ALIVE),
+        (
+            (names, item)
+            for names, item in found.items()
+            if item[1] >= RELEVANT_PROBABILITY
+        ),
         key=lambda entry: -entry[1][1],
-    )[:_MOST]
+    )[:DESIGN_EXPLANATIONS]
     if not kept:  # the likeliest, however improbable
         kept = sorted(found.items(), key=lambda entry: -entry[1][1])[:1]
     return {
         **dict(kept),
         None: (
-            loose if misfit > ranking.no_gap else ranking.bare,
+            loose if misfit > ranking.no_gap else ranking.base_only,
             ranking.no_gap + misfit,
         ),
     }
 
 
-def _distances(rivals: Sequence[Foretold]) -> Array:
+def _distances(rivals: Sequence[Prediction]) -> Array:
     """Bhattacharyya distances at each point, shape (k, k, points)."""
     mean = np.stack([each.mean.T for each in rivals])
-    variance = np.stack([each.spread for each in rivals]) + np.eye(mean.shape[-1])
+    variance = np.stack([each.reading_covariance for each in rivals]) + np.eye(
+        mean.shape[-1]
+    )
     log = np.linalg.slogdet(variance)[1]
     middle = (variance[:, None] + variance) / 2.0
     miss = mean[:, None] - mean

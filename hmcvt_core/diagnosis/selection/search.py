@@ -10,28 +10,30 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from .hypothesis import Fit, Signature, freed, without
-from .rivals import Proposal, Rival, explanation, screen
-from .system import Array, Effect
+from ..fitting.refit import Fit, Signature, refit_without, with_free_shapes
+from ..settings import (
+    EXACT_REFIT_MARGIN,
+    EXACT_REFITS,
+    EXCHANGE_ROUNDS,
+    EXCHANGED_EFFECTS,
+    EXCHANGED_FORMS,
+    EXCHANGED_SETS,
+    LEADING_SETS,
+    NEAR_BEST_MARGIN,
+    NEAR_BEST_PART,
+    PROPOSED_FORMS,
+    REFITTED_SETS,
+)
+from ..system import Array, Effect
+from .explanation import Explanation, explain
+from .screen import Proposal, screen
 
 Names = tuple[str, ...]
 
-_LEADERS, _SETS = (
-    4,
-    6,
-)  # whom to ask for a further effect; how many of each proposal are refitted
-_FORMS = 8  # that the library proposes beside a set, besides the best of each effect
-_ROUNDS, _BEST = 3, 2  # of exchange; sets that take part
-_OTHER_FORMS, _OTHERS = 2, 1  # an effect is held against
-_EXACTLY = 5  # sets refitted so at the end
-_HOPELESS = 6.0  # nats behind the best: free shapes bring hardly any set 4 nearer
-# Who stays in the race has a gain so near the best, in part and in nats.
-_NEAR, _BEHIND = 0.7, 4.0
-
 
 def search(
-    bare: Rival, library: Sequence[Signature], most: int
-) -> tuple[list[tuple[Rival, float]], int]:
+    bare: Explanation, library: Sequence[Signature], most: int
+) -> tuple[list[tuple[Explanation, float]], int]:
     """Refit the sets of listed effects that may explain a gap.
 
     Args:
@@ -54,11 +56,15 @@ def search(
 class _Search:
     """The best refit of each set so far, with the price of its forms; see `Proposal.price`."""
 
-    def __init__(self, bare: Rival, library: Sequence[Signature]) -> None:
+    def __init__(self, bare: Explanation, library: Sequence[Signature]) -> None:
         self.bare, self.library = bare, library
-        self.found: dict[Names, tuple[Rival, Array]] = {}
+        self.found: dict[Names, tuple[Explanation, Array]] = {}
         self.prices: dict[str, Array] = {}  # of single effects
-        self.bent, self.grown, self.exchanged = set[Rival](), set[Rival](), set[Rival]()
+        self.free_shapes, self.grown, self.exchanged = (
+            set[Explanation](),
+            set[Explanation](),
+            set[Explanation](),
+        )
         self.held = set[Names]()  # what exchange has held, each beside what forms
 
     def start(self) -> None:
@@ -83,7 +89,7 @@ class _Search:
                 each._replace(price=self._price(each.effects))
                 for each in _promising(distinct(pairs))
                 if not {effect.name for effect in each.effects}.intersection(first)
-            ][:_SETS]
+            ][:REFITTED_SETS]
         )
 
     def grow(self, sets: Iterable[Names]) -> None:
@@ -96,21 +102,28 @@ class _Search:
                 first = distinct(
                     told
                 )  # each effect, however little it gained beside the base
-                told = distinct([*first, *told], by_form=True)[: len(first) + _FORMS]
+                told = distinct([*first, *told], by_form=True)[
+                    : len(first) + PROPOSED_FORMS
+                ]
                 proposals += [
-                    each._replace(gain=rival.log + each.gain, price=each.price + price)
-                    for each in distinct(self._there(rival.fit, told))[:_SETS]
+                    each._replace(
+                        gain=rival.log_evidence + each.gain, price=each.price + price
+                    )
+                    for each in distinct(self._there(rival.fit, told))[:REFITTED_SETS]
                     if each.gain > 0.0
                 ]
         self.refit(
-            distinct(sorted(proposals, key=lambda each: -each.gain))[: 2 * _SETS]
+            distinct(sorted(proposals, key=lambda each: -each.gain))[
+                : 2 * REFITTED_SETS
+            ]
         )
 
     def exchange(self, most: int) -> None:
         """Hold each effect of the leading sets against its other forms, others and none."""
-        for _ in range(_ROUNDS):
+        for _ in range(EXCHANGE_ROUNDS):
             leading = (
-                self.refined(names)[0] for names in self._ranked(self.found)[:_BEST]
+                self.refined(names)[0]
+                for names in self._ranked(self.found)[:EXCHANGED_SETS]
             )
             rival = next((each for each in leading if each not in self.exchanged), None)
             if rival is None:
@@ -121,14 +134,14 @@ class _Search:
             if len(rival.names) < most:
                 self.grow([rival.names])
 
-    def settled(self) -> list[tuple[Rival, float]]:
+    def settled(self) -> list[tuple[Explanation, float]]:
         """The sets near the best, those that matter refitted exactly."""
         ranked = self._ranked(self.found)
         best = self.weight(ranked[0])
-        for names in ranked[:_EXACTLY]:
-            if self.weight(names) > best - _HOPELESS:
+        for names in ranked[:EXACT_REFITS]:
+            if self.weight(names) > best - EXACT_REFIT_MARGIN:
                 rival, price = self.found[names]
-                self.found[names] = explanation(freed(rival.fit)), price[[1, 1]]
+                self.found[names] = explain(with_free_shapes(rival.fit)), price[[1, 1]]
         return [
             (self.found[names][0], self.weight(names))
             for names in self._near(self.found)
@@ -139,19 +152,19 @@ class _Search:
     def weight(self, names: Names) -> float:
         """Log evidence of a set over its forms."""
         rival, price = self.found[names]
-        return float(rival.log + price[0])
+        return float(rival.log_evidence + price[0])
 
-    def consider(self, rival: Rival, price: Array) -> None:
+    def consider(self, rival: Explanation, price: Array) -> None:
         """Keep a refit if it is the best of its set."""
-        if rival.names not in self.found or rival.log + price[0] > self.weight(
+        if rival.names not in self.found or rival.log_evidence + price[0] > self.weight(
             rival.names
         ):
             self.found[rival.names] = rival, price
 
-    def bend(self, fit: Fit, price: Array) -> tuple[Rival, Array]:
+    def bend(self, fit: Fit, price: Array) -> tuple[Explanation, Array]:
         """Refit with free shapes."""
-        rival = explanation(freed(fit, rough=True))
-        self.bent.add(rival)
+        rival = explain(with_free_shapes(fit, rough=True))
+        self.free_shapes.add(rival)
         return rival, price[[1, 1]]
 
     def refit(self, proposals: Iterable[Proposal], bent: bool = False) -> None:
@@ -159,16 +172,12 @@ class _Search:
         for each in proposals:
             fit = each.refit()
             self.consider(
-                *(
-                    self.bend(fit, each.price)
-                    if bent
-                    else (explanation(fit), each.price)
-                )
+                *(self.bend(fit, each.price) if bent else (explain(fit), each.price))
             )
 
-    def refined(self, names: Names) -> tuple[Rival, Array]:
+    def refined(self, names: Names) -> tuple[Explanation, Array]:
         """Return a set with its shapes free."""
-        if self.found[names][0] not in self.bent:
+        if self.found[names][0] not in self.free_shapes:
             rival, price = self.found[names]
             self.found[names] = self.bend(rival.fit, price)
         return self.found[names]
@@ -177,7 +186,7 @@ class _Search:
         """The best sets of a size."""
         return self._ranked(
             self._near(names for names in self.found if len(names) == size)
-        )[:_LEADERS]
+        )[:LEADING_SETS]
 
     def _price(self, effects: Iterable[Effect]) -> Array:
         """What the forms of a set cost, as those of each effect alone."""
@@ -191,12 +200,14 @@ class _Search:
     def _near(self, sets: Iterable[Names]) -> list[Names]:
         # Without allowances: what a misfit of the base explains is not theirs.
         gains = {
-            names: self.found[names][0].plain.log - self.bare.log for names in sets
+            names: self.found[names][0].plain_model.log_evidence
+            - self.bare.log_evidence
+            for names in sets
         }
         least = _least(max(gains.values(), default=0.0))
         return [names for names, gain in gains.items() if gain > least]
 
-    def _hold_against(self, rival: Rival, i: int) -> None:
+    def _hold_against(self, rival: Explanation, i: int) -> None:
         own, beside = (
             rival.fit.effects[i],
             (*rival.fit.effects[:i], *rival.fit.effects[i + 1 :]),
@@ -204,10 +215,12 @@ class _Search:
         held = own.name, *sorted(each.name + each.form for each in beside)
         if held in self.held:
             return
-        rest, price = without(rival.fit, i), self._price(beside)
+        rest, price = refit_without(rival.fit, i), self._price(beside)
         if rest.effects:
             self.consider(*self.bend(rest, price))
-        if rival.plain.log >= rival.log:  # forms that need no allowance are no others
+        if (
+            rival.plain_model.log_evidence >= rival.log_evidence
+        ):  # forms that need no allowance are no others
             return
         self.held.add(held)
         told = distinct(screen(rest, self.library), by_form=True)
@@ -221,14 +234,17 @@ class _Search:
             ],
         )
         others = self._there(
-            rest, [each for each in told if each.effects[-1].name != own.name][:_FORMS]
+            rest,
+            [each for each in told if each.effects[-1].name != own.name][
+                :PROPOSED_FORMS
+            ],
         )
         tried = [
-            (explanation(each.refit()), each.price + price)
-            for each in (*forms[:_OTHER_FORMS], *others[:_OTHERS])
+            (explain(each.refit()), each.price + price)
+            for each in (*forms[:EXCHANGED_FORMS], *others[:EXCHANGED_EFFECTS])
         ]
         if tried:
-            best, price = max(tried, key=lambda item: item[0].log + item[1][0])
+            best, price = max(tried, key=lambda item: item[0].log_evidence + item[1][0])
             self.consider(*self.bend(best.fit, price))
 
     def _there(self, fit: Fit, told: Sequence[Proposal]) -> list[Proposal]:
@@ -261,4 +277,4 @@ def _promising(proposals: Sequence[Proposal]) -> list[Proposal]:
 
 def _least(best: float) -> float:
     """The gain above which a rival of the best stays in the race."""
-    return min(_NEAR * best, best) - _BEHIND
+    return min(NEAR_BEST_PART * best, best) - NEAR_BEST_MARGIN

@@ -12,32 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .hypothesis import Fit, Hypothesis, refit
-from .observations import (
-    FEW,
-    LARGE,
-    TRUST_ASSUMED,
-    Observations,
-    replicate_groups,
-    scaled_to_extent,
+from .fitting.hypothesis import Hypothesis
+from .fitting.refit import Fit, refit
+from .observations import Observations, replicate_groups, scaled_to_extent
+from .settings import (
+    LEAST_SAMPLES,
+    MAD_TO_DEVIATION,
+    MOST_SAMPLES,
+    MOST_WITHOUT_ANSWER,
+    NAMED_SAMPLES,
+    OUTLIER_CLUSTER_P,
+    OUTLIER_DISTANCE,
+    OUTLIER_LEAST_SCALE,
+    OUTLIER_MOST_PART,
+    OUTLIER_NEIGHBOURS,
+    OUTLIER_RATIO,
+    PRIOR_DOF_ASSUMED,
+    SMALL_CAMPAIGN,
+    THINNING_FINEST,
+    THINNING_REFINEMENT,
+    UNEVEN_NOISE_POINTS,
+    UNEVEN_NOISE_ROUNDS,
 )
 from .system import Array, System
 
-LEAST_SAMPLES = 5
-_MOST_REFUSED = 0.25  # part of the samples at which the model may have no answer
-_FINER, _FINEST = 1.05, 250.0  # lattices: than the one before; parts of an axis
-_NAMED = 3  # samples that a note names one by one
-_NEIGHBOURS = 6
-_FAR, _FURTHER = 5.0, 10.0
-_EXACT = 0.01  # deviations: nearer than a refit comes, or a bench
-_MOST = 0.03  # part of the samples
-_CHANCE = 0.01
-_ROUNDS = 5
-_ROOM = 2.0  # points for each function that a refit or smoothness takes
-_MAD_TO_DEVIATION = 1.4826
 
-
-def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
+def prepare(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     """Refit the base model to what can be used, and return a note on every sample left out.
 
     Of a large campaign as many as can be weighed are kept.
@@ -49,10 +49,10 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     base = _loosened(_answered(system, observed, notes))
     observed = base.observed
     slips, read = outliers(observed, base.whitened), observed.channels[0].name
-    if len(slips) > _NAMED:
+    if len(slips) > NAMED_SAMPLES:
         notes.append(
             f"{len(slips)} samples stand alone against their neighbours and were left "
-            f"out: {listed_samples(observed, slips)}"
+            f"out: {describe_samples(observed, slips)}"
         )
     else:
         notes += [
@@ -63,14 +63,14 @@ def admitted(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     if len(slips):
         base = _answered(system, observed.without(slips), notes)
     _check(system, base.observed)
-    if len(base.observed) > LARGE:
+    if len(base.observed) > MOST_SAMPLES:
         notes.append(
-            f"{LARGE} of {len(base.observed)} samples are weighed, evenly spread over the "
+            f"{MOST_SAMPLES} of {len(base.observed)} samples are weighed, evenly spread over the "
             "operating points"
         )
         base = refit(
             base.hypothesis,
-            base.observed.select(spread_out(base.observed, LARGE)),
+            base.observed.select(spread_out(base.observed, MOST_SAMPLES)),
             base.base,
         )
     uneven = uneven_noise(base)
@@ -106,7 +106,7 @@ def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
     if len(before) < len(observed):
         fit = refit(base, observed.without(before))
         impossible = refused(fit.theta)
-    if len(impossible) > _MOST_REFUSED * len(observed):
+    if len(impossible) > MOST_WITHOUT_ANSWER * len(observed):
         raise InputError(
             f"{observed.samples.source}: {len(impossible)} of {len(observed)} samples "
             f"{system.refusal}, whatever its parameters (first: "
@@ -115,7 +115,7 @@ def _answered(system: System, observed: Observations, notes: list[str]) -> Fit:
     if len(impossible):
         notes.append(
             f"{len(impossible)} samples {system.refusal} and were left out: "
-            f"{listed_samples(observed, impossible)}"
+            f"{describe_samples(observed, impossible)}"
         )
     if fit is not None and np.array_equal(impossible, before):
         return fit
@@ -126,7 +126,7 @@ def _loosened(fit: Fit) -> Fit:
     """Refit with the noise of readings that turn near their points."""
     hypothesis, observed = fit.hypothesis, fit.observed
     at = fit.theta, observed.points, observed.channels
-    turning = hypothesis.turning(*at, hypothesis.predict(*at))
+    turning = hypothesis.local_variation(*at, hypothesis.predict(*at))
     if not turning.any():
         return fit
     loose = replace(observed, deviation=np.hypot(observed.deviation, turning))
@@ -138,16 +138,16 @@ def spread_out(observed: Observations, most: int) -> NDArray[np.intp]:
 
     Cells of a lattice, the finest of which no more are occupied, give one sample each in turn.
     """
-    place = (scaled_to_extent(observed.place).T + 1.0) / 2.0
+    place = (scaled_to_extent(observed.coordinates).T + 1.0) / 2.0
     cell, parts = np.zeros(len(place), dtype=np.intp), 2.0
-    while parts < _FINEST:
+    while parts < THINNING_FINEST:
         code = (place * parts).astype(int) @ (int(parts) + 1) ** np.arange(
             place.shape[1]
         )
         finer = np.unique(code, return_inverse=True)[1]
         if finer.max() >= most:
             break
-        cell, parts = finer, _FINER * parts
+        cell, parts = finer, THINNING_REFINEMENT * parts
     mixed = np.random.default_rng(0).permutation(len(cell))
     # Of their cells the ends of the campaign come first: what is measured is no extrapolation.
     mixed = mixed[
@@ -186,7 +186,9 @@ def uneven_noise(fit: Fit) -> Array:
 
     observed, shape = fit.observed, np.ones_like(fit.whitened)
     place = scaled_to_extent(
-        np.stack([np.log(row) if row.min() > 0.0 else row for row in observed.place])
+        np.stack(
+            [np.log(row) if row.min() > 0.0 else row for row in observed.coordinates]
+        )
     )
     place = np.vstack([np.ones(len(observed)), place])
     points = replicate_groups(observed.axes, observed.points).max() + 1
@@ -194,13 +196,13 @@ def uneven_noise(fit: Fit) -> Array:
         columns = np.hstack([observed.smooth[0], fit.jacobian[i]])
         # What is propagated from its meters, sample by sample, has the shape that it has.
         if (
-            observed.trust[i] > TRUST_ASSUMED
+            observed.prior_dof[i] > PRIOR_DOF_ASSUMED
             or channel.uncertainty == 0.0
-            or points < _ROOM * columns.shape[1]
+            or points < UNEVEN_NOISE_POINTS * columns.shape[1]
         ):
             continue
         for _ in range(
-            _ROUNDS
+            UNEVEN_NOISE_ROUNDS
         ):  # noise that is large somewhere bends what is taken elsewhere
             taken, _ = np.linalg.qr(columns / shape[i, :, None])
             left = fit.whitened[i] / shape[i]
@@ -232,10 +234,10 @@ def _deviance(
     return float(np.sum(free * log + ratio)), place @ (free - ratio)
 
 
-def listed_samples(observed: Observations, rows: NDArray[np.intp]) -> str:
+def describe_samples(observed: Observations, rows: NDArray[np.intp]) -> str:
     """Return the first few of some samples by number and operating point."""
-    named = ", ".join(observed.describe(i) for i in rows[:_NAMED])
-    return named + (" and others" if len(rows) > _NAMED else "")
+    named = ", ".join(observed.describe(i) for i in rows[:NAMED_SAMPLES])
+    return named + (" and others" if len(rows) > NAMED_SAMPLES else "")
 
 
 def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
@@ -248,17 +250,17 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
     from scipy.spatial import cKDTree
 
     n = whitened.shape[1]
-    if n < FEW:
+    if n < SMALL_CAMPAIGN:
         return np.array([], dtype=np.intp)
-    place = scaled_to_extent(observed.place)
-    nearest = cKDTree(place.T).query(place.T, _NEIGHBOURS + 1)[1][:, 1:]
-    flagged, most = np.zeros(n, dtype=bool), max(1, int(_MOST * n))
+    place = scaled_to_extent(observed.coordinates)
+    nearest = cKDTree(place.T).query(place.T, OUTLIER_NEIGHBOURS + 1)[1][:, 1:]
+    flagged, most = np.zeros(n, dtype=bool), max(1, int(OUTLIER_MOST_PART * n))
     for row in whitened:
         apart = row - np.median(row[nearest], axis=1)
-        usual = _MAD_TO_DEVIATION * np.median(np.abs(apart - np.median(apart)))
-        far = np.abs(apart) > _FAR * max(float(usual), _EXACT)
+        usual = MAD_TO_DEVIATION * np.median(np.abs(apart - np.median(apart)))
+        far = np.abs(apart) > OUTLIER_DISTANCE * max(float(usual), OUTLIER_LEAST_SCALE)
         if far.sum() > most:  # one that is far off bends the fit at the others
-            far = np.abs(apart) > _FURTHER * np.sort(np.abs(apart))[-1 - most]
+            far = np.abs(apart) > OUTLIER_RATIO * np.sort(np.abs(apart))[-1 - most]
         if not _together(place[:, far], place):
             flagged |= far
     return np.flatnonzero(flagged)
@@ -266,11 +268,11 @@ def outliers(observed: Observations, whitened: Array) -> NDArray[np.intp]:
 
 def _together(some: Array, place: Array) -> bool:
     """Whether some of very many places lie in a part of the range: a gap narrower than a cell."""
-    if place.shape[1] <= LARGE or some.shape[1] < 2:
+    if place.shape[1] <= MOST_SAMPLES or some.shape[1] < 2:
         return False
     from scipy.stats import ks_2samp
 
     return any(
-        ks_2samp(one, row).pvalue < _CHANCE
+        ks_2samp(one, row).pvalue < OUTLIER_CLUSTER_P
         for one, row in zip(some, place, strict=True)
     )

@@ -19,15 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from .hypothesis import Hypothesis, linearise
-from .observations import Observations
-from .system import Array, System
-from .words import plain, wrapped
-
-DECISIVE = 9.0
-"""What settles a question: three standard deviations, squared."""
-
-_MOST_RUNS = 20
+from ..fitting.hypothesis import Hypothesis
+from ..fitting.refit import linearise
+from ..observations import Observations
+from ..settings import DECISIVE_SQUARED_DEVIATIONS, MOST_PLAN_RUNS
+from ..system import Array, System
+from ..wording import plain, wrapped
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +53,16 @@ class Isolability:
     def confused(self) -> list[dict[str, Any]]:
         """Return what helps where an effect is visible and others may mimic it, as plain data."""
         found = []
-        for i in np.flatnonzero(self.detectability >= DECISIVE):
-            name, twins = self.effects[i], self.twins(self.effects[i])
+        for i in np.flatnonzero(self.detectability >= DECISIVE_SQUARED_DEVIATIONS):
+            name, twins = self.effects[i], self.indistinguishable_from(self.effects[i])
             left = (
                 twins
                 if self.fuller is None
-                else [other for other in twins if other in self.fuller.twins(name)]
+                else [
+                    other
+                    for other in twins
+                    if other in self.fuller.indistinguishable_from(name)
+                ]
             )
             remedies = dict.fromkeys(
                 self.remedies[each] for each in (name, *left) if left
@@ -79,29 +80,33 @@ class Isolability:
                 )
         return found
 
-    def twins(self, effect: str) -> list[str]:
+    def indistinguishable_from(self, effect: str) -> list[str]:
         """Return the effects that the plan cannot tell from one that it can see."""
         row = self.separation[self.effects.index(effect)]
         return [
             other
             for other, level in zip(self.effects, row, strict=True)
-            if other != effect and level < DECISIVE
+            if other != effect and level < DECISIVE_SQUARED_DEVIATIONS
         ]
+
+    twins = indistinguishable_from  # the former name
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
             "samples": len(self.plan),
-            "noise": self.plan.usual_noise,
+            "noise": self.plan.stated_noise,
             "noise_source": self.plan.noise_source,
             "channels": [channel.name for channel in self.plan.channels],
-            "threshold": DECISIVE,
+            "threshold": DECISIVE_SQUARED_DEVIATIONS,
             "effects": [
                 {
                     "effect": name,
                     "detectability": float(self.detectability[i]),
-                    "visible": bool(self.detectability[i] >= DECISIVE),
-                    "indistinguishable_from": self.twins(name),
+                    "visible": bool(
+                        self.detectability[i] >= DECISIVE_SQUARED_DEVIATIONS
+                    ),
+                    "indistinguishable_from": self.indistinguishable_from(name),
                 }
                 for i, name in enumerate(self.effects)
             ],
@@ -118,19 +123,19 @@ class Isolability:
         confused, first = self.confused(), self.plan.channels[0]
         told, hidden = [], []
         for name, level in zip(self.effects, self.detectability.tolist(), strict=True):
-            if level < DECISIVE:
+            if level < DECISIVE_SQUARED_DEVIATIONS:
                 runs = (
-                    f" ({math.ceil(DECISIVE / level)})"
-                    if _MOST_RUNS * level >= DECISIVE
+                    f" ({math.ceil(DECISIVE_SQUARED_DEVIATIONS / level)})"
+                    if MOST_PLAN_RUNS * level >= DECISIVE_SQUARED_DEVIATIONS
                     else ""
                 )
                 hidden.append(name + runs)
-            elif not self.twins(name):
+            elif not self.indistinguishable_from(name):
                 told.append(name)
         read = ", ".join(channel.name for channel in self.plan.channels)
         lines = [
             f"{len(self.plan)} points; read: {read}",
-            f"noise of the {plain(first.name)}: {first.factor * self.plan.usual_noise:.2g} "
+            f"noise of the {plain(first.name)}: {first.factor * self.plan.stated_noise:.2g} "
             f"{first.unit}, {self.plan.noise_source}",
             "",
             _listed("told from all others: ", told),
@@ -166,7 +171,7 @@ class Isolability:
                 "squared deviations that the row's effect, at its typical size, leaves "
                 "after the refit of the",
                 "base parameters when the column's effect, in the "
-                f"same order, may mimic it; visible from {DECISIVE:g}:",
+                f"same order, may mimic it; visible from {DECISIVE_SQUARED_DEVIATIONS:g}:",
             ]
             width = max(map(len, self.effects))
             lines += [
@@ -191,7 +196,7 @@ def isolability(
     # Nothing is read yet to which base parameters could be fitted.
     fit = linearise(Hypothesis(system), plan, base, np.ones(len(plan.channels)))
     found = fit.signatures
-    left = fit.left(np.stack([change for _, change in found]))
+    left = fit.project_out(np.stack([change for _, change in found]))
     effects = tuple(sorted({form.name for form, _ in found}))
     index = np.array([effects.index(form.name) for form, _ in found])
     squares = np.sum(left**2, axis=1)
