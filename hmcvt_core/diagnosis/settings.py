@@ -426,3 +426,38 @@ DECISIVE_SQUARED_DEVIATIONS = 9.0
 
 MOST_PLAN_RUNS = 20
 """Repetitions of a plan up to which their number is printed. Source: readability."""
+
+LEAST_GAIN = 1e-9
+"""Information of a test [nats] below which it counts as this. Source: rounding."""
+
+# --- summary of effects ---------------------------------------------------------------------
+
+LEAST_CAUSE_PROBABILITY = 0.01
+"""Probability from which an effect is reported as a cause. Source: readability."""
+
+MOST_CAUSES = 6
+"""Most causes reported. Source: readability."""
+
+MOST_CAUSES_UNEXPLAINED = 3
+"""Most causes reported where none of them explains the gap. Source: readability."""
+
+INTERVAL_DEVIATIONS = 1.96
+"""Standard errors on either side of a size in its interval. Source: 95 % of a normal."""
+
+LARGEST_PLAUSIBLE_SIZE = 5.0
+"""Typical sizes of an effect beyond which a size is reported as implausible.
+
+Source: chosen; the spread of sizes in the literature is about a factor of three.
+"""
+
+LEAST_SHRINKAGE = -10.0
+"""Smallest fraction removed that is reported; further growth of a gap says nothing more.
+
+Source: chosen; it keeps the ends of intervals finite.
+"""
+
+NOISE_AS_STATED = (0.75, 1.33)
+"""Ratio of estimated to stated noise between which the statement is not commented on.
+
+Source: chosen; the ratio of one campaign of 30 samples scatters by about 0.13.
+"""

@@ -98,6 +98,7 @@ class BaseParameters:
         mean, spread: of the scaled variables before any bench.
         low, high: their hard bounds.
         values: gives the parameters in their units for scaled variables.
+        units: of the parameters, for reports; empty where none is stated.
     """
 
     names: tuple[str, ...]
@@ -106,6 +107,7 @@ class BaseParameters:
     low: Array
     high: Array
     values: Callable[[Array], Array]
+    units: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -171,8 +173,17 @@ class System(Protocol):
             expected, real: the first channel, shape (n,).
         """
 
-    def model_of(self, base: Array, effects: Sequence[Effect], samples: Any) -> Any:
-        """Return what is saved and served of a hypothesis fitted to samples."""
+    def model_of(
+        self, base: Array, effects: Sequence[Effect], samples: Any, covariance: Array
+    ) -> Any:
+        """Return what is saved and served of a hypothesis fitted to samples.
+
+        Args:
+            base: scaled base parameters, shape (p,).
+            effects: at their fitted sizes.
+            samples: the record to which they were fitted.
+            covariance: of the scaled base parameters, shape (p, p).
+        """
 
     def remarks(self, samples: Any) -> tuple[str, ...]:
         """Return what to say of samples whatever the diagnosis finds."""

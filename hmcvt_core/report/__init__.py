@@ -12,8 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from ..benches.unit import PARAMETERS, UnitDiagnosis
-from ..diagnosis import Diagnosis
-from ..diagnosis.results import outcome as result
+from ..diagnosis import Diagnosis, settings
 from ..diagnosis.results import text as words
 from ..files import picture
 from ..files.atomic import write_atomically
@@ -64,5 +63,5 @@ def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
         units=units,
         words=words,
         figures=figures,
-        limits=result,
+        limits=settings,
     )

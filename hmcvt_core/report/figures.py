@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
-from ..diagnosis.results.outcome import REGION_SIGNIFICANCE
+from ..diagnosis.settings import REGION_SIGNIFICANCE
 from ..transmission.ranges import RPM, Array
 from .pictures import lost_power, scale, stack, worth_drawing
 from .style import BLUE, INK, ORANGE, few_ticks, icon, loss_style, styled, to_svg
