@@ -8,9 +8,12 @@
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
 """
 
+from .benches.own_system import SystemEffect, observe_system
 from .benches.transmission import diagnose, next_test, separable
 from .benches.unit import diagnose_unit
-from .diagnosis import Advice, Diagnosis, Isolability
+from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
+from .diagnosis.observations import Observations
+from .diagnosis.system import Array, Axis, BaseParameters, Channel, Points, System
 from .errors import HmcvtError, IdentificationError, InputError
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
@@ -33,8 +36,12 @@ from .version import __version__
 
 __all__ = [
     "Advice",
+    "Array",
+    "Axis",
+    "BaseParameters",
     "BenchSamples",
     "Breakdown",
+    "Channel",
     "Diagnosis",
     "Domain",
     "DriveOptimum",
@@ -49,19 +56,24 @@ __all__ = [
     "IdentificationError",
     "InputError",
     "Isolability",
+    "Observations",
     "Opening",
     "Optimum",
     "Path",
+    "Points",
     "Prediction",
     "PumpMotor",
     "Schedule",
     "ShaftState",
     "Stage",
+    "System",
+    "SystemEffect",
     "Value",
     "Watch",
     "__version__",
     "data_path",
     "diagnose",
+    "diagnose_system",
     "diagnose_unit",
     "identify",
     "load_effects",
@@ -69,6 +81,7 @@ __all__ = [
     "load_model",
     "load_stage",
     "next_test",
+    "observe_system",
     "read_bench",
     "read_raw_bench",
     "read_unit",

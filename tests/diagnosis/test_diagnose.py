@@ -135,7 +135,7 @@ def test_two_effects_are_named_together():
 @pytest.mark.parametrize(
     "other, stroke, exponent, noise, seed, gauge",
     [
-        # Beside the bare base model these orifices show in nothing: it has bent for the larger leak.
+        # The base model alone hides these orifices: it has bent for the larger leak.
         (OrificeLeakage(3e-4), 1e-10, 1.3, 0.003, 1, None),
         (OrificeLeakage(2e-4), 1.5e-10, 1.3, 0.001, 1, None),
         (OutputTorqueZero(6.7), 1.13e-10, 1.78, 0.001, 30, 5e4),  # at the edge of stall
@@ -245,6 +245,8 @@ def test_json_of_the_contract(name):
         "next_tests",
         "unlisted_probability",
         "notes",
+        "parameters",
+        "seed",
     }
     assert data["verdict"] in ("no_gap", "cause_found", "ambiguous", "unexplained")
     gap, shrinkage, causes = data["gap"], data["shrinkage"], data["causes"]

@@ -6,6 +6,7 @@ others in units of their tolerance.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ...diagnosis.system import Array, BaseParameters
 from ...transmission.parameters import (
     PARAMETER_NAMES,
     PARAMETER_RANGES,
+    PARAMETER_UNITS,
     PRIOR_MEAN,
     PRIOR_SPREAD,
     HydraulicParameters,
@@ -38,6 +40,9 @@ _TOLERANCES = {
     "pressure_gain": PRESSURE_GAIN_TOLERANCE,
     "pressure_zero": PRESSURE_ZERO_TOLERANCE,
 }
+
+UNITS = {"gear_loss": "-", "pressure_gain": "-", "pressure_zero": "Pa"}
+"""Units of the base parameters that are no hydraulic parameters."""
 
 
 @dataclass(frozen=True)
@@ -70,21 +75,21 @@ def base_parameters(pressure: bool) -> BaseParameters:
     ones = np.ones(len(scales))
     lowest = to_scaled(np.array([limits.low for limits in PARAMETER_RANGES]))
     highest = to_scaled(np.array([limits.high for limits in PARAMETER_RANGES]))
-    hydraulic = len(PARAMETER_NAMES)
-
-    def values(scaled: Array) -> Array:
-        return np.append(
-            from_scaled(scaled[:hydraulic]), scales * np.asarray(scaled[hydraulic:])
-        )
-
     return BaseParameters(
         names=(*PARAMETER_NAMES, *tolerances),
         mean=np.append(PRIOR_MEAN, 0.0 * ones),
         spread=np.append(PRIOR_SPREAD, ones),
         low=np.append(lowest, -LARGEST_DEVIATION * ones),
         high=np.append(highest, LARGEST_DEVIATION * ones),
-        values=values,
+        values=partial(_values, scales=scales),
+        units=(*PARAMETER_UNITS.values(), *(UNITS[name] for name in tolerances)),
     )
+
+
+def _values(scaled: Array, scales: Array) -> Array:
+    """Return the parameters in their units: the hydraulic ones, then scaled tolerances."""
+    count = len(PARAMETER_NAMES)
+    return np.append(from_scaled(scaled[:count]), scales * np.asarray(scaled[count:]))
 
 
 def base_values(parameters: BaseParameters, scaled: Array) -> BaseValues:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -346,12 +347,6 @@ def _base_parameters(kind: str, size: float) -> BaseParameters:
     damping = PARAMETER_NAMES.index(f"{kind}_damping")
     leakage = PARAMETER_NAMES.index("leakage")
     scales = UnitBase(size, size, FRICTION, METER_GAIN, METER_GAIN)
-
-    def values(base: Array) -> Array:
-        leakage, damping, friction, flow_gain, torque_gain = base
-        plain = UnitBase(10.0**leakage, damping, 10.0**friction, flow_gain, torque_gain)
-        return np.array(scales) * np.array(plain)
-
     # A single unit leaks half of what the pair does, within a factor of ten.
     mean = UnitBase(
         PRIOR_MEAN[leakage] - np.log10(2.0), PRIOR_MEAN[damping], 0.0, 0.0, 0.0
@@ -365,8 +360,16 @@ def _base_parameters(kind: str, size: float) -> BaseParameters:
         spread=np.array(spread),
         low=np.array(low),
         high=np.array(high),
-        values=values,
+        values=partial(_values, scales=np.array(scales)),
+        units=(*PARAMETERS.values(), "-", "-", "-"),
     )
+
+
+def _values(base: Array, scales: Array) -> Array:
+    """Return the base parameters in their units for scaled variables."""
+    leakage, damping, friction, flow_gain, torque_gain = base
+    plain = UnitBase(10.0**leakage, damping, 10.0**friction, flow_gain, torque_gain)
+    return scales * np.array(plain)
 
 
 def _library(kind: str, size: float, stroke_varies: bool) -> tuple[Effect, ...]:

@@ -54,7 +54,7 @@ class Isolability:
     remedies: Mapping[str, str]
     fuller: Isolability | None = None
 
-    def twins(self, effect: str) -> list[str]:
+    def indistinguishable_from(self, effect: str) -> list[str]:
         """Return the effects that the plan cannot distinguish from one that it can see."""
         row = self.separation[self.effects.index(effect)]
         twins = []
@@ -63,16 +63,20 @@ class Isolability:
                 twins.append(other)
         return twins
 
+    def twins(self, effect: str) -> list[str]:
+        """Return `indistinguishable_from(effect)`; an earlier name."""
+        return self.indistinguishable_from(effect)
+
     def confused(self) -> list[dict[str, Any]]:
         """Return what helps where an effect is visible and others may mimic it, as plain data."""
         entries = []
         for name, level in zip(self.effects, self.detectability, strict=True):
-            twins = self.twins(name)
+            twins = self.indistinguishable_from(name)
             if level < DECISIVE_SQUARED_DEVIATIONS or not twins:
                 continue
             remaining = twins
             if self.fuller is not None:
-                twins_in_fuller = self.fuller.twins(name)
+                twins_in_fuller = self.fuller.indistinguishable_from(name)
                 remaining = [other for other in twins if other in twins_in_fuller]
             separated = [other for other in twins if other not in remaining]
             entries.append(
@@ -101,7 +105,7 @@ class Isolability:
                     "effect": name,
                     "detectability": float(level),
                     "visible": bool(level >= DECISIVE_SQUARED_DEVIATIONS),
-                    "indistinguishable_from": self.twins(name),
+                    "indistinguishable_from": self.indistinguishable_from(name),
                 }
             )
         return {
@@ -142,7 +146,8 @@ class Isolability:
         certain = [
             name
             for name, level in zip(self.effects, self.detectability, strict=True)
-            if level >= DECISIVE_SQUARED_DEVIATIONS and not self.twins(name)
+            if level >= DECISIVE_SQUARED_DEVIATIONS
+            and not self.indistinguishable_from(name)
         ]
         return [
             f"{len(self.plan)} points; read: {read}",
