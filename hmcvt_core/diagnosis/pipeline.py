@@ -140,7 +140,7 @@ def _summarise(
             *verdict_notes,
         ),
         base=model_of(base_only, base_only.fit),
-        alive=posterior.relevant,
+        posterior=posterior.relevant,
         samples=observed.samples,
         residuals=residuals,
         judged=measurement.samples,

@@ -192,7 +192,7 @@ class ChangeTest:
 def step_size(
     residuals: Array, deviations: Array, slopes: Array, prior: Array, start: int
 ) -> tuple[float, float]:
-    """Estimate the size of a step by least squares, beside what is not known of the base.
+    """Estimate the size of a step by least squares, together with what is not known of the base.
 
     Single bad samples count little (Huber 1964).
 

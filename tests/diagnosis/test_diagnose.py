@@ -479,7 +479,7 @@ def test_noise_that_nobody_stated_is_told_as_what_it_looks_like():
     found = hmcvt.diagnose(SHIPPED, replace(SIMULATED, efficiency_std=None))
     (note,) = (note for note in found.notes if "noise" in note)
     stated = re.fullmatch(
-        r"nobody stated the noise; it looks like ([\d.]+) points, 0\.\d\d times "
+        r"the noise was not stated; it looks like ([\d.]+) points, 0\.\d\d times "
         r"what is assumed: --noise ([\d.]+) states that",
         note,
     )
@@ -492,12 +492,12 @@ def test_the_papers_own_tests_rest_on_the_noise(table2):
         hmcvt.diagnose(SHIPPED, table2, noise=noise) for noise in (None, 0.0085)
     )
     assert assumed.verdict == "no_gap"
-    (note,) = (note for note in assumed.notes if "nobody stated the noise" in note)
+    (note,) = (note for note in assumed.notes if "the noise was not stated" in note)
     assert stated.gap.p_value == pytest.approx(0.008, abs=2e-3)
     assert f"--noise 0.0085 gives p = {stated.gap.p_value:.2g}" in note
-    assert not any("nobody stated" in note for note in stated.notes)
+    assert not any("was not stated" in note for note in stated.notes)
     assert stated.where[0].p_value > 0.05, "a place that may be chance is called so"
-    assert "no place is significant by itself" in stated.report()
+    assert "no region is significant by itself" in stated.report()
 
 
 def test_rows_in_another_order_and_wrong_base_parameters_change_nothing():

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What can be asked of a model and its bench: diagnosis, next test, and what a plan can tell."""
+"""What can be asked of a model and its bench: diagnosis, next test, and what a plan can show."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -39,8 +39,8 @@ def diagnose(
         model: formulation `power_balance`; effects it already has stay.
         samples: at least five bench samples; output speed, pressure and oil temperature are used
             where the samples have them.
-        holdout: held-out samples to measure the shrinkage on, with their own noise if they state
-            any; None for cross-validation.
+        holdout: held-out samples to measure the shrinkage on, with their noise if they state
+            it; None for cross-validation.
         noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`,
             repeated points, or the paper's 1.12 %, in this order.
         seed: of every random number.

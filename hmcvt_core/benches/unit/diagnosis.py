@@ -101,13 +101,13 @@ class UnitDiagnosis:
 
     @property
     def _variances(self) -> Any:
-        """Variances of the scaled base parameters beside the leading set, else those before."""
+        """Variances of the scaled base parameters with the leading set, else of the prior."""
         names: tuple[str, ...] = ()
         if self.diagnosis.causes:
             names = self.diagnosis.sets[0].effects
-        for rival, _ in self.diagnosis.alive.entries:
-            if rival.names == names:
-                return np.diag(rival.plain_model.covariance)
+        for explanation, _ in self.diagnosis.posterior.entries:
+            if explanation.names == names:
+                return np.diag(explanation.plain_model.covariance)
         return self.model.system.base.spread**2
 
     def to_dict(self) -> dict[str, Any]:
@@ -166,17 +166,19 @@ class UnitDiagnosis:
 
 def _errors_in_words(row: dict[str, float | None], channel: Channel) -> str:
     """Return the errors of a channel in the unit of its reports."""
-    told = {
+    errors = {
         name: f"{channel.factor * value:.3g}"
         for name, value in row.items()
         if value is not None
     }
     text = (
         f"rms left by the paper's terms -> with effects, {channel.unit}: "
-        f"fitted {told['base']} -> {told['with_effects']}"
+        f"fitted {errors['base']} -> {errors['with_effects']}"
     )
-    if "holdout_base" in told:
-        text += f", held out {told['holdout_base']} -> {told['holdout_with_effects']}"
+    if "holdout_base" in errors:
+        text += (
+            f", held out {errors['holdout_base']} -> {errors['holdout_with_effects']}"
+        )
     return text
 
 
@@ -345,7 +347,7 @@ def _deals_led_by(
             advice = next_test(system, kept, one_test)
         except InputError:  # too few samples remain for a diagnosis
             continue
-        listed = [names for names, _ in advice.alive if names]
+        listed = [names for names, _ in advice.candidates if names]
         if listed and listed[0] == effects:
             count += 1
     return count

@@ -83,9 +83,9 @@ class Advice:
         measure: what settles it where no test can, or None.
         parted: the two explanations that `measure` distinguishes, in words; None for the likeliest.
         tests_expected: how many more, by the first; 0 where no test helps.
-        channels: to be read there.
-        alive: effects and probability of each candidate explanation, best first; the entry without
-            a name is an unlisted loss, and `no_gap` the probability of no gap.
+        channels: to be read at that point.
+        candidates: effects and probability of each explanation that is still possible, best first;
+            the entry without a name is an unlisted loss.
         no_gap: probability that there is none, or none larger than a base that is a little off.
         axes: of the tests.
         notes: on the campaign; why the readings may be of another machine goes first.
@@ -98,11 +98,16 @@ class Advice:
     parted: tuple[str, str] | None = None
     tests_expected: int = 0
     channels: tuple[str, ...] = ()
-    alive: tuple[tuple[Names, float], ...] = ()
+    candidates: tuple[tuple[Names, float], ...] = ()
     no_gap: float = 0.0
     axes: tuple[Axis, ...] = ()
     notes: tuple[str, ...] = ()
     seed: int = 0
+
+    @property
+    def alive(self) -> tuple[tuple[Names, float], ...]:
+        """Earlier name of `candidates`."""
+        return self.candidates
 
     @property
     def stop(self) -> bool:
@@ -112,11 +117,11 @@ class Advice:
     @property
     def next_tests(self) -> tuple[NextTest, ...]:
         """The tests, and the measurement that settles it where no test does."""
-        if self.measure is None or len(self.alive) < 2:
+        if self.measure is None or len(self.candidates) < 2:
             return self.tests
         separates = self.parted
         if separates is None:
-            (first, _), (second, _), *_ = self.alive
+            (first, _), (second, _), *_ = self.candidates
             separates = (named(first), named(second))
         return (*self.tests, NextTest(None, separates, 0.0, self.measure))
 
@@ -137,7 +142,8 @@ class Advice:
             "test": test,
             "measure": self.measure,
             "alive": [
-                {"effects": list(names), "probability": p} for names, p in self.alive
+                {"effects": list(names), "probability": p}
+                for names, p in self.candidates
             ],
             "no_gap_probability": self.no_gap,
             "tests_expected": self.tests_expected,
@@ -153,16 +159,18 @@ class Advice:
             lines += [
                 f"next test: {point_in_words(self.tests[0], self.axes)}; "
                 f"read {listed(self.channels, 'and')}",
-                f"about {self.tests_expected} more until it is settled",
+                f"about {self.tests_expected} more tests until it is settled",
             ]
         if self.measure is not None:
             apart = ""
             if self.parted:
-                apart = ": tells {} from {}".format(*self.parted)
+                apart = ": distinguishes {} from {}".format(*self.parted)
             lines.append(f"measure: {self.measure}{apart}")
-        candidates = [f"{named(names)} ({probability(p)})" for names, p in self.alive]
+        candidates = [
+            f"{named(names)} ({probability(p)})" for names, p in self.candidates
+        ]
         lines.append(
-            f"alive: {', '.join(candidates)}, no gap or a base model a little off "
+            f"candidates: {', '.join(candidates)}, no gap or a base model slightly off "
             f"({probability(self.no_gap)})"
         )
         return "\n".join(wrapped(line) for line in lines)

@@ -154,20 +154,22 @@ class Isolability:
             f"noise of the {plain(channel.name)}: {noise:.2g} "
             f"{channel.unit}, {self.plan.noise_source}",
             "",
-            _listed("told from all others: ", certain),
+            _listed("distinguished from all others: ", certain),
         ]
 
     def _confused_in_words(self) -> list[str]:
         confused = self.confused()
         if not confused:
             return []
-        lines = ["", "seen, but not told from:"]
+        lines = ["", "visible, but not distinguished from:"]
         for item in confused:
             twins = item["indistinguishable_from"]
             lines.append(_listed(f"  {item['effect']}: ", twins))
             separated = item[f"told_by_{self.further}"]
             if separated:
-                title = f"    reading the {plain(self.further)} too tells it from "
+                title = (
+                    f"    reading the {plain(self.further)} too distinguishes it from "
+                )
                 lines.append(_listed(title, separated))
             if item["remedies"]:
                 remedies = "; or ".join(item["remedies"])

@@ -3,8 +3,8 @@ r"""Which test to run next, and when to stop.
 
 The value of a test is the information that its readings are expected to give on which explanation
 is correct. Every relevant explanation (unlisted losses and "no gap" among them) predicts a
-Gaussian, with the allowances by which its evidence will be judged. The information that a mixture of
-Gaussians holds on its component is bounded from below by
+Gaussian, with the allowances by which its evidence will be judged. The information that a mixture
+of Gaussians holds on its component is bounded from below by
 
 .. math:: I \ge -\sum_k p_k \ln \sum_j p_j e^{-B_{kj}}
 
@@ -48,7 +48,7 @@ from .advice import (
     NextTest,
 )
 
-_LOOK_AT_REGIONS = "look at the regions that hmcvt diagnose tells"
+_LOOK_AT_REGIONS = "look at the regions that hmcvt diagnose reports"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def advise(posterior: Posterior, possible: Points) -> Advice:
     base = posterior.base_only.fit
     advice = Advice(
         channels=tuple(channel.name for channel in base.observed.channels),
-        alive=tuple((item.label.effects, item.probability) for item in explaining),
+        candidates=tuple((item.label.effects, item.probability) for item in explaining),
         no_gap=no_gap.probability,
         axes=base.observed.steered,
     )

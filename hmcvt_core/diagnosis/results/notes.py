@@ -32,7 +32,7 @@ def noise_notes(analysis: Analysis) -> tuple[str, ...]:
     if np.ptp(observed.deviation[0] / usual) > ROUNDING:
         return ()  # no single number states noise that changes over the operating points
     return (
-        f"nobody stated the noise; it looks like {channel.factor * estimated:.2g} {channel.unit}, "
+        f"the noise was not stated; it looks like {channel.factor * estimated:.2g} {channel.unit}, "
         f"{ratio:.2f} times what is assumed: --noise {estimated:.2g} states that",
     )
 
@@ -45,7 +45,7 @@ def _significance_if_stated(analysis: Analysis) -> str:
     fit = refit(analysis.base.hypothesis, observed.with_stated_noise(noise))
     p_value = significance(fit, analysis.boxes, analysis.seed).p_value
     return (
-        f"nobody stated the noise, and {len(observed)} samples cannot tell it from a gap: "
+        f"the noise was not stated, and {len(observed)} samples cannot distinguish it from a gap: "
         f"the verdict rests on an assumption; if the noise is known to be "
         f"{channel.factor * noise:.2g} {channel.unit}, --noise {noise:g} gives p = "
         f"{p_value:.2g}"

@@ -194,7 +194,7 @@ class Outcome:
         warnings: why the readings may be of another machine, in plain sentences.
         notes: on the data and the search, the warnings first.
         base: the base model refitted to the samples, no effect added.
-        alive: the posterior over the relevant explanations; it predicts the gap at any point.
+        posterior: over the relevant explanations; it predicts the gap at any point.
         samples: what was diagnosed.
         residuals: measured - predicted of the refitted base model at samples left out, shape (n,).
         judged: the samples by which the shrinkage is measured, of the holdout or the same, m of
@@ -221,7 +221,7 @@ class Outcome:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     base: Any
-    alive: Posterior
+    posterior: Posterior
     samples: Any
     residuals: Array
     judged: Any
@@ -232,8 +232,13 @@ class Outcome:
     seed: int = 0
 
     @property
+    def alive(self) -> Posterior:
+        """Earlier name of `posterior`."""
+        return self.posterior
+
+    @property
     def _observed(self) -> Observations:
-        return self.alive.base_only.fit.observed
+        return self.posterior.base_only.fit.observed
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -288,7 +293,7 @@ class Outcome:
             values.append(np.asarray(given.get(name, usual), dtype=float))
         rows = np.broadcast_arrays(*values)
         points = {name: row.ravel() for name, row in zip(known, rows, strict=True)}
-        mean, deviation = self.alive.gap_at(points)
+        mean, deviation = self.posterior.gap_at(points)
         shape = rows[0].shape
         return mean.reshape(shape), deviation.reshape(shape)
 

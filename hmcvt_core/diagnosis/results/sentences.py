@@ -34,7 +34,7 @@ def amount(outcome: Outcome, value: float, sign: bool = False) -> str:
 def mechanic(outcome: Outcome) -> str:
     """Return what is probably wrong, what it costs and what to do, without statistics."""
     if outcome.warnings:
-        return "The readings do not fit this machine: settle what the next lines say first."
+        return "The readings do not fit this machine: resolve the points below first."
     if outcome.verdict == "no_gap":
         return "Bench and model agree: nothing to look for."
     if outcome.merely_off:
@@ -83,7 +83,7 @@ def verdict(outcome: Outcome) -> str:
     if outcome.merely_off:
         return (
             f"{difference}. The model is off by {amount(outcome, outcome.shrinkage.before)}, "
-            "smoothly: smaller than what a cause would need, and none is named."
+            "smoothly: less than a cause would need, and none is named."
         )
     if outcome.verdict == "unexplained" or not outcome.causes:
         return (
@@ -98,7 +98,7 @@ def _best_listed(outcome: Outcome) -> str:
     if fraction <= 0.0:
         return ""
     return (
-        f": the likeliest set removes {percent(fraction)} of the squared gap in "
+        f": the most probable set removes {percent(fraction)} of the squared gap in "
         f"{plain(outcome.channel.name)}"
     )
 
@@ -108,7 +108,7 @@ def _difference(outcome: Outcome) -> str:
     size = amount(outcome, outcome.shrinkage.before)
     beyond = f"Bench and model differ by {size} beyond the noise"
     if not outcome.where or outcome.where[0].p_value > REGION_SIGNIFICANCE:
-        return f"{beyond}, and no single place stands out"
+        return f"{beyond}, and no single region stands out"
     region = outcome.where[0]
     words = region_words(region, outcome)
     if region.channel != outcome.channel.name:
@@ -170,9 +170,7 @@ def _explanation(outcome: Outcome) -> str:
         if item.probability >= MENTIONED_PROBABILITY
     ]
     others = listed(mentioned[1:MOST_MENTIONED_SETS]) or named(())
-    return (
-        f"{mentioned[0]} explains it best, but these data cannot tell it from {others}"
-    )
+    return f"{mentioned[0]} explains it best, but these data cannot distinguish it from {others}"
 
 
 def _with_probability(item: CauseSet) -> str:
@@ -183,7 +181,7 @@ def _removed(outcome: Outcome) -> str:
     """Say how far the gap shrinks with the leading set."""
     shrinkage = outcome.shrinkage
     if shrinkage.fraction is None:
-        return "How far the gap would shrink cannot be told from these samples."
+        return "These samples do not show how far the gap would shrink."
     kind = "held" if shrinkage.on == "holdout" else "left"
     added = f"On samples {kind} out, with {named(outcome.sets[0].effects)} added,"
     if shrinkage.fraction <= 0.0:

@@ -162,7 +162,7 @@ def _on_holdout(analysis: Analysis, held_out: Observations) -> Measurement:
     if len(refused):
         refusal = analysis.base.hypothesis.system.refusal
         notes = (
-            f"{len(refused)} of {len(held_out)} samples held out {refusal} and do not "
+            f"{len(refused)} of {len(held_out)} held-out samples {refusal} and do not "
             f"count: {describe_samples(held_out, refused)}",
         )
     counted = held_out.select(np.flatnonzero(answered))

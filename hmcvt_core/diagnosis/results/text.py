@@ -104,7 +104,7 @@ def _region_lines(outcome: Outcome) -> list[str]:
     lines += [f"           {line}" for line in others]
     if outcome.where[0].p_value > REGION_SIGNIFICANCE:
         lines.append(
-            "           no place is significant by itself: the gap shows in the samples "
+            "           no region is significant by itself: the gap shows in the samples "
             "as a whole"
         )
     return lines
@@ -132,7 +132,7 @@ def _cause_lines(outcome: Outcome) -> list[str]:
         if item.probability >= REPORTED_PROBABILITY
     ][:REPORTED_SETS]
     sets.append(f"something unlisted {probability(outcome.unlisted)}")
-    lines = [f"sets       {', '.join(sets)}", "causes     each in any of the sets"]
+    lines = [f"sets       {', '.join(sets)}", "causes     probability over all sets"]
     for cause in outcome.causes[:DETAILED_CAUSES]:
         lines += _one_cause(cause)
     others = [
@@ -156,7 +156,7 @@ def _one_cause(cause: Cause) -> list[str]:
         errors = change["standard_errors"]
         if abs(errors) > SETTLED_ERRORS:
             lines.append(
-                f"         without it {name} comes out as {change['without_effect']:.3g} "
+                f"         without it {name} would be {change['without_effect']:.3g} "
                 f"instead of {change['with_effect']:.3g} ({errors:+.1f} standard errors)"
             )
     return lines
@@ -186,7 +186,7 @@ def _test_lines(outcome: Outcome) -> list[str]:
 
 
 def _test_line(test: NextTest, outcome: Outcome) -> str:
-    separates = f"tells {' from '.join(test.separates)}"
+    separates = f"distinguishes {' from '.join(test.separates)}"
     if not test.point:
         return f"  {test.measure}: {separates}"
     point = point_in_words(test, outcome.axes)

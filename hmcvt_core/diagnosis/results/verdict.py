@@ -18,7 +18,9 @@ def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
     posterior = analysis.posterior
     if posterior.unlisted > UNEXPLAINED_PROBABILITY:
         if posterior.misfit > posterior.unlisted / 2.0:
-            note = "the base model is a little off, smoothly: less than what a cause would need"
+            note = (
+                "the base model is slightly off, smoothly: less than a cause would need"
+            )
         else:
             note = "no set of listed effects explains the gap: look at the regions"
         return "unexplained", (note,)
@@ -28,7 +30,7 @@ def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
         verdict = "cause_found"
     if _leads_with_discrepancy(analysis):
         return verdict, (
-            "a smaller loss that nobody listed stands beside it: look at the regions",
+            "a smaller loss that is not in the library is present too: look at the regions",
         )
     return verdict, ()
 

@@ -62,9 +62,7 @@ def library(units: bool = False) -> tuple[type[Effect], ...]:
         and not {"name", "form"}.isdisjoint(vars(effect))
     ]
     latest = {(effect.__module__, effect.__qualname__): effect for effect in found}
-    return tuple(
-        sorted(latest.values(), key=lambda effect: (effect.name, effect.form))
-    )
+    return tuple(sorted(latest.values(), key=lambda effect: (effect.name, effect.form)))
 
 
 @cache
