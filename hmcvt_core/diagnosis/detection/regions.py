@@ -1,7 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Boxes over the samples, and the fewest that hold some of them."""
+"""Regions: boxes over the samples, and the fewest boxes that hold given samples."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,9 @@ from ..settings import (
 )
 from ..system import Array
 
+Interval = tuple[float, float]
+"""Lower and upper limit along one axis."""
+
 
 @dataclass(frozen=True, eq=False)
 class Regions:
@@ -23,7 +27,8 @@ class Regions:
 
     Attributes:
         members: which samples each box holds, shape (boxes, n).
-        low, high: limits of each box by axis, shape (boxes, axes).
+        low: lower limits of each box by axis, shape (boxes, axes).
+        high: upper limits of each box by axis, shape (boxes, axes).
     """
 
     members: NDArray[np.bool_]
@@ -34,50 +39,68 @@ class Regions:
         return len(self.members)
 
 
-def candidate_regions(place: Array) -> Regions:
-    """Bands along each axis, and corners over two and more axes, with at least four samples each.
+def candidate_regions(coordinates: Array) -> Regions:
+    """Return bands along each axis, and corners over two and more axes.
 
-    Below 32 samples an eighth of them is enough, down to one.
+    A corner is one-sided on each axis: high load at low speed, and so on. Edges lie midway between
+    neighbouring samples, so a region is as narrow as the data allow. Regions that hold the same
+    samples are listed once, by the narrowest. A region holds at least four samples, and leaves out
+    as many; below 32 samples an eighth of them is enough, down to one.
 
-    Edges lie midway between neighbouring samples, so a region is as narrow as the data allow.
-    Regions that hold the same samples are listed once; the narrower in extent stands for them.
+    Args:
+        coordinates: of the samples, shape (axes, n).
     """
-    extent = [(float(values.min()), float(values.max())) for values in place]
-    bands = [_intervals(_edges(values, BAND_EDGES)) for values in place]
-    # A corner is one-sided on each axis: high load at low speed, and so on.
-    sides = [
-        [
-            pair
-            for pair in _intervals(edges)
-            if pair[0] == edges[0] or pair[1] == edges[-1]
-        ]
-        for edges in (_edges(values, CORNER_EDGES) for values in place)
-    ]
-    boxes: list[tuple[tuple[float, float], ...]] = []
-    for size in range(1, len(place) + 1):
-        for axes in itertools.combinations(range(len(place)), size):
-            own = bands if size == 1 else sides
-            boxes += itertools.product(
-                *(
-                    own[axis] if axis in axes else [limits]
-                    for axis, limits in enumerate(extent)
-                )
-            )
-    limits = np.array(boxes).reshape(-1, len(place), 2)
-    low, high = limits[..., 0], limits[..., 1]
-    members = np.ones((len(limits), place.shape[1]), dtype=bool)
-    for axis, values in enumerate(place):
+    limits = np.array(_boxes(coordinates)).reshape(-1, len(coordinates), 2)
+    low = limits[..., 0]
+    high = limits[..., 1]
+    n = coordinates.shape[1]
+    members = np.ones((len(limits), n), dtype=bool)
+    for axis, values in enumerate(coordinates):
         members &= (values >= low[:, axis, None]) & (values <= high[:, axis, None])
-    n, inside = place.shape[1], members.sum(axis=1)
-    least = max(1, min(REGION_SAMPLES, n // SAMPLES_PER_REGION_SAMPLE))
-    first: dict[bytes, int] = {}
-    for i in np.flatnonzero((inside >= least) & (inside <= n - least)).tolist():
-        first.setdefault(members[i].tobytes(), i)
-    kept = list(first.values())
+    kept = _distinct_regions(members)
     return Regions(members[kept], low[kept], high[kept])
 
 
+def _boxes(coordinates: Array) -> list[tuple[Interval, ...]]:
+    """Return the limits of all candidate boxes along all axes."""
+    extent = []
+    bands = []
+    sides = []
+    for values in coordinates:
+        extent.append((float(values.min()), float(values.max())))
+        bands.append(_intervals(_edges(values, BAND_EDGES)))
+        sides.append(_one_sided_intervals(_edges(values, CORNER_EDGES)))
+    boxes: list[tuple[Interval, ...]] = []
+    axes = range(len(coordinates))
+    for size in range(1, len(coordinates) + 1):
+        intervals = bands if size == 1 else sides
+        for limited in itertools.combinations(axes, size):
+            choices = []
+            for axis in axes:
+                choices.append(intervals[axis] if axis in limited else [extent[axis]])
+            boxes += itertools.product(*choices)
+    return boxes
+
+
+def _distinct_regions(members: NDArray[np.bool_]) -> list[int]:
+    """Return the indices of regions that hold enough samples, the first of those alike."""
+    n = members.shape[1]
+    least = max(1, min(REGION_SAMPLES, n // SAMPLES_PER_REGION_SAMPLE))
+    inside = members.sum(axis=1)
+    large_enough = (inside >= least) & (inside <= n - least)
+    first: dict[bytes, int] = {}
+    for i in np.flatnonzero(large_enough).tolist():
+        first.setdefault(members[i].tobytes(), i)
+    return list(first.values())
+
+
 def _edges(values: Array, most: int) -> Array:
+    """Return possible limits along one axis: its ends, and points midway between samples.
+
+    Args:
+        values: of the samples along the axis, shape (n,).
+        most: number of points between the ends.
+    """
     distinct = np.unique(values)
     if len(distinct) < 2:
         return np.array([])
@@ -90,44 +113,91 @@ def _edges(values: Array, most: int) -> Array:
     return np.concatenate([[distinct[0]], middles, [distinct[-1]]])
 
 
-def _intervals(edges: Array) -> list[tuple[float, float]]:
-    pairs = itertools.combinations(range(len(edges)), 2)
-    return [
-        (float(edges[i]), float(edges[j]))
-        for i, j in pairs
-        if not (i == 0 and j == len(edges) - 1)
-    ]
+def _intervals(edges: Array) -> list[Interval]:
+    """Return the intervals between any two edges, the whole range left out."""
+    last = len(edges) - 1
+    intervals = []
+    for i, j in itertools.combinations(range(len(edges)), 2):
+        if (i, j) != (0, last):
+            intervals.append((float(edges[i]), float(edges[j])))
+    return intervals
+
+
+def _one_sided_intervals(edges: Array) -> list[Interval]:
+    """Return the intervals that begin or end with the range."""
+    one_sided = []
+    for low, high in _intervals(edges):
+        if low == edges[0] or high == edges[-1]:
+            one_sided.append((low, high))
+    return one_sided
 
 
 def covering(
     members: NDArray[np.bool_], target: NDArray[np.bool_], most: int
 ) -> list[int]:
-    """The fewest regions that hold some points and no others, by F1, one after another.
+    """Return the fewest regions whose union is closest to a target, by the F1 score.
 
-    With each that is added the others are exchanged while that is better.
+    Regions are added one by one while each adds enough. With each that is added the others are
+    exchanged while that is better.
 
     Args:
-        members: which points each region holds, shape (regions, n).
-        target: the points, shape (n,).
-        most: regions.
+        members: which samples each region holds, shape (regions, n).
+        target: the samples to hold, shape (n,).
+        most: number of regions.
+
+    Returns:
+        Indices of the regions.
     """
-    chosen, reached = list[int](), 0.0
-    for count in range(1, most + 1):
-        tried, best, before = [*chosen, 0], reached, -1.0
-        while best > before:
-            before = best
-            for place in (count - 1, *range(count - 1)):
-                union = members | members[tried[:place] + tried[place + 1 :]].any(
-                    axis=0
-                )
-                f1 = (
-                    2.0
-                    * (union & target).sum(axis=1)
-                    / (union.sum(axis=1) + target.sum())
-                )
-                if f1.max() > best:
-                    tried[place], best = int(f1.argmax()), float(f1.max())
-        if best < reached + REGION_GAIN:
+    chosen: list[int] = []
+    reached = 0.0
+    for _ in range(most):
+        extended, score = _exchanged(members, target, chosen, reached)
+        if score < reached + REGION_GAIN:
             break
-        chosen, reached = tried, best
+        chosen = extended
+        reached = score
     return chosen
+
+
+def _exchanged(
+    members: NDArray[np.bool_],
+    target: NDArray[np.bool_],
+    chosen: Sequence[int],
+    reached: float,
+) -> tuple[list[int], float]:
+    """Add one region, then exchange regions in turn while the F1 score grows.
+
+    Args:
+        members: which samples each region holds, shape (regions, n).
+        target: the samples to hold, shape (n,).
+        chosen: regions so far.
+        reached: their score, which is to be passed.
+
+    Returns:
+        The regions and their score.
+    """
+    regions = [*chosen, 0]
+    last = len(regions) - 1
+    best = reached
+    previous = -1.0
+    while best > previous:
+        previous = best
+        for position in (last, *range(last)):
+            others = regions[:position] + regions[position + 1 :]
+            union = members | members[others].any(axis=0)
+            score = _f1(union, target)
+            if score.max() > best:
+                regions[position] = int(score.argmax())
+                best = float(score.max())
+    return regions, best
+
+
+def _f1(held: NDArray[np.bool_], target: NDArray[np.bool_]) -> Array:
+    """Return the F1 score of sets of samples, shape (sets,).
+
+    Args:
+        held: shape (sets, n).
+        target: shape (n,).
+    """
+    both = (held & target).sum(axis=1)
+    return np.asarray(2.0 * both / (held.sum(axis=1) + target.sum()))

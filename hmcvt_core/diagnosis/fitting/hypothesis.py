@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A hypothesis: the base model with some effects, their sizes free.
 
-Parameters are theta: scaled base parameters, then of every effect its size, in typical ones, and
-its shapes where they are free, as parts of their range.
+Its parameters are theta: the scaled base parameters; then of every effect its size, in typical
+sizes, and its shapes if they are free, as parts of their range.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ class Hypothesis:
     """A system and effects whose sizes are free.
 
     Attributes:
-        system: what stands on the bench.
-        effects: with the shapes to use; what is free of them is fitted.
-        reversed_sign: whether sizes that cannot be negative are negative: effects that nobody listed.
-        bent: of how many effects, from the first, the shapes are free too.
+        system: on the bench.
+        effects: with the shapes to use where they are not free.
+        reversed_sign: whether sizes that cannot be negative are negative. This stands for a gap
+            that no listed effect causes.
+        free_shapes: of how many effects, from the first, the shapes are free too.
     """
 
     system: System
@@ -38,149 +39,166 @@ class Hypothesis:
 
     @property
     def base_count(self) -> int:
-        """How many parameters every hypothesis has."""
+        """Number of base parameters, which come first in theta."""
         return len(self.system.base)
 
     @cached_property
     def free_parameters(self) -> list[tuple[int, Any]]:
-        """Which effect, and which parameter of it, each theta after the shared ones is."""
-        return [
-            (i, item)
-            for i, effect in enumerate(self.effects)
-            for item in (
-                effect.sizes()[0],
-                *(
-                    other
-                    for other in effect.parameters()
-                    if i < self.free_shapes and other.bends
-                ),
-            )
-        ]
+        """Index of the effect, and its parameter, for each theta after the base parameters."""
+        free: list[tuple[int, Any]] = []
+        for i, effect in enumerate(self.effects):
+            free.append((i, effect.sizes()[0]))
+            if i < self.free_shapes:
+                free += [(i, item) for item in effect.parameters() if item.bends]
+        return free
 
     @cached_property
     def size_indices(self) -> NDArray[np.intp]:
-        """Places of the sizes in theta, one for each effect."""
-        return self.base_count + np.flatnonzero(
-            [item.is_size for _, item in self.free_parameters]
-        )
+        """Indices of the sizes in theta, one for each effect."""
+        is_size = [item.is_size for _, item in self.free_parameters]
+        return self.base_count + np.flatnonzero(is_size)
 
     @property
     def prior_mean(self) -> Array:
-        """Mean of theta; sizes are free and have zero."""
-        return np.append(
-            self.system.base.mean,
-            [
-                0.0 if item.is_size else SHAPE_PRIOR_MEAN
-                for _, item in self.free_parameters
-            ],
-        )
+        """Prior mean of theta, shape (p,); that of a size is zero."""
+        means = []
+        for _, item in self.free_parameters:
+            means.append(0.0 if item.is_size else SHAPE_PRIOR_MEAN)
+        return np.append(self.system.base.mean, means)
 
     def spread(self, sizes: Array | float) -> Array:
-        """Prior standard deviations of theta, for those of the sizes."""
-        found = np.append(
-            self.system.base.spread,
-            np.full(len(self.free_parameters), SHAPE_PRIOR_SPREAD),
-        )
-        found[self.size_indices] = sizes
-        return found
+        """Return prior standard deviations of theta, shape (p,).
+
+        Args:
+            sizes: prior standard deviations of the sizes, in typical sizes.
+        """
+        shapes = np.full(len(self.free_parameters), SHAPE_PRIOR_SPREAD)
+        spread = np.append(self.system.base.spread, shapes)
+        spread[self.size_indices] = sizes
+        return spread
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest theta."""
-        base, ends = self.system.base, []
+        """Lowest and highest theta, shape (p,) each."""
+        lowest = self.system.base.low.tolist()
+        highest = self.system.base.high.tolist()
         for _, item in self.free_parameters:
-            low, high = _scaled(item, item.low), _scaled(item, item.high)
-            ends.append(
-                (-high, -max(low, 0.0))
-                if self.reversed_sign and item.is_size
-                else (low, high)
-            )
-        lowest, highest = np.array(ends).reshape(-1, 2).T
-        return np.append(base.low, lowest), np.append(base.high, highest)
+            low = _scaled(item, item.low)
+            high = _scaled(item, item.high)
+            if self.reversed_sign and item.is_size:
+                lowest.append(-high)
+                highest.append(-max(low, 0.0))
+            else:
+                lowest.append(low)
+                highest.append(high)
+        return np.array(lowest), np.array(highest)
 
     @property
     def signs(self) -> Array:
-        """1 or -1 for sizes of one sign only, 0 for the others, NaN for what is none, (p,)."""
-        low, high = (end[self.size_indices] for end in self.bounds)
-        one = np.full(self.base_count + len(self.free_parameters), np.nan)
-        one[self.size_indices] = np.where(
-            low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, 0.0)
-        )
-        return one
+        """Sign that each theta must have, shape (p,).
+
+        1 or -1 for a size of one sign, 0 for a size of either sign, NaN for what is not a size.
+        """
+        low, high = self.bounds
+        signs = np.full(len(low), np.nan)
+        for i in self.size_indices:
+            if low[i] >= 0.0:
+                signs[i] = 1.0
+            elif high[i] <= 0.0:
+                signs[i] = -1.0
+            else:
+                signs[i] = 0.0
+        return signs
 
     def effects_at(self, theta: Array) -> tuple[Effect, ...]:
-        """Return the effects as they are at theta."""
+        """Return the effects with the sizes and shapes of theta."""
         values: list[dict[str, float]] = [{} for _ in self.effects]
-        for (i, item), value in zip(
-            self.free_parameters, theta[self.base_count :].tolist(), strict=True
-        ):
-            values[i][item.name] = _value(item, value)
+        of_effects = theta[self.base_count :].tolist()
+        for (i, item), scaled in zip(self.free_parameters, of_effects, strict=True):
+            values[i][item.name] = _value(item, scaled)
         return tuple(
-            effect.with_values(each)
-            for effect, each in zip(self.effects, values, strict=True)
+            effect.with_values(changes)
+            for effect, changes in zip(self.effects, values, strict=True)
         )
 
     def theta(self, base: Array) -> Array:
-        """Return where the effects are as they stand, for scaled base parameters."""
-        return np.append(
-            base,
-            [
-                _scaled(item, self.effects[i].values()[item.name])
-                for i, item in self.free_parameters
-            ],
-        )
+        """Return theta for scaled base parameters and the effects as given."""
+        scaled = []
+        for i, item in self.free_parameters:
+            scaled.append(_scaled(item, self.effects[i].values()[item.name]))
+        return np.append(base, scaled)
 
     def predict(
         self, theta: Array, points: Points, channels: Sequence[Channel] = ()
     ) -> Array:
-        """Return some channels, or every one, shape (channels, n)."""
-        found = self.system.predict(
-            theta[: self.base_count], self.effects_at(theta), points
-        )
+        """Return predicted readings, in the units of the channels, shape (channels, n).
+
+        Args:
+            theta: parameters, shape (p,).
+            points: operating points.
+            channels: to return; every channel of the system if empty.
+        """
+        base = theta[: self.base_count]
+        predicted = self.system.predict(base, self.effects_at(theta), points)
+        if not channels:
+            return predicted
         names = [channel.name for channel in self.system.channels]
-        return (
-            found[[names.index(channel.name) for channel in channels]]
-            if channels
-            else found
-        )
+        rows = [names.index(channel.name) for channel in channels]
+        return np.asarray(predicted[rows])
 
     def local_variation(
-        self, theta: Array, points: Points, channels: Sequence[Channel], here: Array
+        self,
+        theta: Array,
+        points: Points,
+        channels: Sequence[Channel],
+        predicted: Array,
     ) -> Array:
-        """How far readings, `here`, turn within `Axis.transition_width` of points, in their units.
+        """Return how far readings vary within `Axis.transition_width` of their points.
 
-        What is served hardly does, and what is stated of its noise stands. Shape (channels, n).
+        Served channels barely vary there, so their stated noise is kept.
+
+        Args:
+            theta: parameters, shape (p,).
+            points: operating points.
+            channels: whose readings they are.
+            predicted: readings at the points, shape (channels, n).
+
+        Returns:
+            In the units of the channels, shape (channels, n).
         """
-        found = np.zeros_like(here)
-        for axis in (axis for axis in self.system.axes if axis.transition_width):
-            around = sum(
-                self.predict(theta, {**points, axis.name: place}, channels)
-                for place in points[axis.name]
-                + axis.transition_width * np.array([[-1.0], [1.0]])
-            )
-            found = np.fmax(
-                found, np.abs(around / 2.0 - here)
-            )  # of NaN and a number, the number
-        found[[channel.served for channel in channels]] = 0.0
-        return found
+        variation = np.zeros_like(predicted)
+        for axis in self.system.axes:
+            if not axis.transition_width:
+                continue
+            values = points[axis.name]
+            below = {**points, axis.name: values - axis.transition_width}
+            above = {**points, axis.name: values + axis.transition_width}
+            around = self.predict(theta, below, channels)
+            around = around + self.predict(theta, above, channels)
+            # fmax prefers a number to NaN.
+            variation = np.fmax(variation, np.abs(around / 2.0 - predicted))
+        variation[[channel.served for channel in channels]] = 0.0
+        return variation
 
 
 def _scaled(item: Any, value: float) -> float:
-    """A size in typical ones; a shape as the part of its range, in proportion where it can be."""
+    """Return a size in typical sizes, or a shape as a part of its range.
+
+    The range of a positive shape is divided in proportion (logarithmically).
+    """
     if item.is_size:
-        return value / item.typical
+        return float(value / item.typical)
     if item.low > 0.0:
         return math.log(value / item.low) / math.log(item.high / item.low)
-    return (value - item.low) / (item.high - item.low)
+    return float((value - item.low) / (item.high - item.low))
 
 
 def _value(item: Any, scaled: float) -> float:
-    """What `_scaled` gives back; a shape stays in its range, however it is rounded."""
+    """Return the value of a scaled parameter; rounding keeps a shape within its range."""
     if item.is_size:
-        return scaled * item.typical
-    found = (
-        item.low * (item.high / item.low) ** scaled
-        if item.low > 0.0
-        else (item.low + scaled * (item.high - item.low))
-    )
-    return min(max(found, item.low), item.high)
+        return float(scaled * item.typical)
+    if item.low > 0.0:
+        value = item.low * (item.high / item.low) ** scaled
+    else:
+        value = item.low + scaled * (item.high - item.low)
+    return float(min(max(value, item.low), item.high))

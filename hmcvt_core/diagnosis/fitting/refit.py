@@ -1,8 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The refit of a hypothesis to the bench.
+r"""The refit of a hypothesis to the bench.
 
-Every hypothesis is refitted together with the base parameters: a few free parameters swallow most
+Every hypothesis is refitted together with the base parameters: a few free parameters absorb most
 of the signature of any effect, so a comparison at fixed base parameters would compare nothing.
+
+A refit minimises
+
+.. math:: \sum_c \frac{1}{\phi_c} \sum_i \left(\frac{y_{ci} - f_{ci}(\theta)}{s_{ci}}\right)^2
+          + \sum_j \left(\frac{\theta_j - \mu_j}{\tau_j}\right)^2
+
+within the bounds of theta. y are readings, s their stated standard deviations, phi the noise
+variance of a channel in units of the stated one, mu and tau the prior means and deviations. Sizes
+have no prior here, only bounds: their prior enters with the evidence.
 """
 
 from __future__ import annotations
@@ -10,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,10 +49,11 @@ class Fit:
 
     Attributes:
         hypothesis: what was refitted.
-        observed: to what.
-        theta: where.
-        whitened: (measured - predicted) / deviation, shape (channels, n).
-        jacobian: of the prediction / deviation by theta, shape (channels, n, p).
+        observed: the readings it was refitted to.
+        theta: fitted parameters, shape (p,).
+        whitened: (measured - predicted) / deviation, shape (channels, n); `NO_ANSWER` where the
+            model has none.
+        jacobian: derivative of prediction / deviation by theta, shape (channels, n, p).
         noise: variance of each channel in units of the stated one, shape (channels,).
     """
 
@@ -60,7 +71,7 @@ class Fit:
 
     @property
     def sizes(self) -> Array:
-        """Sizes of the effects, in typical ones."""
+        """Sizes of the effects, in typical sizes, shape (effects,)."""
         return self.theta[self.hypothesis.size_indices]
 
     @property
@@ -70,109 +81,115 @@ class Fit:
 
     @property
     def target(self) -> Array:
-        """What a linear model near the refit has to reproduce, shape (channels, n)."""
-        return np.asarray(
-            self.whitened + self.jacobian @ (self.theta - self.hypothesis.prior_mean)
-        )
+        """What a linear model near the refit has to reproduce, shape (channels, n).
+
+        The whitened readings less the prediction extrapolated to the prior mean.
+        """
+        from_prior = self.theta - self.hypothesis.prior_mean
+        return np.asarray(self.whitened + self.jacobian @ from_prior)
 
     @cached_property
     def nuisance_basis(self) -> Array:
-        """What a refit nearby absorbs: an orthonormal basis, shape (channels x n + p, p).
+        """Orthonormal basis of what a refit of the base parameters absorbs.
 
-        Of its columns, the noise divided out, and of the priors as further rows; for a hypothesis
-        without effects.
+        It spans the columns of the Jacobian, divided by the noise, continued by one row for each
+        prior. For a hypothesis without effects. Shape (channels x n + p, p).
         """
         scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
+        readings = scaled.reshape(-1, len(self.theta))
         prior = np.diag(1.0 / self.hypothesis.system.base.spread)
-        basis, _ = np.linalg.qr(
-            np.concatenate([scaled.reshape(-1, len(self.theta)), prior])
-        )
+        basis, _ = np.linalg.qr(np.concatenate([readings, prior]))
         return np.asarray(basis)
+
+    def project_out(self, readings: Array, prior: Array | float = 0.0) -> Array:
+        """Project the nuisance basis out of changes of the readings.
+
+        Args:
+            readings: changes in units of the noise, shape (k, channels, n).
+            prior: changes of the prior rows, shape (k, p) or scalar.
+
+        Returns:
+            What a refit leaves, in the rows of `nuisance_basis`, shape (k, channels x n + p).
+        """
+        count = len(readings)
+        prior_rows = np.broadcast_to(prior, (count, len(self.theta)))
+        rows = np.concatenate([readings.reshape(count, -1), prior_rows], axis=1)
+        return np.asarray(rows - rows @ self.nuisance_basis @ self.nuisance_basis.T)
 
     @cached_property
     def signatures(self) -> list[Signature]:
-        """Every form of the library that can show beside the base model."""
-        every = (
-            (form, self.signature(form))
-            for kind in self.hypothesis.system.library
-            for form in forms_of(kind)
-        )
-        return [
-            (form, change)
-            for form, change in every
-            if np.abs(change).max() >= INVISIBLE_SIGNATURE
-        ]
+        """Every form of the library that is visible in the readings, with its signature."""
+        visible = []
+        for effect in self.hypothesis.system.library:
+            for form in forms_of(effect):
+                change = self.signature(form)
+                if np.abs(change).max() >= INVISIBLE_SIGNATURE:
+                    visible.append((form, change))
+        return visible
 
     def signature(self, form: Effect) -> Array:
-        """Change by one typical size of a form beside what there is, shape (channels, n)."""
-        more = replace(self.hypothesis, effects=(*self.hypothesis.effects, form))
-        # The refit leaves little of an effect: the slope that counts is that of a small one.
-        there = _whitened(more, self.observed, np.append(self.theta, SIGNATURE_SIZE))
-        # Where the typical size cannot be carried it says nothing.
-        return np.where(there == NO_ANSWER, 0.0, self.whitened - there) / SIGNATURE_SIZE
+        """Return the change of prediction / deviation by one typical size of a further form.
 
-    def project_out(self, readings: Array, prior: Array | float = 0.0) -> Array:
-        """What a refit leaves of changes of the readings, shape (k, channels, n), and of priors.
-
-        Returns:
-            The rows of `absorbed` one after another, shape (k, channels x n + p).
+        Shape (channels, n). A refit leaves little of an effect, so the slope at a small size counts.
         """
-        whole = np.concatenate(
-            [
-                readings.reshape(len(readings), -1),
-                np.broadcast_to(prior, (len(readings), len(self.theta))),
-            ],
-            axis=1,
-        )
-        return np.asarray(whole - whole @ self.nuisance_basis @ self.nuisance_basis.T)
+        effects = (*self.hypothesis.effects, form)
+        extended = replace(self.hypothesis, effects=effects)
+        theta = np.append(self.theta, SIGNATURE_SIZE)
+        with_form = _whitened(extended, self.observed, theta)
+        # Where the model with the effect has no answer there is no slope.
+        change = np.where(with_form == NO_ANSWER, 0.0, self.whitened - with_form)
+        return np.asarray(change / SIGNATURE_SIZE)
 
     def served_fit(self, noise: Array) -> Fit:
-        """Refit so that channels that are not served bear what forms are off.
+        """Return the refit whose model is served.
 
-        The likeliest refit may give up one that is, to meet another to the last digit. `noise` is
-        that of each channel, forms aside, shape (channels,).
+        The likeliest refit may give up a served channel to fit an auxiliary one to the last digit.
+        Auxiliary channels therefore get a larger variance here, which absorbs the misfit of forms.
+
+        Args:
+            noise: variance of each channel without the misfit of forms, shape (channels,).
         """
         served = [channel.served for channel in self.observed.channels]
-        weights = np.where(
-            served, noise, np.maximum(self.noise, AUXILIARY_VARIANCE_RATIO * noise)
-        )
-        return (
-            self
-            if all(served)
-            else refit(
-                self.hypothesis,
-                self.observed,
-                self.theta,
-                self.jacobian,
-                rough=True,
-                noise=weights,
-            )
+        if all(served):
+            return self
+        auxiliary = np.maximum(self.noise, AUXILIARY_VARIANCE_RATIO * noise)
+        weights = np.where(served, noise, auxiliary)
+        return refit(
+            self.hypothesis,
+            self.observed,
+            self.theta,
+            self.jacobian,
+            rough=True,
+            noise=weights,
         )
 
     def observations_at(self, points: Points) -> Observations:
-        """Other points as if read there: what is foretold, with the noise of the campaign."""
+        """Return the predicted readings at other points, with the noise of the campaign.
+
+        Args:
+            points: operating points, shape (n,) each.
+        """
         observed = self.observed
-        found = self.hypothesis.predict(self.theta, points, observed.channels)
-        deviation = np.stack(
-            [
-                channel.deviation(row)
-                for channel, row in zip(observed.channels, found, strict=True)
-            ]
-        )
+        channels = observed.channels
+        predicted = self.hypothesis.predict(self.theta, points, channels)
+        rows = []
+        for channel, row in zip(channels, predicted, strict=True):
+            rows.append(channel.deviation(row))
+        deviation = np.stack(rows)
         deviation[0] = np.median(observed.deviation[0])
-        deviation = np.hypot(
-            deviation * np.sqrt(self.noise)[:, None],
-            self.hypothesis.local_variation(
-                self.theta, points, observed.channels, found
-            ),
+        variation = self.hypothesis.local_variation(
+            self.theta, points, channels, predicted
         )
         return replace(
             observed,
             points=points,
-            measured=found,
-            number=np.arange(found.shape[1]),
-            deviation=deviation,
+            measured=predicted,
+            number=np.arange(predicted.shape[1]),
+            deviation=np.hypot(deviation * np.sqrt(self.noise)[:, None], variation),
         )
+
+
+# --- the refit ------------------------------------------------------------------------------
 
 
 def refit(
@@ -184,118 +201,241 @@ def refit(
     rough: bool = False,
     noise: Array | None = None,
 ) -> Fit:
-    """Fit base parameters and sizes within their bounds, by steps of Gauss and Newton.
+    """Fit base parameters, sizes and free shapes within their bounds (Gauss-Newton).
 
-    Sizes are held by their bounds alone; their prior enters when evidence is weighed. At the
-    edge of what can be carried, where steps from the start lose an answer and none is one down, the
-    middle of the prior is another start.
+    Steps update the Jacobian instead of taking it anew (Broyden 1965, Math. Comp. 19, 577). Where
+    an updated Jacobian leads to no better point it is taken anew, and the refit ends where an exact
+    one leads to none.
 
     Args:
         hypothesis: what is assumed.
         observed: the bench.
-        start: theta to start from, or its base part; None for the middle of the prior.
-        slopes: `Fit.jacobian` there, nearly. The steps mend it (Broyden 1965); it is taken anew
-            where they lead nowhere and at the end.
-        rough: whether to end there instead, unless they lead nowhere from the start.
-        noise: variance of each channel to weigh them by; None for what the residuals say.
+        start: theta to start from, or its first components; the prior mean if None.
+        slopes: approximate `Fit.jacobian` at the start; taken by differences if None.
+        rough: whether to end where an updated Jacobian leads to no better point.
+        noise: variance of each channel, shape (channels,); estimated from the residuals if None.
     """
+    theta = _start(hypothesis, start)
+    whitened = _whitened(hypothesis, observed, theta)
+    jacobian = slopes
+    if jacobian is None:
+        jacobian = _jacobian(hypothesis, observed, theta, whitened)
+    is_exact = slopes is None
+    has_moved = False
+    for _ in range(ROUGH_REFIT_STEPS if rough else REFIT_STEPS):
+        variance = noise
+        if variance is None:
+            variance = _noise(observed, whitened, len(theta))
+        objective = _Objective(hypothesis, np.sqrt(variance)[:, None])
+        columns = objective.columns(jacobian)
+        aim = gauss_newton_aim(objective, columns, whitened, theta)
+        negligible = np.linalg.norm(columns @ (aim - theta)) < NEGLIGIBLE_STEP
+        search = _NO_STEP
+        if not negligible:
+            search = line_search(objective, observed, theta, whitened, aim)
+        if search.accepted is not None:
+            step = search.accepted.theta - theta
+            change = whitened - search.accepted.whitened
+            jacobian = broyden_update(jacobian, columns, step, change)
+            theta, whitened = search.accepted
+            is_exact = False
+            has_moved = True
+            continue
+        ends = is_exact or (rough and (negligible or has_moved))
+        if not ends:
+            jacobian = _jacobian(hypothesis, observed, theta, whitened)
+            is_exact = True
+            continue
+        stuck = search.lost_answer and not has_moved
+        if stuck and start is not None and noise is None:
+            variance = _noise(observed, whitened, len(theta))
+            better = restart_from_prior(hypothesis, observed, variance, rough)
+            if better is not None:
+                return better
+        break
+    variance = _noise(observed, whitened, len(theta))
+    return Fit(hypothesis, observed, theta, whitened, jacobian, variance)
+
+
+class _Trial(NamedTuple):
+    """Parameters, shape (p,), and whitened residuals there, shape (channels, n)."""
+
+    theta: Array
+    whitened: Array
+
+
+class _LineSearch(NamedTuple):
+    """Outcome of a line search.
+
+    Attributes:
+        accepted: the first point that is better, or None.
+        lost_answer: whether a point tried has no answer for a reading that had one.
+    """
+
+    accepted: _Trial | None
+    lost_answer: bool
+
+
+_NO_STEP = _LineSearch(None, False)
+
+
+class _Objective:
+    """The least-squares problem of one step, at fixed noise variances."""
+
+    def __init__(self, hypothesis: Hypothesis, noise_deviation: Array) -> None:
+        """Prepare the problem.
+
+        Args:
+            hypothesis: what is fitted.
+            noise_deviation: of each channel in units of the stated one, shape (channels, 1).
+        """
+        self.hypothesis = hypothesis
+        self.noise_deviation = noise_deviation
+        self.prior_mean = hypothesis.prior_mean
+        # An infinite deviation gives sizes no prior.
+        self.prior_rows = np.diag(1.0 / hypothesis.spread(np.inf))
+        self.bounds = hypothesis.bounds
+
+    def residuals(self, whitened: Array, theta: Array) -> Array:
+        """Return residuals of the readings and of the priors, shape (channels x n + p,)."""
+        of_priors = self.prior_rows @ (self.prior_mean - theta)
+        return np.append(whitened / self.noise_deviation, of_priors)
+
+    def columns(self, jacobian: Array) -> Array:
+        """Return the derivatives of what is fitted, shape (channels x n + p, p)."""
+        scaled = jacobian / self.noise_deviation[..., None]
+        readings = scaled.reshape(-1, len(self.prior_mean))
+        return np.concatenate([readings, self.prior_rows])
+
+
+def gauss_newton_aim(
+    objective: _Objective, columns: Array, whitened: Array, theta: Array
+) -> Array:
+    """Return the minimum of the linearised problem within the bounds, shape (p,)."""
     from scipy.optimize import lsq_linear
 
-    middle, bounds = hypothesis.prior_mean, hypothesis.bounds
-    theta = middle.copy()
+    target = objective.residuals(whitened, theta) + columns @ theta
+    solution = lsq_linear(columns, target, objective.bounds, "bvls")
+    return np.asarray(solution.x)
+
+
+def line_search(
+    objective: _Objective,
+    observed: Observations,
+    theta: Array,
+    whitened: Array,
+    aim: Array,
+) -> _LineSearch:
+    """Try parts of a step until one reduces the sum of squares.
+
+    Args:
+        objective: of the step.
+        observed: the bench.
+        theta: where the step starts, shape (p,).
+        whitened: residuals there, shape (channels, n).
+        aim: where the whole step ends, shape (p,).
+    """
+    start_squares = np.sum(objective.residuals(whitened, theta) ** 2)
+    sufficient = start_squares - NEGLIGIBLE_STEP**2
+    unanswered = whitened == NO_ANSWER
+    lost_answer = False
+    for part in STEP_PARTS:
+        # The solution of the linear problem may miss a bound by rounding.
+        trial = (theta + part * (aim - theta)).clip(*objective.bounds)
+        trial_whitened = _whitened(objective.hypothesis, observed, trial)
+        squares = np.sum(objective.residuals(trial_whitened, trial) ** 2)
+        if squares <= sufficient:
+            return _LineSearch(_Trial(trial, trial_whitened), lost_answer)
+        newly_unanswered = (trial_whitened == NO_ANSWER) & ~unanswered
+        lost_answer = lost_answer or bool(newly_unanswered.any())
+    return _LineSearch(None, lost_answer)
+
+
+def broyden_update(
+    jacobian: Array, columns: Array, step: Array, change: Array
+) -> Array:
+    r"""Return the Jacobian that reproduces the change along a step (Broyden 1965).
+
+    .. math:: J \leftarrow J + \frac{(\Delta f - J s)\, (A^T A s)^T}{s^T A^T A s}
+
+    with A the columns of the least-squares problem, so that the update is smallest in the units in
+    which the problem is solved.
+
+    Args:
+        jacobian: J, shape (channels, n, p).
+        columns: A, shape (channels x n + p, p).
+        step: s, shape (p,).
+        change: of prediction / deviation along the step, shape (channels, n).
+    """
+    direction = columns.T @ columns @ step
+    error = change - jacobian @ step
+    return np.asarray(jacobian + error[..., None] * direction / (step @ direction))
+
+
+def restart_from_prior(
+    hypothesis: Hypothesis, observed: Observations, noise: Array, rough: bool
+) -> Fit | None:
+    """Refit from the prior mean, and return that refit if it leaves less noise.
+
+    At the edge of what the model can answer a refit can be stuck: every step from its start loses
+    an answer.
+
+    Args:
+        hypothesis: what is assumed.
+        observed: the bench.
+        noise: variance of each channel where the refit is stuck, shape (channels,).
+        rough: as for `refit`.
+    """
+    other = refit(hypothesis, observed, rough=rough)
+    if np.sum(np.log(other.noise / noise)) < 0.0:
+        return other
+    return None
+
+
+def _start(hypothesis: Hypothesis, start: Array | None) -> Array:
+    """Return theta to start from, within the bounds."""
+    theta = hypothesis.prior_mean.copy()
     if start is not None:
         theta[: len(start)] = start
-    theta = theta.clip(*bounds)
-    here = _whitened(hypothesis, observed, theta)
-    exact, moved = slopes is None, False
-    jacobian = (
-        _jacobian(hypothesis, observed, theta, here) if slopes is None else slopes
-    )
-    prior = np.diag(1.0 / hypothesis.spread(np.inf))
-    for _ in range(ROUGH_REFIT_STEPS if rough else REFIT_STEPS):
-        weight = _noise(observed, here, len(theta)) if noise is None else noise
-        root = np.sqrt(weight)[:, None]
+    return np.asarray(theta.clip(*hypothesis.bounds))
 
-        def missed(here: Array, theta: Array, root: Array = root) -> Array:
-            return np.append(here / root, prior @ (middle - theta))
 
-        columns = np.concatenate(
-            [(jacobian / root[..., None]).reshape(-1, len(theta)), prior]
-        )
-        left, before, whitened = missed(here, theta), theta, here
-        aim = lsq_linear(columns, left + columns @ theta, bounds, "bvls").x
-        small, edge = np.linalg.norm(columns @ (aim - theta)) < NEGLIGIBLE_STEP, False
-        for part in (0.0,) if small else (*STEP_PARTS, 0.0):
-            theta = (before + part * (aim - before)).clip(
-                *bounds
-            )  # `aim` may miss by rounding
-            here = _whitened(hypothesis, observed, theta) if part else whitened
-            if np.sum(missed(here, theta) ** 2) <= np.sum(left**2) - NEGLIGIBLE_STEP**2:
-                break
-            edge = edge or bool(((here == NO_ANSWER) > (whitened == NO_ANSWER)).any())
-        if part:
-            step = theta - before
-            along = columns.T @ columns @ step
-            moved, exact, jacobian = (
-                True,
-                False,
-                jacobian
-                + (whitened - here - jacobian @ step)[..., None]
-                * along
-                / (step @ along),
-            )
-        elif exact or (rough and (small or moved)):
-            if edge and not moved and start is not None and noise is None:
-                other = refit(hypothesis, observed, rough=rough)
-                if (
-                    np.sum(np.log(other.noise / _noise(observed, here, len(theta))))
-                    < 0.0
-                ):
-                    return other
-            break
-        else:
-            exact, jacobian = True, _jacobian(hypothesis, observed, theta, here)
-    return Fit(
-        hypothesis, observed, theta, here, jacobian, _noise(observed, here, len(theta))
-    )
+# --- refits from a refit --------------------------------------------------------------------
 
 
 def with_free_shapes(fit: Fit, rough: bool = False) -> Fit:
     """Refit with the shapes of all effects free, from where a refit ended."""
-    before, observed = fit.hypothesis, fit.observed
+    before = fit.hypothesis
+    observed = fit.observed
     free = replace(before, effects=fit.effects, free_shapes=len(fit.effects))
     theta = free.theta(fit.base)
-    known = np.array(
-        [
-            *np.full(before.base_count, True),
-            *(item in before.free_parameters for item in free.free_parameters),
-        ]
-    )
+    was_free = [True] * before.base_count
+    for parameter in free.free_parameters:
+        was_free.append(parameter in before.free_parameters)
+    known = np.array(was_free)
+    whitened = _whitened(free, observed, theta)
     slopes = np.empty((*fit.whitened.shape, len(theta)))
     slopes[..., known] = fit.jacobian
     slopes[..., ~known] = _jacobian(
-        free,
-        observed,
-        theta,
-        _whitened(free, observed, theta),
-        np.flatnonzero(~known).tolist(),
+        free, observed, theta, whitened, np.flatnonzero(~known).tolist()
     )
     return refit(free, observed, theta, slopes, rough=rough)
 
 
 def refit_without(fit: Fit, i: int) -> Fit:
-    """Refit without one of the effects, from where a refit ended."""
+    """Refit roughly without the effect of an index, from where a refit ended."""
     before = fit.hypothesis
-    kept = np.array(
-        [
-            *np.full(before.base_count, True),
-            *(place != i for place, _ in before.free_parameters),
-        ]
-    )
+    is_kept = [True] * before.base_count
+    for effect_index, _ in before.free_parameters:
+        is_kept.append(effect_index != i)
+    kept = np.array(is_kept)
+    free_shapes = before.free_shapes
+    if i < free_shapes:
+        free_shapes -= 1
     rest = replace(
         before,
         effects=(*fit.effects[:i], *fit.effects[i + 1 :]),
-        free_shapes=before.free_shapes - (i < before.free_shapes),
+        free_shapes=free_shapes,
     )
     return refit(
         rest, fit.observed, fit.theta[kept], fit.jacobian[..., kept], rough=True
@@ -305,51 +445,72 @@ def refit_without(fit: Fit, i: int) -> Fit:
 def linearise(
     hypothesis: Hypothesis, observed: Observations, theta: Array, noise: Array
 ) -> Fit:
-    """Return a fit as it stands at given parameters, also at points it was not fitted to."""
-    here = _whitened(hypothesis, observed, theta)
-    return Fit(
-        hypothesis,
-        observed,
-        theta,
-        here,
-        _jacobian(hypothesis, observed, theta, here),
-        noise,
-    )
+    """Return a fit at given parameters, also at points it was not fitted to.
+
+    Args:
+        hypothesis: whose prediction is linearised.
+        observed: the readings.
+        theta: parameters, shape (p,).
+        noise: variance of each channel, shape (channels,).
+    """
+    whitened = _whitened(hypothesis, observed, theta)
+    jacobian = _jacobian(hypothesis, observed, theta, whitened)
+    return Fit(hypothesis, observed, theta, whitened, jacobian, noise)
+
+
+# --- residuals and derivatives --------------------------------------------------------------
 
 
 def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:
-    """Variance of each channel from its residuals and what was stated."""
-    prior_dof, n = observed.prior_dof, len(observed)
+    """Return the variance of each channel from its residuals and its statement.
+
+    The posterior mode of a variance with an inverse-gamma prior; the parameters take their degrees
+    of freedom from all channels alike. Shape (channels,).
+    """
+    prior_dof = observed.prior_dof
+    n = len(observed)
     used = min(parameters, n - 1) / len(prior_dof)
-    return np.asarray(
-        (prior_dof + np.sum(whitened**2, axis=1)) / (prior_dof + max(n - used, 1.0))
-    )
+    degrees_of_freedom = prior_dof + max(n - used, 1.0)
+    return np.asarray((prior_dof + np.sum(whitened**2, axis=1)) / degrees_of_freedom)
 
 
 def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> Array:
-    found = hypothesis.predict(theta, observed.points, observed.channels)
-    return np.nan_to_num(
-        (observed.measured - found) / observed.deviation, nan=NO_ANSWER
-    )
+    """Return (measured - predicted) / deviation, shape (channels, n)."""
+    predicted = hypothesis.predict(theta, observed.points, observed.channels)
+    whitened = (observed.measured - predicted) / observed.deviation
+    return np.nan_to_num(whitened, nan=NO_ANSWER)
 
 
 def _jacobian(
     hypothesis: Hypothesis,
     observed: Observations,
     theta: Array,
-    here: Array,
+    whitened: Array,
     which: Sequence[int] | None = None,
 ) -> Array:
-    """Change of the prediction / deviation by each parameter, or some, where `here` is left."""
-    which = range(len(theta)) if which is None else which
-    high, jacobian = hypothesis.bounds[1], np.empty((*here.shape, len(which)))
-    for place, i in enumerate(which):
+    """Return derivatives of prediction / deviation by differences.
+
+    Args:
+        hypothesis: what is fitted.
+        observed: the bench.
+        theta: parameters, shape (p,).
+        whitened: residuals there, shape (channels, n).
+        which: indices of theta; all if None.
+
+    Returns:
+        Shape (channels, n, parameters asked for).
+    """
+    indices = range(len(theta)) if which is None else which
+    highest = hypothesis.bounds[1]
+    unanswered = whitened == NO_ANSWER
+    jacobian = np.empty((*whitened.shape, len(indices)))
+    for column, i in enumerate(indices):
         step = BASE_DIFFERENCE if i < hypothesis.base_count else SIZE_DIFFERENCE
         moved = theta.copy()
-        moved[i] += step if theta[i] + step <= high[i] else -step
-        there = _whitened(hypothesis, observed, moved)
-        # Where an answer comes or goes there is no slope.
-        jacobian[..., place] = np.where(
-            (there == NO_ANSWER) == (here == NO_ANSWER), here - there, 0.0
-        ) / (moved[i] - theta[i])
+        moved[i] += step if theta[i] + step <= highest[i] else -step
+        moved_whitened = _whitened(hypothesis, observed, moved)
+        # Where an answer appears or is lost there is no slope.
+        comparable = (moved_whitened == NO_ANSWER) == unanswered
+        change = np.where(comparable, whitened - moved_whitened, 0.0)
+        jacobian[..., column] = change / (moved[i] - theta[i])
     return jacobian

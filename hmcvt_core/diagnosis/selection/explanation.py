@@ -1,14 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What may explain the readings: sets of known effects, losses that nobody listed, or nothing.
+"""Explanations of the readings: sets of effects, discrepancies, or the base model alone.
 
-Each rival is refitted, or linear near a refit, and weighed by its evidence. No model is exact: with
-effects come an allowance for forms that are a little off, and one for a base that is.
+Each explanation is refitted, or linear near a refit, and has an evidence. No model is exact:
+explanations with effects include an allowance for an inexact base model and for inexact forms.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -45,9 +45,11 @@ class Explanation:
     Attributes:
         fit: the refit near which it is linear.
         model: the linear model with its most likely allowances, at the widest prior of its sizes.
-        plain_model: without allowances, at their most likely prior.
-        log_evidence: log evidence over the prior scales.
-        discrepancy: a loss that nobody listed, or None.
+            Coefficients in order: theta, base discrepancy, form discrepancies, `discrepancy`.
+        plain_model: without allowances, at the most likely prior of its sizes. Coefficients in
+            order: theta, `discrepancy`.
+        log_evidence: averaged over the prior scales [nats].
+        discrepancy: a discrepancy besides the effects, or None.
     """
 
     fit: Fit
@@ -63,54 +65,16 @@ class Explanation:
 
     @cached_property
     def served_fit(self) -> Fit:
-        """The refit that is handed over."""
+        """The refit whose model is served."""
         return self.fit.served_fit(self.model.noise)
 
     @property
     def is_listed_set(self) -> bool:
-        """Whether it is known effects with the signs they have, and nothing beside them."""
+        """Whether it is listed effects with the signs they have, and no discrepancy."""
         return (
             bool(self.names)
             and self.discrepancy is None
             and not self.fit.hypothesis.reversed_sign
-        )
-
-    def explained_fraction(self, bare: Explanation) -> float:
-        """How far known effects with the signs they have are all of it, 0 to 1.
-
-        Less by a loss beside them that is more than their forms may miss, and by what the set
-        misses by itself while its forms bend for it.
-        """
-        if not self.names or self.fit.hypothesis.reversed_sign:
-            return 0.0
-        model, observed, own = self.model, self.fit.observed, len(self.fit.theta)
-        known = own + len(observed.channels) * len(
-            observed.smooth[1]
-        )  # and a misfit of the base
-        bent = (
-            own + model.columns.shape[-1] - self.plain_model.columns.shape[-1]
-        )  # all but a loss beside
-        root = np.sqrt(model.noise)[:, None]
-        start, left, unlost, unbent, alone = (
-            rows / root
-            for rows in (
-                bare.fit.whitened,
-                model.residual(),
-                model.residual(bent),
-                model.residual(known),
-                self.plain_model.residual(own),
-            )
-        )
-        every = np.sum((start - left) ** 2) + LEAST_SQUARE_PART
-        gone = max(np.sum(start**2) - np.sum(left**2), LEAST_SQUARE_PART)
-        lost = np.sum((unlost - left) ** 2) / every
-        missed = min(
-            np.sum((unbent - unlost) ** 2) / every,
-            (np.sum(alone**2) - np.sum(left**2)) / gone,
-        )
-        return float(
-            np.interp(lost, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
-            * np.interp(missed, MISSED_PART, EXPLAINED_BY_SET)
         )
 
     @property
@@ -120,186 +84,299 @@ class Explanation:
             not self.names and self.discrepancy is not None and self.discrepancy.is_base
         )
 
+    def explained_fraction(self, base_only: Explanation) -> float:
+        """Return how far the listed effects explain the gap, 0 to 1.
+
+        Two parts of the squared change from the base model reduce it: what an extra discrepancy
+        contributes beyond what inexact forms may miss, and what the set misses without the bends of
+        its forms.
+
+        Args:
+            base_only: the base model alone.
+        """
+        if not self.names or self.fit.hypothesis.reversed_sign:
+            return 0.0
+        observed = self.fit.observed
+        theta_count = len(self.fit.theta)
+        extra_count = self.plain_model.columns.shape[-1] - theta_count
+        without_extra = self.model.columns.shape[-1] - extra_count
+        base_functions = len(observed.channels) * len(observed.smooth[1])
+        without_bends = theta_count + base_functions
+
+        deviation = np.sqrt(self.model.noise)[:, None]
+        of_base = base_only.fit.whitened / deviation
+        of_all = self.model.residual() / deviation
+        of_allowances = self.model.residual(without_extra) / deviation
+        of_exact_forms = self.model.residual(without_bends) / deviation
+        of_set_alone = self.plain_model.residual(theta_count) / deviation
+
+        remaining = np.sum(of_all**2)
+        total_change = np.sum((of_base - of_all) ** 2) + LEAST_SQUARE_PART
+        reduction = max(np.sum(of_base**2) - remaining, LEAST_SQUARE_PART)
+        extra_part = np.sum((of_allowances - of_all) ** 2) / total_change
+        bends_part = np.sum((of_exact_forms - of_allowances) ** 2) / total_change
+        not_reduced_part = (np.sum(of_set_alone**2) - remaining) / reduction
+        missed_part = min(bends_part, not_reduced_part)
+
+        without_extra_factor = np.interp(
+            extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET
+        )
+        by_forms_factor = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
+        return float(without_extra_factor * by_forms_factor)
+
     def prediction_at(
         self, points: Observations, with_allowances: bool = False
     ) -> Prediction:
-        """What it foretells of points, those of the campaign or others.
+        """Return the posterior predictive at points, those of the campaign or others.
 
-        Plainly, or with the allowances for forms and a base that are a little off.
+        Args:
+            points: where; the mean is relative to `points.measured`.
+            with_allowances: whether base and forms may be a little off.
         """
+        fit = self.fit
+        at_points = fit
+        if points is not fit.observed:
+            at_points = linearise(fit.hypothesis, points, fit.theta, fit.noise)
         model = self.model if with_allowances else self.plain_model
-        there = (
-            self.fit
-            if points is self.fit.observed
-            else linearise(self.fit.hypothesis, points, self.fit.theta, self.fit.noise)
-        )
-        columns, change = there.jacobian, np.zeros(len(model.mean))
+        columns = at_points.jacobian
         if with_allowances and self.names:
-            columns = allowance_columns(there, self.fit.observed)
+            columns = allowance_columns(at_points, fit.observed)
         if self.discrepancy is not None:
-            columns = np.concatenate(
-                [columns, self.discrepancy.columns(points)], axis=-1
-            )
+            of_discrepancy = self.discrepancy.columns(points)
+            columns = np.concatenate([columns, of_discrepancy], axis=-1)
+        # The refit itself is the plain prediction of an explanation without a discrepancy.
+        change = np.zeros(len(model.mean))
         if with_allowances or self.discrepancy is not None:
             change = model.mean.copy()
-            change[: len(self.fit.theta)] -= (
-                self.fit.theta - self.fit.hypothesis.prior_mean
-            )
-        refused = (there.whitened == NO_ANSWER).any(axis=0)
-        return Prediction(
-            np.where(refused, np.nan, columns @ change - there.whitened),
-            columns,
-            model.covariance,
-        )
+            change[: len(fit.theta)] -= fit.theta - fit.hypothesis.prior_mean
+        no_answer = (at_points.whitened == NO_ANSWER).any(axis=0)
+        mean = columns @ change - at_points.whitened
+        return Prediction(np.where(no_answer, np.nan, mean), columns, model.covariance)
+
+
+# --- the base model, and sets of effects ----------------------------------------------------
 
 
 def explain_by_base(base: Fit) -> Explanation:
-    """The refitted base model."""
+    """Return the refitted base model as an explanation."""
     spread = base.hypothesis.system.base.spread
-    (plain,) = linear_models(
+    (model,) = linear_models(
         base.observed, base.jacobian, base.target, spread[None], base.hypothesis.signs
     )
-    return Explanation(base, plain, plain, plain.log_evidence)
+    return Explanation(base, model, model, model.log_evidence)
 
 
 def explain(fit: Fit) -> Explanation:
-    """Weigh a refit with its allowances."""
-    observed, hypothesis = fit.observed, fit.hypothesis
-    sizes, k = hypothesis.size_indices, len(fit.sizes)
-    off, columns = base_discrepancy(observed)[1], allowance_columns(fit, observed)
-    bends = columns.shape[-1] - len(fit.theta) - len(off)  # of k forms together
-    each = np.full(bends, np.sqrt(len(observed.coordinates) * k / max(bends, 1)))
-    widest = np.full(k, max(SIZE_SPREADS))
-    spreads = np.stack(
-        [
-            np.concatenate([hypothesis.spread(widest), misfitting, allowance * each])
-            for allowance in FORM_ALLOWANCES
-            for misfitting in (off, np.full(len(off), EXACT_BASE_SPREAD))
-        ]
+    """Return the explanation of a refitted set of effects, with its allowances.
+
+    Its evidence is the mean over the prior scales of the sizes, of the form allowance, and over an
+    inexact and an exact base model.
+    """
+    observed = fit.observed
+    sizes = fit.hypothesis.size_indices
+    signs = fit.hypothesis.signs
+    widest = np.full(len(sizes), max(SIZE_SPREADS))
+    columns = allowance_columns(fit, observed)
+    spreads = _allowance_spreads(fit, columns.shape[-1], widest)
+    # The moment prior enters with the scale of the sizes, below.
+    no_signs = np.full(columns.shape[-1], np.nan)
+    candidates = linear_models(observed, columns, fit.target, spreads, no_signs)
+    scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=len(sizes))))
+    rows = []
+    for candidate in candidates:
+        change = change_of_prior_scale(
+            candidate.mean[sizes],
+            candidate.covariance[np.ix_(sizes, sizes)],
+            widest,
+            scales,
+            signs[sizes],
+        )
+        rows.append(candidate.log_evidence + change)
+    log_evidence = np.array(rows)
+    best_allowance, best_scale = np.unravel_index(
+        int(log_evidence.argmax()), log_evidence.shape
     )
-    tried = linear_models(
-        observed, columns, fit.target, spreads, np.full(len(spreads[0]), np.nan)
+    plain_spread = fit.hypothesis.spread(scales[best_scale])
+    (plain_model,) = linear_models(
+        observed, fit.jacobian, fit.target, plain_spread[None], signs
     )
-    scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=k)))
-    signs = hypothesis.signs
-    logs = np.array(
-        [
-            item.log_evidence
-            + change_of_prior_scale(
-                item.mean[sizes],
-                item.covariance[np.ix_(sizes, sizes)],
-                widest,
-                scales,
-                signs[sizes],
-            )
-            for item in tried
-        ]
+    return Explanation(
+        fit,
+        candidates[best_allowance],
+        plain_model,
+        float(log_mean(log_evidence.ravel())),
     )
-    best, scale = np.unravel_index(int(logs.argmax()), logs.shape)
-    (plain,) = linear_models(
-        observed,
-        fit.jacobian,
-        fit.target,
-        hypothesis.spread(scales[scale])[None],
-        signs,
-    )
-    return Explanation(fit, tried[best], plain, float(log_mean(logs.ravel())))
+
+
+def _allowance_spreads(fit: Fit, columns: int, sizes: Array) -> Array:
+    """Return prior standard deviations of all coefficients for each pair of allowances.
+
+    Args:
+        fit: a refit with effects.
+        columns: number of columns of `allowance_columns`.
+        sizes: prior standard deviations of the sizes, in typical sizes, shape (effects,).
+
+    Returns:
+        Shape (form allowances x 2, columns).
+    """
+    _, inexact_base = base_discrepancy(fit.observed)
+    exact_base = np.full(len(inexact_base), EXACT_BASE_SPREAD)
+    of_theta = fit.hypothesis.spread(sizes)
+    bends = columns - len(of_theta) - len(inexact_base)
+    axes = len(fit.observed.coordinates)
+    # All bends of a form together have the variance of the allowance, once along each axis.
+    one_bend = np.sqrt(axes * len(sizes) / max(bends, 1))
+    spreads = []
+    for allowance in FORM_ALLOWANCES:
+        of_bends = allowance * np.full(bends, one_bend)
+        for of_base in (inexact_base, exact_base):
+            spreads.append(np.concatenate([of_theta, of_base, of_bends]))
+    return np.stack(spreads)
 
 
 def explain_exactly(fit: Fit) -> Explanation:
-    """Weigh a refit with slopes taken there, not mended on the way."""
+    """Return the explanation of a refit continued with an exact Jacobian."""
     return explain(refit(fit.hypothesis, fit.observed, fit.theta))
 
 
+# --- discrepancies --------------------------------------------------------------------------
+
+
 def with_discrepancy(
-    rival: Explanation, loss: Discrepancy, spreads: Iterable[Array]
+    explanation: Explanation, discrepancy: Discrepancy, spreads: Sequence[Array]
 ) -> Explanation:
-    """Weigh a rival with a loss beside it, under several priors."""
-    observed, found = rival.fit.observed, []
-    for model in (rival.model, rival.plain_model):
-        columns = np.concatenate([model.columns, loss.columns(observed)], axis=-1)
-        found.append(
-            linear_models(
-                observed,
-                columns,
-                model.target,
-                np.stack([np.append(model.spread, spread) for spread in spreads]),
-                np.append(
-                    model.signs, np.full(columns.shape[-1] - len(model.signs), np.nan)
-                ),
-            )
-        )
-    best = int(np.argmax([item.log_evidence for item in found[0]]))
+    """Return an explanation extended by a discrepancy, averaged over its priors.
+
+    Args:
+        explanation: to extend.
+        discrepancy: the addition.
+        spreads: prior standard deviations of its coefficients, shape (m,) each.
+    """
+    models = _extended(explanation.model, explanation, discrepancy, spreads)
+    plain_models = _extended(explanation.plain_model, explanation, discrepancy, spreads)
+    log_evidence = [model.log_evidence for model in models]
+    best = int(np.argmax(log_evidence))
     return Explanation(
-        rival.fit,
-        found[0][best],
-        found[1][best],
-        float(log_mean([item.log_evidence for item in found[0]])),
-        loss,
+        explanation.fit,
+        models[best],
+        plain_models[best],
+        float(log_mean(log_evidence)),
+        discrepancy,
     )
 
 
-def explain_by_base_discrepancy(bare: Explanation) -> Explanation:
-    """Weigh a base model that is a little off and nothing else."""
-    loss, spread = base_discrepancy(bare.fit.observed)
-    return with_discrepancy(bare, loss, [spread])
+def _extended(
+    model: LinearModel,
+    explanation: Explanation,
+    discrepancy: Discrepancy,
+    spreads: Sequence[Array],
+) -> list[LinearModel]:
+    """Return a linear model of an explanation with a discrepancy, under each prior."""
+    observed = explanation.fit.observed
+    further = discrepancy.columns(observed)
+    no_signs = np.full(further.shape[-1], np.nan)
+    rows = [np.append(model.spread, spread) for spread in spreads]
+    return linear_models(
+        observed,
+        np.concatenate([model.columns, further], axis=-1),
+        model.target,
+        np.stack(rows),
+        np.append(model.signs, no_signs),
+    )
 
 
-def smooth_discrepancies(rival: Explanation) -> list[Explanation]:
-    """Weigh a smooth loss that nobody listed beside a rival, channel by channel."""
-    observed = rival.fit.observed
-    losses = [
-        (Discrepancy(observed, (i,)), channel)
-        for i, channel in enumerate(observed.channels)
-    ]
-    return [
-        with_discrepancy(
-            rival, loss, [loss.spread(scale) for scale in channel.field_spreads]
-        )
-        for loss, channel in losses
-    ]
+def explain_by_base_discrepancy(base_only: Explanation) -> Explanation:
+    """Return the explanation of a base model that is a little off and nothing else."""
+    discrepancy, spread = base_discrepancy(base_only.fit.observed)
+    return with_discrepancy(base_only, discrepancy, [spread])
 
 
-def boxed_discrepancies(rival: Explanation, boxes: Regions) -> list[Explanation]:
-    """Weigh a loss inside any box beside a rival; `log` is over all boxes, the rest of the best.
+def smooth_discrepancies(explanation: Explanation) -> list[Explanation]:
+    """Return an explanation with a smooth unlisted discrepancy, once for each channel."""
+    observed = explanation.fit.observed
+    extended = []
+    for i, channel in enumerate(observed.channels):
+        discrepancy = Discrepancy(observed, (i,))
+        spreads = [discrepancy.spread(scale) for scale in channel.field_spreads]
+        extended.append(with_discrepancy(explanation, discrepancy, spreads))
+    return extended
 
-    The boxes are compared at the noise that the rival leaves, the best is weighed in full.
+
+def boxed_discrepancies(explanation: Explanation, boxes: Regions) -> list[Explanation]:
+    """Return an explanation with an unlisted discrepancy inside the best box and channel.
+
+    The boxes are compared at the noise that the explanation leaves; the best one is evaluated in
+    full. The evidence is the mean over all boxes and channels.
+
+    Args:
+        explanation: to extend.
+        boxes: where the discrepancy may lie; the result is empty if there are none.
     """
-    observed, model = rival.fit.observed, rival.model
+    observed = explanation.fit.observed
     if not len(boxes):
         return []
-    noise, gains = model.noise[:, None], []
-    left = model.residual()
-    for unit, channel in zip(observed.unit_discrepancy, observed.channels, strict=True):
-        # Over all channels at once: a box holds or does not hold a sample.
-        shadow, whole, pull = (
-            boxes.members @ np.einsum("cn,cn...->n...", unit / noise, each)
-            for each in (model.columns, unit, left)
-        )
-        squares = np.maximum(  # of what the rival leaves; all but none at least
-            whole - np.sum(shadow @ model.covariance * shadow, axis=1),
-            LEAST_SQUARE_PART * whole,
-        )
-        ratios = np.square(channel.step_spreads)[:, None] * squares
-        gains.append(
-            log_mean(
-                0.5 * (pull**2 / squares * ratios / (1.0 + ratios) - np.log1p(ratios))
-            )
-        )
-    best, box = divmod(int(np.argmax(gains)), len(boxes))
-    # An edge of the campaign is none of the place.
-    ends = observed.coordinates.min(axis=1), observed.coordinates.max(axis=1)
-    low = np.where(boxes.low[box] <= ends[0], -np.inf, boxes.low[box])
-    high = np.where(boxes.high[box] >= ends[1], np.inf, boxes.high[box])
-    found = with_discrepancy(
-        rival,
-        Discrepancy(observed, (best,), np.stack([low, high])),
-        [np.array([scale]) for scale in observed.channels[best].step_spreads],
+    gains = []
+    for i in range(len(observed.channels)):
+        gains.append(_box_gains(explanation.model, observed, i, boxes))
+    best_channel, best_box = divmod(int(np.argmax(gains)), len(boxes))
+    limits = _open_at_the_edge(boxes.low[best_box], boxes.high[best_box], observed)
+    channel = observed.channels[best_channel]
+    best = with_discrepancy(
+        explanation,
+        Discrepancy(observed, (best_channel,), limits),
+        [np.array([scale]) for scale in channel.step_spreads],
     )
-    return [
-        replace(
-            found,
-            log_evidence=found.log_evidence
-            + float(log_mean(np.ravel(gains)) - np.max(gains)),
-        )
-    ]
+    mean_against_best = float(log_mean(np.ravel(gains)) - np.max(gains))
+    return [replace(best, log_evidence=best.log_evidence + mean_against_best)]
+
+
+def _box_gains(
+    model: LinearModel, observed: Observations, channel: int, boxes: Regions
+) -> Array:
+    """Return the gain in log evidence by a constant discrepancy inside each box.
+
+    With the column u of a box, P the projection that the model leaves, r its residuals, all in
+    units of the noise, and a prior variance s^2 of the coefficient: (u'r)^2 / (u'Pu) is the squared
+    signal, which the prior shrinks.
+
+    Args:
+        model: to extend.
+        observed: the readings.
+        channel: index of the channel with the discrepancy.
+        boxes: where it may lie.
+
+    Returns:
+        Shape (boxes,), averaged over the prior scales.
+    """
+    unit = observed.unit_discrepancy[channel]
+    weighted = unit / model.noise[:, None]
+    # Sums over all channels at once: a box holds a sample or not, whatever the channel.
+    with_columns = boxes.members @ np.einsum("cn,cn...->n...", weighted, model.columns)
+    with_itself = boxes.members @ np.einsum("cn,cn...->n...", weighted, unit)
+    with_residual = boxes.members @ np.einsum(
+        "cn,cn...->n...", weighted, model.residual()
+    )
+    absorbed = np.sum(with_columns @ model.covariance * with_columns, axis=1)
+    squares = np.maximum(with_itself - absorbed, LEAST_SQUARE_PART * with_itself)
+    spreads = observed.channels[channel].step_spreads
+    ratios = np.square(spreads)[:, None] * squares
+    signal = with_residual**2 / squares * ratios / (1.0 + ratios)
+    return log_mean(0.5 * (signal - np.log1p(ratios)))
+
+
+def _open_at_the_edge(low: Array, high: Array, observed: Observations) -> Array:
+    """Return the limits of a box, infinite where they are the edge of the campaign.
+
+    Args:
+        low: lower limits, shape (axes,).
+        high: upper limits, shape (axes,).
+        observed: the campaign.
+
+    Returns:
+        Shape (2, axes).
+    """
+    lowest = observed.coordinates.min(axis=1)
+    highest = observed.coordinates.max(axis=1)
+    open_low = np.where(low <= lowest, -np.inf, low)
+    open_high = np.where(high >= highest, np.inf, high)
+    return np.stack([open_low, open_high])
