@@ -7,8 +7,8 @@ with one evidence:
 .. math:: p(k \mid y) \propto p(k)\, p(y \mid k)
 
 Evidence between misspecified models is overconfident: a repeat of the campaign may reverse it.
-Probabilities are therefore means over campaigns drawn from the samples (bagged posteriors; Huggins &
-Miller 2023, Bayesian Anal. 18, 79), in each of which a sample counts as often as it was drawn.
+Probabilities are therefore means over campaigns drawn from the samples (bagged posteriors; Huggins
+& Miller 2023, Bayesian Anal. 18, 79), in each of which a sample counts as often as it was drawn.
 """
 
 from __future__ import annotations
