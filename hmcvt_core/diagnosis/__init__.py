@@ -1,11 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Diagnosis of the gap between a model and a bench, whatever stands on it: see `system`."""
+"""Diagnosis of the gap between a model and a bench, for any system: see `system`."""
 
+from .design.advice import Advice, NextTest
 from .design.isolability import Isolability, isolability
-from .design.next_test import Advice, NextTest
 from .pipeline import diagnose_system, next_test
+from .results.diagnosis import Diagnosis
 from .results.outcome import Cause, CauseSet, Gap, Region, ShrinkageSummary
-from .results.text import Diagnosis
 
 __all__ = [
     "Advice",

@@ -595,3 +595,53 @@ MOST_PLAN_RUNS = 20
 
 Source: chosen; more are rarely run.
 """
+
+LEAST_GAIN = 1e-9
+"""Information of a test [nats] below which it counts as this.
+
+Source: rounding.
+"""
+
+# --- summary of effects ---------------------------------------------------------------------
+
+LEAST_CAUSE_PROBABILITY = 0.01
+"""Probability from which an effect is reported as a cause.
+
+Source: length of the report.
+"""
+
+MOST_CAUSES = 6
+"""Most causes reported.
+
+Source: length of the report.
+"""
+
+MOST_CAUSES_UNEXPLAINED = 3
+"""Most causes reported where none of them explains the gap.
+
+Source: length of the report.
+"""
+
+INTERVAL_DEVIATIONS = 1.96
+"""Standard errors on either side of a size in its interval.
+
+Source: 95 % interval of a normal variable.
+"""
+
+LARGEST_PLAUSIBLE_SIZE = 5.0
+"""Typical sizes of an effect beyond which a size is reported as implausible.
+
+Source: chosen; the largest of `SIZE_SPREADS`.
+"""
+
+LEAST_SHRINKAGE = -10.0
+"""Smallest fraction removed that is reported; further growth of a gap says nothing more.
+
+Source: chosen; it keeps the ends of intervals finite.
+"""
+
+NOISE_AS_STATED = (0.75, 1.33)
+"""Ratio of estimated to stated noise between which the statement is not commented on.
+
+Source: chosen.
+"""

@@ -108,6 +108,7 @@ class BaseParameters:
         low: hard lower bounds of the scaled variables.
         high: hard upper bounds of the scaled variables.
         values: returns the parameters in their units for scaled variables.
+        units: of the parameters, for reports; empty where none is stated.
     """
 
     names: tuple[str, ...]
@@ -116,6 +117,7 @@ class BaseParameters:
     low: Array
     high: Array
     values: Callable[[Array], Array]
+    units: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -198,8 +200,17 @@ class System(Protocol):
             real: the first channel with it, shape (n,).
         """
 
-    def model_of(self, base: Array, effects: Sequence[Effect], samples: Any) -> Any:
-        """Return the model that is saved and served for a hypothesis fitted to samples."""
+    def model_of(
+        self, base: Array, effects: Sequence[Effect], samples: Any, covariance: Array
+    ) -> Any:
+        """Return the model that is saved and served for a hypothesis fitted to samples.
+
+        Args:
+            base: scaled base parameters, shape (p,).
+            effects: at their fitted sizes.
+            samples: the record to which they were fitted.
+            covariance: of the scaled base parameters, shape (p, p).
+        """
 
     def remarks(self, samples: Any) -> tuple[str, ...]:
         """Return notes on the samples that hold whatever the diagnosis finds."""

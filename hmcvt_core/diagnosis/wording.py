@@ -1,58 +1,77 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Numbers and names in words, whatever they belong to."""
+"""Formatting of numbers, probabilities and names, for sentences and tables."""
 
 import math
 import textwrap
 from collections.abc import Sequence
 
-MINUS, AT_MOST = "\N{MINUS SIGN}", "\N{LESS-THAN OR EQUAL TO}"
-
+MINUS = "\N{MINUS SIGN}"
+AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
 NOTHING = "\N{EN DASH}"
+"""Stands for a value that does not exist."""
+
+LEAST_P_VALUE = 0.001
+"""Smallest p value that the simulated campaigns resolve (`settings.NULL_CAMPAIGNS`)."""
+SMALL_PROBABILITY = 0.01
+"""Probabilities nearer to 0 or 1 than this are not printed exactly."""
+LINE_WIDTH = 100
+
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_WIDTH = 100
 
 
 def fixed(value: float | None, digits: int, sign: bool = False) -> str:
-    """Return a number with so many decimals; a dash where there is none."""
+    """Return a number with a fixed number of decimals; a dash for None and NaN.
+
+    Args:
+        value: the number.
+        digits: decimals.
+        sign: whether to print a plus sign.
+    """
     if value is None or not math.isfinite(value):
         return NOTHING
-    value = round(value, digits) + 0.0  # no zero is negative
-    return f"{value:{'+' if sign and value else ''}.{digits}f}".replace("-", MINUS)
+    value = round(value, digits) + 0.0  # turns a negative zero into zero
+    plus = "+" if sign and value else ""
+    return f"{value:{plus}.{digits}f}".replace("-", MINUS)
 
 
 def number(value: float | None) -> str:
-    """Return a number with three significant digits, powers of ten as such."""
+    """Return a number with three significant digits; a dash for None and NaN."""
     if value is None or not math.isfinite(value):
         return NOTHING
     mantissa, _, power = f"{value:.3g}".partition("e")
-    exponent = str(int(power)).translate(_SUPERSCRIPT) if power else ""
-    times = f" \N{MULTIPLICATION SIGN} 10{exponent}" if power else ""
-    return (mantissa + times).replace("-", MINUS)
+    if power:
+        exponent = str(int(power)).translate(_SUPERSCRIPT)
+        mantissa += f" \N{MULTIPLICATION SIGN} 10{exponent}"
+    return mantissa.replace("-", MINUS)
 
 
 def percent(value: float) -> str:
-    """Return a part in percent."""
+    """Return a fraction in percent."""
     return f"{fixed(100.0 * value, 0)} %"
 
 
 def probability(value: float) -> str:
-    """Return a probability in percent; none is quite 0 or 1."""
-    if 0.0 < value < 0.01:
+    """Return a probability in percent; very small and very large ones as a bound."""
+    if 0.0 < value < SMALL_PROBABILITY:
         return "< 1 %"
-    return "> 99 %" if value > 0.99 else percent(value)
+    if value > 1.0 - SMALL_PROBABILITY:
+        return "> 99 %"
+    return percent(value)
 
 
 def chance(value: float | None) -> str:
-    """Return a p-value; the simulated campaigns behind it tell none below a thousandth."""
+    """Return a p value, or the bound that the simulated campaigns resolve."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    return f"{value:.2g}" if value > 0.001 else f"{AT_MOST} 0.001"
+    if value > LEAST_P_VALUE:
+        return f"{value:.2g}"
+    return f"{AT_MOST} {LEAST_P_VALUE:g}"
 
 
 def p_is(value: float) -> str:
-    """Return `p = ...`, or that it is no larger than can be told."""
-    told = chance(value)
-    return f"p {told}" if told.startswith(AT_MOST) else f"p = {told}"
+    """Return `p = ...`, or `p` with its bound."""
+    text = chance(value)
+    return f"p {text}" if text.startswith(AT_MOST) else f"p = {text}"
 
 
 def plain(name: str) -> str:
@@ -61,17 +80,27 @@ def plain(name: str) -> str:
 
 
 def listed(names: Sequence[str], last: str = "or") -> str:
-    """Return `a, b or c`."""
+    """Return `a, b or c`.
+
+    Args:
+        names: the items.
+        last: word before the last item.
+    """
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def wrapped(line: str, margin: int = 0) -> str:
-    """Return a line in lines of at most 100 characters, the further ones indented."""
+    """Return a line broken into lines of at most 100 characters.
+
+    Args:
+        line: the text.
+        margin: indent of all lines but the first.
+    """
     return textwrap.fill(
         line,
-        _WIDTH,
+        LINE_WIDTH,
         subsequent_indent=" " * margin,
         break_long_words=False,
         break_on_hyphens=False,

@@ -108,7 +108,7 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
         if found.indistinguishable_from(found.effects[i])
     ] == list(confused)
     text = found.report()
-    assert "reading the output speed too tells it from" in text
+    assert "reading the output speed too distinguishes it from" in text
     assert max(map(len, text.splitlines())) <= 100
     assert not _matrix(campaign(seed=1)).report().count("reading the output speed")
 

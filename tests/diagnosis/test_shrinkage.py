@@ -13,7 +13,7 @@ from hmcvt_core.diagnosis.fitting.cross_validation import (
 )
 from hmcvt_core.diagnosis.fitting.evidence import linear_models
 from hmcvt_core.diagnosis.observations import replicate_groups
-from hmcvt_core.diagnosis.pipeline import shrinkage
+from hmcvt_core.diagnosis.results.shrinkage import shrinkage
 
 from .campaigns import campaign, measure, random_points
 
@@ -104,18 +104,18 @@ def test_fraction(before, after, noise, expected):
 
 
 @pytest.mark.parametrize(
-    ("before", "real"),
+    ("before", "significant"),
     [(0.02, False), (0.004, True)],
     ids=["not significant", "below the noise"],
 )
-def test_without_a_gap_there_is_no_fraction(before, real):
+def test_without_a_gap_there_is_no_fraction(before, significant):
     found = shrinkage(
         np.full(20, before),
         np.full(20, 0.001),
         np.array(0.005),
         "cross-validation",
         seed=0,
-        real=real,
+        significant=significant,
     )
     assert found.fraction is None
     assert found.interval is None
@@ -128,13 +128,13 @@ def test_a_gap_is_at_least_what_all_channels_foretell():
         np.array(0.005),
         "cross-validation",
         seed=0,
-        least=np.array([4e-6, 1e-6]),
+        expected=np.array([4e-6, 1e-6]),
     )
     assert (found.before, found.after, found.fraction) == pytest.approx(
         (0.002, 0.001, 0.75)
     )
     seen = shrinkage(
-        np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, least=np.array([0, 1e-4])
+        np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, expected=np.array([0, 1e-4])
     )
     assert seen.after == pytest.approx((1e-4 * 0.005**2 / 0.04**2) ** 0.5), (
         "hardly hidden"

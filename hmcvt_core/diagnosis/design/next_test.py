@@ -1,299 +1,334 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""Which test to run next, and when to stop.
 
-A test is worth the information that its readings are expected to give on which explanation is the
-right one. Every explanation alive (the unlisted and "no gap" among them) foretells a Gaussian, with
-the allowances by which its evidence will be judged; the information that a mixture of Gaussians
-holds on its component is bounded from below by
+The value of a test is the information that its readings are expected to give on which explanation
+is correct. Every relevant explanation (unlisted losses and "no gap" among them) predicts a
+Gaussian, with the allowances by which its evidence will be judged. The information that a mixture
+of Gaussians holds on its component is bounded from below by
 
 .. math:: I \ge -\sum_k p_k \ln \sum_j p_j e^{-B_{kj}}
 
 B_kj being the Bhattacharyya distance of two components (Kolchinsky & Tracey 2017, Entropy 19, 361).
 """
 
+from __future__ import annotations
+
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
 from ..selection.posterior import Posterior
 from ..selection.prediction import Prediction
-from ..selection.search import Names
 from ..settings import (
     DESIGN_EXPLANATIONS,
     DESIGN_MAJORITY,
     DESIGN_TESTS,
+    LEAST_GAIN,
     MANY_TESTS,
     RELEVANT_PROBABILITY,
     SETTLED_LOG_ODDS,
     SETTLED_PROBABILITY,
 )
 from ..system import Array, Axis, Points
+from .advice import (
+    CANNOT_BE_SETTLED,
+    NO_GAP,
+    NO_GAP_WORTH_A_TEST,
+    SETTLED,
+    UNLISTED,
+    Advice,
+    Kind,
+    Label,
+    NextTest,
+)
 
-_NO_TEST = "cannot be settled by tests"
-_REGIONS = "look at the regions that hmcvt diagnose tells"
-
-
-def named(effects: Names | None) -> str:
-    """Return a set of effects in words; () is an unlisted loss, None no gap."""
-    if effects is None:
-        return "no gap"
-    return " + ".join(effects).replace("_", " ") or "something unlisted"
-
-
-@dataclass(frozen=True)
-class NextTest:
-    """A test worth making.
-
-    Attributes:
-        point: where, by the name of the axis; None when no point helps.
-        separates: the two explanations it tells apart best, each its effects in words.
-        gain: information expected on which explanation is right [nats].
-        measure: a calibration or measurement beside the plan, or None.
-        setting: label along each axis that has some.
-    """
-
-    point: Mapping[str, float] | None
-    separates: tuple[str, str]
-    gain: float
-    measure: str | None = None
-    setting: Mapping[str, str] = field(default_factory=dict)
+_LOOK_AT_REGIONS = "look at the regions that hmcvt diagnose reports"
 
 
-@dataclass(frozen=True)
-class Advice:
-    """What to measure next.
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A conclusion that further tests may confirm.
 
     Attributes:
-        reason: to stop, `settled`, `cannot be settled by tests` or `no gap worth a test`; None
-            where a further test is worth making.
-        tests: the next one, and what may be made along with it; empty where none helps.
-        measure: what settles it where no test can, or None.
-        parted: the two explanations that it tells apart, in words; None for the likeliest.
-        tests_expected: how many more, by the first; 0 where no test helps.
-        channels: to be read there.
-        alive: effects and probability of each explanation, best first; the one without a name is an
-            unlisted loss, and `no_gap` that of none.
-        no_gap: probability that there is none, or none larger than a base that is a little off.
-        axes: of the tests.
-        notes: on the campaign; what the readings do not fit goes first.
+        label: the conclusion.
+        explanation: the likeliest explanation with this label.
+        probability: of all explanations with this label.
     """
 
-    reason: str | None = None
-    tests: tuple[NextTest, ...] = ()
-    measure: str | None = None
-    parted: tuple[str, str] | None = None
-    tests_expected: int = 0
-    channels: tuple[str, ...] = ()
-    alive: tuple[tuple[Names, float], ...] = ()
-    no_gap: float = 0.0
-    axes: tuple[Axis, ...] = ()
-    notes: tuple[str, ...] = ()
-
-    @property
-    def stop(self) -> bool:
-        """Whether no further test is worth making."""
-        return self.reason is not None
-
-    @property
-    def next_tests(self) -> tuple[NextTest, ...]:
-        """The tests, and the measurement that settles it where none does."""
-        if self.measure is None or len(self.alive) < 2:
-            return self.tests
-        first, second = self.parted or (named(names) for names, _ in self.alive[:2])
-        return *self.tests, NextTest(None, (first, second), 0.0, self.measure)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON object of `hmcvt next --json`."""
-        return {
-            "stop": self.stop,
-            "reason": self.reason,
-            "test": {
-                **(self.tests[0].point or {}),
-                "stage": None,
-                **self.tests[0].setting,
-                "channels": list(self.channels),
-            }
-            if self.tests and not self.stop
-            else None,
-            "measure": self.measure,
-            "alive": [
-                {"effects": list(names), "probability": p} for names, p in self.alive
-            ],
-            "no_gap_probability": self.no_gap,
-            "tests_expected": self.tests_expected,
-            "notes": list(self.notes),
-        }
+    label: Label
+    explanation: Explanation
+    probability: float
 
 
-def advise(ranking: Posterior, possible: Points) -> Advice:
+def advise(posterior: Posterior, possible: Points) -> Advice:
     """Choose the next tests, each knowing of those before it.
 
     Args:
-        ranking: of the explanations.
+        posterior: over the explanations.
         possible: the tests that can be run, by axis.
     """
-    from scipy.special import logit, xlogy
-
-    labels, base = _labels(ranking), ranking.base_only.fit
-    alive = tuple((names, p) for names, (_, p) in labels.items() if names is not None)
-    answer = partial(
-        Advice,
+    candidates = candidates_of(posterior)
+    *explaining, no_gap = candidates
+    base = posterior.base_only.fit
+    advice = Advice(
         channels=tuple(channel.name for channel in base.observed.channels),
-        alive=alive,
-        no_gap=labels[None][1],
+        candidates=tuple((item.label.effects, item.probability) for item in explaining),
+        no_gap=no_gap.probability,
         axes=base.observed.steered,
     )
-    if labels[None][1] >= SETTLED_PROBABILITY:
-        return answer("no gap worth a test")
-    if alive[0][1] >= SETTLED_PROBABILITY:
-        return answer("settled", measure=None if alive[0][0] else _REGIONS)
-    p = np.array([each for _, each in labels.values()])
-    p /= p.sum()
-    likeliest, _ = max(labels.values(), key=lambda item: item[1])
-    pool = replace(base, noise=likeliest.model.noise).observations_at(possible)
-    rivals = [
-        rival.prediction_at(pool, with_allowances=True) for rival, _ in labels.values()
+    if no_gap.probability >= SETTLED_PROBABILITY:
+        return replace(advice, reason=NO_GAP_WORTH_A_TEST)
+    leading = explaining[0]
+    if leading.probability >= SETTLED_PROBABILITY:
+        measure = _LOOK_AT_REGIONS if leading.label.kind is Kind.UNLISTED else None
+        return replace(advice, reason=SETTLED, measure=measure)
+    design = _Design.of(candidates, base, possible)
+    if design is None:
+        measure = "none of the tests can be carried"
+        return replace(advice, reason=CANNOT_BE_SETTLED, measure=measure)
+    confused = indistinguishable(
+        design.predictions, [item.label for item in candidates], design.probabilities
+    )
+    if design.probabilities[list(confused)].sum() > DESIGN_MAJORITY:
+        first = min(confused)  # the most probable of them
+        pair = (candidates[first], candidates[confused[first]])
+        measure = _remedy(*pair)
+        if measure is not None:
+            return replace(
+                advice,
+                reason=CANNOT_BE_SETTLED,
+                measure=measure,
+                parted=(str(pair[0].label), str(pair[1].label)),
+            )
+    tests = design.choose([item.label for item in candidates])
+    expected = _tests_expected(design.probabilities.max(), tests[0].gain)
+    return replace(advice, tests=tests, tests_expected=expected)
+
+
+def _remedy(one: Candidate, other: Candidate) -> str | None:
+    """Return the measurements that settle which of two sets is present, or None."""
+    differing = set(one.explanation.names) ^ set(other.explanation.names)
+    effects = (*one.explanation.fit.effects, *other.explanation.fit.effects)
+    remedies = [
+        effect.remedy
+        for effect in effects
+        if effect.remedy and effect.name in differing
     ]
-    carried = np.stack([np.isfinite(each.mean).all(axis=0) for each in rivals])
-    able = carried[-1] & (p @ carried > DESIGN_MAJORITY)  # by the base, and by most
-    if not able.any():
-        return answer(_NO_TEST, measure="none of the tests can be carried")
-    place = {name: row[able] for name, row in pool.points.items()}
-    carried = carried[:, able]
-    # Who cannot carry a load has no say there.
-    rivals = [
-        each._replace(
-            mean=np.where(own, each.mean[:, able], 0.0),
-            columns=np.where(own[:, None], each.columns[:, able], 0.0),
-        )
-        for each, own in zip(rivals, carried, strict=True)
-    ]
-    names = list(labels)
-    twins = _untold(rivals, names, p)
-    if p[list(twins)].sum() > DESIGN_MAJORITY:
-        first = min(twins)  # they come most probable first
-        rival, twin = (labels[names[i]][0] for i in (first, twins[first]))
-        remedy = [
-            effect.remedy
-            for effect in (*rival.fit.effects, *twin.fit.effects)
-            if effect.remedy and effect.name in {*rival.names} ^ {*twin.names}
+    return "; or ".join(dict.fromkeys(remedies)) or None
+
+
+def _tests_expected(probability: float, gain: float) -> int:
+    """Return how many tests of equal gain raise a probability until it is settled."""
+    from scipy.special import logit
+
+    missing = SETTLED_LOG_ODDS - logit(probability)
+    return math.ceil(np.clip(missing / max(2.0 * gain, LEAST_GAIN), 1.0, MANY_TESTS))
+
+
+@dataclass(frozen=True, eq=False)
+class _Design:
+    """Predictions of k candidates at n tests that can be run.
+
+    Attributes:
+        axes: of the tests.
+        points: values along each axis, n of them.
+        predictions: of each candidate; zero where it cannot carry a test.
+        probabilities: of each candidate, shape (k,).
+        weights: probability of each candidate among those that can carry a test, shape (k, n).
+    """
+
+    axes: tuple[Axis, ...]
+    points: Points
+    predictions: list[Prediction]
+    probabilities: Array
+    weights: Array
+
+    @classmethod
+    def of(
+        cls, candidates: Sequence[Candidate], base: Fit, possible: Points
+    ) -> _Design | None:
+        """Predict the tests that the base and most candidates can carry; None if there is none."""
+        probabilities = np.array([item.probability for item in candidates])
+        probabilities /= probabilities.sum()
+        likeliest = candidates[int(np.argmax(probabilities))].explanation
+        at_its_noise = replace(base, noise=likeliest.model.noise)
+        tests = at_its_noise.observations_at(possible)
+        predictions = [
+            item.explanation.prediction_at(tests, with_allowances=True)
+            for item in candidates
         ]
-        if remedy:
-            return answer(
-                _NO_TEST,
-                measure="; or ".join(dict.fromkeys(remedy)),
-                parted=(named(rival.names), named(twin.names)),
-            )
-    says = p[:, None] * carried
-    says /= says.sum(axis=0)
-    tests = []
-    for _ in range(DESIGN_TESTS):
-        distance = _distances(rivals)
-        information = -xlogy(
-            says, np.einsum("jn,kjn->kn", says, np.exp(-distance))
-        ).sum(axis=0)
-        best = int(np.argmax(information))
-        weight = says[:, [best]] * says[:, best] * (1.0 - np.exp(-distance[:, :, best]))
-        one, other = np.unravel_index(int(np.argmax(weight)), weight.shape)
-        tests.append(
-            NextTest(
-                {axis.name: float(place[axis.name][best]) for axis in pool.steered},
-                (named(names[one]), named(names[other])),
-                float(information[best]),
-                setting={
-                    axis.name: axis.labels[int(place[axis.name][best])]
-                    for axis in pool.axes
-                    if axis.labels
-                },
-            )
+        carried = np.stack(
+            [np.isfinite(prediction.mean).all(axis=0) for prediction in predictions]
         )
-        rivals = [each.after_reading(best) for each in rivals]
-    short = SETTLED_LOG_ODDS - logit(p.max())
-    expected = math.ceil(
-        np.clip(short / max(2.0 * tests[0].gain, 1e-9), 1.0, MANY_TESTS)
-    )
-    return answer(tests=tuple(tests), tests_expected=expected)
+        carried_by_base = carried[-1]
+        able = carried_by_base & (probabilities @ carried > DESIGN_MAJORITY)
+        if not able.any():
+            return None
+        carried = carried[:, able]
+        weights = probabilities[:, None] * carried
+        weights /= weights.sum(axis=0)
+        return cls(
+            tests.axes,
+            {name: values[able] for name, values in tests.points.items()},
+            [
+                _restricted(prediction, able, row)
+                for prediction, row in zip(predictions, carried, strict=True)
+            ],
+            probabilities,
+            weights,
+        )
+
+    def choose(self, labels: Sequence[Label]) -> tuple[NextTest, ...]:
+        """Choose the tests of largest gain one after another, updating after each (greedy)."""
+        predictions = self.predictions
+        chosen = []
+        for _ in range(DESIGN_TESTS):
+            distance = _distances(predictions)
+            gains = self._expected_information(distance)
+            best = int(np.argmax(gains))
+            pair = self._best_separated(distance[:, :, best], best)
+            separates = (str(labels[pair[0]]), str(labels[pair[1]]))
+            chosen.append(self._test(best, separates, float(gains[best])))
+            predictions = [item.after_reading(best) for item in predictions]
+        return tuple(chosen)
+
+    def _expected_information(self, distance: Array) -> Array:
+        """Lower bound of the information of each test [nats], shape (n,)."""
+        from scipy.special import xlogy
+
+        mixture = np.einsum("jn,kjn->kn", self.weights, np.exp(-distance))
+        return np.asarray(-xlogy(self.weights, mixture).sum(axis=0))
+
+    def _best_separated(self, distance: Array, test: int) -> tuple[int, int]:
+        """Return the two candidates that a test distinguishes best, by their probabilities."""
+        weights = self.weights
+        value = weights[:, [test]] * weights[:, test] * (1.0 - np.exp(-distance))
+        first, second = np.unravel_index(int(np.argmax(value)), value.shape)
+        return int(first), int(second)
+
+    def _test(self, index: int, separates: tuple[str, str], gain: float) -> NextTest:
+        point = {}
+        setting = {}
+        for axis in self.axes:
+            value = float(self.points[axis.name][index])
+            if axis.steered:
+                point[axis.name] = value
+            if axis.labels:
+                setting[axis.name] = axis.labels[int(value)]
+        return NextTest(point, separates, gain, setting=setting)
 
 
-def _untold(
-    rivals: Sequence[Prediction], names: Sequence[Names | None], p: Array
+def _restricted(
+    prediction: Prediction, able: NDArray[np.bool_], carried: NDArray[np.bool_]
+) -> Prediction:
+    """Keep some tests of a prediction; tests that its explanation cannot carry become zero."""
+    mean = np.where(carried, prediction.mean[:, able], 0.0)
+    columns = np.where(carried[:, None], prediction.columns[:, able], 0.0)
+    return prediction._replace(mean=mean, columns=columns)
+
+
+def indistinguishable(
+    predictions: Sequence[Prediction], labels: Sequence[Label], probabilities: Array
 ) -> dict[int, int]:
-    """Explanations that many tests would not tell from another: by which of those.
+    """Return the listed sets that many tests would not distinguish from another one.
 
-    Of a set and a larger one one gives way to more samples, and so does an unlisted loss.
+    Nested sets are skipped: more data always separate them. Unlisted losses are skipped too.
+
+    Args:
+        predictions: of each candidate at the possible tests.
+        labels: of each candidate.
+        probabilities: of each candidate, most probable first, shape (k,).
+
+    Returns:
+        For the index of each such set that of the most probable set it is confused with.
     """
-    found = dict[int, int]()
-    sets = [(i, {*own}) for i, own in enumerate(names) if own]
-    for (i, one), (j, other) in itertools.combinations(sets, 2):
-        if not (one < other or other < one):
-            told = max(
-                rivals[i].squared_distance(rivals[j], MANY_TESTS),
-                rivals[j].squared_distance(rivals[i], MANY_TESTS),
-            )
-            for each, beside in ((i, j), (j, i)):
-                if told < 2.0 * (SETTLED_LOG_ODDS - math.log(p[each] / p[beside])):
-                    found.setdefault(each, beside)
-    return found
+    listed = [i for i, label in enumerate(labels) if label.kind is Kind.LISTED]
+    confused: dict[int, int] = {}
+    for one, other in itertools.combinations(listed, 2):
+        effects = set(labels[one].effects)
+        other_effects = set(labels[other].effects)
+        if effects < other_effects or other_effects < effects:
+            continue
+        distance = max(
+            predictions[one].squared_distance(predictions[other], MANY_TESTS),
+            predictions[other].squared_distance(predictions[one], MANY_TESTS),
+        )
+        log_odds = math.log(probabilities[one] / probabilities[other])
+        if distance < 2.0 * (SETTLED_LOG_ODDS - log_odds):
+            confused.setdefault(one, other)
+        if distance < 2.0 * (SETTLED_LOG_ODDS + log_odds):
+            confused.setdefault(other, one)
+    return confused
 
 
-def _labels(ranking: Posterior) -> dict[Names | None, tuple[Explanation, float]]:
-    """The likeliest rival of each explanation and its probability; () unlisted, None no gap.
+def candidates_of(posterior: Posterior) -> list[Candidate]:
+    """Return the conclusions that are still possible, most probable first; no gap comes last.
 
-    Of a set the one without a loss beside it, if there is one; of an unlisted loss one that has it.
+    A set is represented by an explanation without an unlisted loss, if there is one; an unlisted
+    loss by one that has it.
     """
-    found: dict[Names | None, tuple[Explanation, float]] = {}
-    for rival, p in ranking.entries:
-        part = rival.explained_fraction(ranking.base_only)
-        for label, share in (
-            (rival.names, part),
-            (None if rival.is_base else (), 1.0 - part),
-        ):
-            if share:
-                first, total = found.get(label, (rival, 0.0))
-                if first.is_listed_set != bool(label) and rival.is_listed_set == bool(
-                    label
-                ):
-                    first = rival
-                found[label] = first, total + (1.0 - ranking.no_gap) * share * p
-    loose, misfit = found.pop(None, (ranking.base_only, 0.0))
-    kept = sorted(
-        (
-            (names, item)
-            for names, item in found.items()
-            if item[1] >= RELEVANT_PROBABILITY
-        ),
-        key=lambda entry: -entry[1][1],
-    )[:DESIGN_EXPLANATIONS]
-    if not kept:  # the likeliest, however improbable
-        kept = sorted(found.items(), key=lambda entry: -entry[1][1])[:1]
-    return {
-        **dict(kept),
-        None: (
-            loose if misfit > ranking.no_gap else ranking.base_only,
-            ranking.no_gap + misfit,
-        ),
-    }
+    gathered: dict[Label, Candidate] = {}
+    with_gap = 1.0 - posterior.no_gap
+    for explanation, probability in posterior.entries:
+        part = explanation.explained_fraction(posterior.base_only)
+        rest = NO_GAP if explanation.is_base else UNLISTED
+        listed = Label(Kind.LISTED, explanation.names)
+        if part:
+            _gather(gathered, listed, explanation, with_gap * part * probability)
+        if 1.0 - part:
+            _gather(gathered, rest, explanation, with_gap * (1.0 - part) * probability)
+    base_off = gathered.pop(NO_GAP, None)
+    ranked = sorted(gathered.values(), key=lambda item: -item.probability)
+    relevant = [item for item in ranked if item.probability >= RELEVANT_PROBABILITY]
+    kept = relevant[:DESIGN_EXPLANATIONS] or ranked[:1]
+    return [*kept, _no_gap(posterior, base_off)]
 
 
-def _distances(rivals: Sequence[Prediction]) -> Array:
-    """Bhattacharyya distances at each point, shape (k, k, points)."""
-    mean = np.stack([each.mean.T for each in rivals])
-    variance = np.stack([each.reading_covariance for each in rivals]) + np.eye(
-        mean.shape[-1]
+def _gather(
+    gathered: dict[Label, Candidate],
+    label: Label,
+    explanation: Explanation,
+    probability: float,
+) -> None:
+    """Add an explanation to the candidate with its label."""
+    first = gathered.get(label, Candidate(label, explanation, 0.0))
+    representative = first.explanation
+    fitting = label.kind is Kind.LISTED
+    if representative.is_listed_set != fitting and explanation.is_listed_set == fitting:
+        representative = explanation
+    gathered[label] = Candidate(label, representative, first.probability + probability)
+
+
+def _no_gap(posterior: Posterior, base_off: Candidate | None) -> Candidate:
+    """Return no gap: an exact base model, or one that is a little off if that is likelier."""
+    if base_off is None:
+        return Candidate(NO_GAP, posterior.base_only, posterior.no_gap + 0.0)
+    explanation = posterior.base_only
+    if base_off.probability > posterior.no_gap:
+        explanation = base_off.explanation
+    return Candidate(NO_GAP, explanation, posterior.no_gap + base_off.probability)
+
+
+def _distances(predictions: Sequence[Prediction]) -> Array:
+    """Return Bhattacharyya distances of k predictions at each test, shape (k, k, n)."""
+    mean = np.stack([prediction.mean.T for prediction in predictions])
+    channels = mean.shape[-1]
+    variance = np.stack(
+        [prediction.reading_covariance for prediction in predictions]
+    ) + np.eye(channels)
+    log_determinant = np.linalg.slogdet(variance)[1]
+    pooled = (variance[:, None] + variance) / 2.0
+    difference = mean[:, None] - mean
+    solved = np.linalg.solve(pooled, difference[..., None])[..., 0]
+    squared = np.einsum("kjnc,kjnc->kjn", difference, solved)
+    log_ratio = (
+        np.linalg.slogdet(pooled)[1]
+        - (log_determinant[:, None] + log_determinant) / 2.0
     )
-    log = np.linalg.slogdet(variance)[1]
-    middle = (variance[:, None] + variance) / 2.0
-    miss = mean[:, None] - mean
-    squared = np.einsum(
-        "kjnc,kjnc->kjn", miss, np.linalg.solve(middle, miss[..., None])[..., 0]
-    )
-    return np.asarray(
-        squared / 8.0
-        + (np.linalg.slogdet(middle)[1] - (log[:, None] + log) / 2.0) / 2.0
-    )
+    return np.asarray(squared / 8.0 + log_ratio / 2.0)

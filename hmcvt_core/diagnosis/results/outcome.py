@@ -1,5 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The outcome of a diagnosis as values; nothing is computed here."""
+"""The outcome of a diagnosis as values; nothing is inferred here."""
+
+from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..design.next_test import Advice, NextTest
+from ..design.advice import Advice, NextTest
 from ..observations import Observations
 from ..selection.posterior import Posterior
-from ..settings import GAP_SIGNIFICANCE as GAP_SIGNIFICANCE
-from ..settings import REGION_SIGNIFICANCE as REGION_SIGNIFICANCE
+from ..settings import UNEXPLAINED_PROBABILITY
 from ..system import Array, Axis, Channel
 
 NAMING = ("cause_found", "ambiguous")
@@ -26,11 +27,12 @@ class Gap:
     Sizes are in the unit of the first channel, the efficiency of a transmission.
 
     Attributes:
-        samples: how many.
-        rmse: of the refitted base model at samples left out.
-        noise: standard deviation, as the diagnosis found it.
-        noise_stated: as given or assumed; `noise_source` says by whom.
-        p_value: that no gap gives as much anywhere.
+        samples: number of samples.
+        rmse: of the refitted base model at samples left out of the fit.
+        noise: standard deviation, as the diagnosis estimates it.
+        noise_stated: as given or assumed.
+        noise_source: where `noise_stated` comes from.
+        p_value: probability that no gap shows as much anywhere.
         significant: whether it counts as a gap.
     """
 
@@ -50,9 +52,9 @@ class Region:
     Attributes:
         limits: (low, high) by the name of the axis, SI.
         mean_residual: measured - predicted of the first channel, mean over the box.
-        samples: in the box.
-        p_value: family-wise, over all boxes looked at.
-        channel: the reading that shows it most clearly.
+        samples: number of samples in the box.
+        p_value: family-wise, over all boxes tested.
+        channel: the reading that shows the difference most clearly.
     """
 
     limits: Mapping[str, tuple[float, float]]
@@ -67,18 +69,22 @@ class Cause:
     """One effect as a cause of the gap.
 
     Attributes:
-        effect: its name; `form` its form.
+        effect: name of the effect.
+        form: name of its form.
         component: the part it belongs to.
         probability: that it is present.
-        indistinguishable_from: effects that these data cannot tell from it: the rest of the
+        indistinguishable_from: effects that these data cannot distinguish from it: the rest of the
             smallest set that holds the cause with 80 %, given that it is a listed one.
         together_with: the other effects of its most probable set, in words, or None.
-        parameters: fitted values by name; sizes come with `interval` (95 %), `unit`, `plausible`.
+        parameters: fitted values by name with `unit` and `meaning`; sizes also have
+            `standard_error`, `interval` (95 %) and `plausible`.
         gap_after: root of the mean squared error above noise once it is added.
-        shrinkage: 1 - G2_after / G2_before for it by cross-validation, held as the effect in every
+        shrinkage: 1 - G2_after / G2_before by cross-validation, with the effect held in every
             fold; None without a gap.
-        drift: change of each base parameter when it is added, in words and numbers.
-        summary: what it does, in plain words; `source` of its form; `remedy` that settles it.
+        drift: change of each base parameter when the effect is added.
+        summary: what the effect does, in plain words.
+        source: of its form.
+        remedy: the measurement that settles it.
         model: the base model refitted with it, for the channels that it serves.
     """
 
@@ -104,8 +110,9 @@ class CauseSet:
 
     Attributes:
         effects: names, sorted.
-        probability: that it is these and no others.
-        gap_after, shrinkage: as of a `Cause`, with all of them added; None beyond the first five.
+        probability: that these effects are present and no others.
+        gap_after: as of a `Cause`, with all of them added; None beyond the first five.
+        shrinkage: as of a `Cause`, with all of them added; None beyond the first five.
     """
 
     effects: tuple[str, ...]
@@ -116,7 +123,7 @@ class CauseSet:
 
 @dataclass(frozen=True)
 class Delivered:
-    """Errors of the models handed over, at samples left out, as the meters of the bench read.
+    """Errors at samples left out of the fit, as the meters of the bench read.
 
     Attributes:
         rmse_before: of the refitted base model.
@@ -135,9 +142,10 @@ class ShrinkageSummary:
     model of the first cause.
 
     Attributes:
-        before, after: root of the mean squared error above noise; 0 where below noise, but no less
-            than what everything alive foretells of it (`gap_at`), as far as the noise hides it,
-            where it is cross-validated.
+        before: root of the mean squared error above noise of the base model; 0 where it is below
+            the noise, but by cross-validation at least the model-averaged gap (`gap_at`), weighted
+            by the noise fraction.
+        after: the same with the effects added.
         fraction: 1 - G2_after / G2_before, or None where there is no gap before.
         interval: of `fraction`, 95 %, or None.
         on: `cross-validation` or `holdout`.
@@ -150,26 +158,52 @@ class ShrinkageSummary:
     on: str
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """Outcome of a diagnosis; `words.Diagnosis` adds how it is told.
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A fitted base parameter.
 
     Attributes:
-        gap, where, causes, sets, shrinkage, delivered, next_tests, advice: see the classes above
-            and `advice`.
+        value: in its unit.
+        standard_error: linearised at the fit, in the same unit.
+        unit: of both; empty where the system states none.
+    """
+
+    value: float
+    standard_error: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Outcome of a diagnosis; `Diagnosis` adds text, plain data and a picture.
+
+    Attributes:
+        gap: size and significance of the gap.
+        where: regions in which the bench differs from the refitted base model.
         verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
+        causes: effects that may be present, those of the leading set first.
+        sets: sets of effects, most probable first.
+        shrinkage: how far the gap shrinks with the leading set.
+        delivered: errors of the models before and after.
+        next_tests: tests and measurements that distinguish what is still open.
+        advice: what to measure next, or why to stop.
         unlisted: probability that listed effects are not all of the gap.
-        misfit: of it, that a base model is a little off and nothing else.
-        lost_power: what the leading set of causes costs on average over the samples [W], or the gap
-            where no cause is named.
+        misfit: of it, that the base model is a little off and nothing else.
+        lost_power: mean cost of the leading set of causes over the samples [W], or of the gap where
+            no cause is named.
         warnings: why the readings may be of another machine, in plain sentences.
-        notes: the same on the data and the search, the warnings first.
+        notes: on the data and the search, the warnings first.
         base: the base model refitted to the samples, no effect added.
-        alive: the explanations that matter; they foretell the gap at any operating point.
+        posterior: over the relevant explanations; it predicts the gap at any point.
         samples: what was diagnosed.
-        residuals: measured - predicted of the refitted base model at each of them, left out, (n,).
-        judged: the samples by which the shrinkage is measured, of the holdout or the same;
-            `residuals_before`, `residuals_after` are theirs.
+        residuals: measured - predicted of the refitted base model at samples left out, shape (n,).
+        judged: the samples by which the shrinkage is measured, of the holdout or the same, m of
+            them.
+        residuals_before: residuals of the base model at those, shape (m,).
+        residuals_after: residuals with the leading set added, shape (m,).
+        base_parameters: of the refitted base model, by name.
+        parameters: of `model`, by name.
+        seed: of every random number.
     """
 
     gap: Gap
@@ -187,85 +221,93 @@ class Outcome:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     base: Any
-    alive: Posterior
+    posterior: Posterior
     samples: Any
     residuals: Array
     judged: Any
     residuals_before: Array
     residuals_after: Array
+    base_parameters: Mapping[str, ParameterEstimate]
+    parameters: Mapping[str, ParameterEstimate]
+    seed: int = 0
+
+    @property
+    def alive(self) -> Posterior:
+        """Earlier name of `posterior`."""
+        return self.posterior
 
     @property
     def _observed(self) -> Observations:
-        return self.alive.base_only.fit.observed
+        return self.posterior.base_only.fit.observed
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Of the operating points."""
+        """Axes of the operating points that a test can set."""
         return self._observed.steered
 
     @property
     def extent(self) -> dict[str, tuple[float, float]]:
-        """How far the samples reach along each of `axes`."""
-        return {
-            axis.name: (float(row.min()), float(row.max()))
-            for axis, row in zip(self.axes, self._observed.coordinates, strict=True)
-        }
+        """Lowest and highest value of the samples along each of `axes`."""
+        extent = {}
+        for axis, values in zip(self.axes, self._observed.coordinates, strict=True):
+            extent[axis.name] = (float(values.min()), float(values.max()))
+        return extent
 
     @property
     def channel(self) -> Channel:
-        """The one in which the gap is measured."""
+        """The channel in which the gap is measured."""
         return self._observed.channels[0]
 
     def gap_at(
-        self, *place: Array | float, **named: Array | float
+        self, *coordinates: Array | float, **named: Array | float
     ) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at any operating point.
 
-        Measured minus refitted base, averaged over the explanations alive, the unlisted among them;
-        NaN where the model has no answer.
+        Measured minus refitted base, averaged over the relevant explanations, unlisted losses among
+        them.
 
         Args:
-            place: a value along each of `axes`, in their order; arrays are broadcast.
-            named: the same by the name of the axis; of an axis that is only recorded the median of
-                the samples, if left out.
+            coordinates: a value along each of `axes`, in their order; arrays are broadcast.
+            named: the same by the name of the axis; an axis that is only recorded may be left out
+                and takes the median of the samples.
+
+        Returns:
+            Mean and standard deviation in the unit of `channel`; NaN where the model has no answer.
 
         Raises:
             InputError: a value is missing, or there is no such axis.
         """
         observed = self._observed
-        given = {
-            **dict(zip((axis.name for axis in self.axes), place, strict=False)),
-            **named,
-        }
+        steered = [axis.name for axis in self.axes]
         known = [axis.name for axis in observed.axes]
-        for name in (*(axis.name for axis in self.axes), *named):
-            if name not in given or name not in known:
-                raise InputError(
-                    f"gap_at needs {', '.join(known)}: {name} is "
-                    f"{'unknown' if name in given else 'missing'}"
-                )
-        values = np.broadcast_arrays(
-            *(
-                np.asarray(
-                    given.get(name, np.median(observed.points[name])), dtype=float
-                )
-                for name in known
-            )
-        )
-        mean, deviation = self.alive.gap_at(
-            dict(zip(known, map(np.ravel, values), strict=True))
-        )
-        return mean.reshape(values[0].shape), deviation.reshape(values[0].shape)
+        given = {**dict(zip(steered, coordinates, strict=False)), **named}
+        for name in steered:
+            if name not in given:
+                raise InputError(f"gap_at needs {', '.join(known)}: {name} is missing")
+        for name in named:
+            if name not in known:
+                raise InputError(f"gap_at needs {', '.join(known)}: {name} is unknown")
+        values = []
+        for name in known:
+            usual = np.median(observed.points[name])
+            values.append(np.asarray(given.get(name, usual), dtype=float))
+        rows = np.broadcast_arrays(*values)
+        points = {name: row.ravel() for name, row in zip(known, rows, strict=True)}
+        mean, deviation = self.posterior.gap_at(points)
+        shape = rows[0].shape
+        return mean.reshape(shape), deviation.reshape(shape)
 
     @property
     def merely_off(self) -> bool:
         """Whether the gap is most likely a base model that is a little off, and nothing else."""
-        return self.misfit > self.unlisted / 2.0 > 0.25
+        return self.misfit > self.unlisted / 2.0 > UNEXPLAINED_PROBABILITY / 2.0
 
     @property
     def named(self) -> Cause | None:
         """The leading cause, if the verdict names one."""
-        return self.causes[0] if self.causes and self.verdict in NAMING else None
+        if self.causes and self.verdict in NAMING:
+            return self.causes[0]
+        return None
 
     @property
     def component(self) -> str | None:
@@ -274,5 +316,5 @@ class Outcome:
 
     @property
     def model(self) -> Any:
-        """The model to use from now on: with the leading set of causes if one was found."""
+        """The model to use: with the leading set of causes if the verdict names one."""
         return self.named.model if self.named else self.base

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What is made of the probabilities of sets: who is told from whom."""
+"""Which effects and sets the data, or further tests, cannot distinguish."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,10 +9,11 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis.design import next_test as advice
+from hmcvt_core.diagnosis.design.advice import NO_GAP, UNLISTED, Kind, Label
+from hmcvt_core.diagnosis.design.next_test import candidates_of, indistinguishable
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
-from hmcvt_core.diagnosis.pipeline import _twins
+from hmcvt_core.diagnosis.results.summary import indistinguishable_from
 from hmcvt_core.diagnosis.selection.explanation import explain, smooth_discrepancies
 from hmcvt_core.diagnosis.selection.posterior import Posterior
 from hmcvt_core.diagnosis.selection.prediction import Prediction
@@ -21,94 +22,86 @@ from hmcvt_core.physics.effects.mechanical import ChargePump
 from .campaigns import BASE, NOISE, campaign, with_column
 
 
-def _explained(*sets):
-    """A ranking of sets by their probabilities; a star says that a loss stands beside one."""
-    rivals = [
-        (
-            SimpleNamespace(
-                names=tuple(text.rstrip("*").split("+")),
-                is_base=False,
-                is_listed_set="*" not in text,
-                explained_fraction=lambda bare, text=text: 0.5 if "*" in text else 1.0,
-            ),
-            p,
+def _posterior(*sets):
+    """A posterior over sets by their probabilities; a star adds an unlisted loss to one."""
+    entries = []
+    for text, probability in sets:
+        starred = "*" in text
+        explanation = SimpleNamespace(
+            names=tuple(text.rstrip("*").split("+")),
+            is_base=False,
+            is_listed_set=not starred,
+            explained_fraction=lambda bare, starred=starred: 0.5 if starred else 1.0,
         )
-        for text, p in sets
-    ]
-    return Posterior(tuple(rivals), base_only=SimpleNamespace(), no_gap=0.0)
+        entries.append((explanation, probability))
+    return Posterior(tuple(entries), base_only=SimpleNamespace(), no_gap=0.0)
 
 
 @pytest.mark.parametrize(
     ("sets", "name", "others"),
     [
         ([("a", 0.45), ("b", 0.4), ("c", 0.1)], "a", ("b",)),
-        (
-            [("a", 0.45), ("b", 0.4), ("c", 0.1)],
-            "c",
-            ("a", "b"),
-        ),  # outside: what it is taken for
+        # Outside the credible set: what the effect is mistaken for.
+        ([("a", 0.45), ("b", 0.4), ("c", 0.1)], "c", ("a", "b")),
         ([("a", 0.8), ("b", 0.2)], "a", ()),  # 80 % is enough
         ([("a", 0.79), ("b", 0.15), ("c", 0.06)], "a", ("b",)),
         ([("a+b", 0.5), ("c", 0.45), ("d", 0.05)], "c", ("a",)),  # b would add nothing
-        (
-            [("a+b", 0.6), ("b+c", 0.3), ("b", 0.1)],
-            "a",
-            ("c",),
-        ),  # b alone is no alternative to a
+        # b alone is no alternative to a.
+        ([("a+b", 0.6), ("b+c", 0.3), ("b", 0.1)], "a", ("c",)),
     ],
 )
-def test_the_company_of_a_cause_is_the_smallest_set_that_holds_it(sets, name, others):
-    assert _twins(_explained(*sets), name) == others
+def test_smallest_credible_set(sets, name, others):
+    assert indistinguishable_from(_posterior(*sets), name) == others
 
 
-def test_a_set_is_told_from_the_loss_that_stands_beside_it():
-    labels = advice._labels(_explained(("a*", 0.7), ("a", 0.3)))
-    assert labels[("a",)][0].is_listed_set and not labels[()][0].is_listed_set
-    assert labels[("a",)][1] == pytest.approx(0.65)
+def test_set_is_distinguished_from_its_unlisted_loss():
+    candidates = {
+        item.label: item for item in candidates_of(_posterior(("a*", 0.7), ("a", 0.3)))
+    }
+    listed = candidates[Label(Kind.LISTED, ("a",))]
+    assert listed.explanation.is_listed_set
+    assert not candidates[UNLISTED].explanation.is_listed_set
+    assert listed.probability == pytest.approx(0.65)
 
 
 @pytest.mark.parametrize("off", [0.1, 0.3])
-def test_no_gap_is_foretold_by_what_is_likelier_an_exact_base_or_one_a_little_off(off):
+def test_no_gap_is_the_likelier_of_exact_base_and_one_a_little_off(off):
     loose = SimpleNamespace(
-        names=(), is_base=True, is_listed_set=False, explained_fraction=lambda bare: 0.0
+        names=(),
+        is_base=True,
+        is_listed_set=False,
+        explained_fraction=lambda bare: 0.0,
     )
-    ranking = replace(_explained(("a", 1.0 - off)), no_gap=0.2)
-    ranking = replace(ranking, entries=(*ranking.entries, (loose, off)))
-    told = advice._labels(ranking)[None]
-    assert told == (
-        loose if off > 0.25 else ranking.base_only,
-        pytest.approx(0.2 + 0.8 * off),
-    )
+    posterior = replace(_posterior(("a", 1.0 - off)), no_gap=0.2)
+    posterior = replace(posterior, entries=(*posterior.entries, (loose, off)))
+    no_gap = candidates_of(posterior)[-1]
+    assert no_gap.label == NO_GAP
+    assert no_gap.explanation is (loose if off > 0.25 else posterior.base_only)
+    assert no_gap.probability == pytest.approx(0.2 + 0.8 * off)
 
 
 @pytest.mark.parametrize(
-    ("names", "p", "stuck"),
+    ("names", "p", "confused"),
     [
         ([("a",), ("b",), ("far",)], (0.4, 0.35, 0.25), {0: 1, 1: 0}),
-        (
-            [("a",), ("b",), ("far",)],
-            (0.7, 0.03, 0.27),
-            {1: 0},
-        ),  # 0.96 of the two is enough
-        ([("a",), ("a", "b"), ("far",)], (0.4, 0.35, 0.25), {}),  # the larger gives way
-        (
-            [("a",), (), ("far",)],
-            (0.4, 0.35, 0.25),
-            {},
-        ),  # and so does what nobody listed
+        # 0.96 of the two is enough.
+        ([("a",), ("b",), ("far",)], (0.7, 0.03, 0.27), {1: 0}),
+        ([("a",), ("a", "b"), ("far",)], (0.4, 0.35, 0.25), {}),  # nested sets
+        ([("a",), (), ("far",)], (0.4, 0.35, 0.25), {}),  # an unlisted loss
     ],
 )
-def test_which_sets_no_test_will_settle(names, p, stuck):
-    rivals = [
+def test_sets_that_no_test_settles(names, p, confused):
+    predictions = [
         Prediction(
             np.full((1, 4), 9.0 * (name == ("far",))), np.zeros((1, 4, 1)), np.eye(1)
         )
         for name in names
     ]
-    assert advice._untold(rivals, names, np.array(p)) == stuck
+    labels = [Label(Kind.LISTED, name) if name else UNLISTED for name in names]
+    assert indistinguishable(predictions, labels, np.array(p)) == confused
 
 
-def test_how_fine_the_tests_are_laid_out_does_not_decide_what_a_hundred_of_them_tell():
+def test_distance_does_not_depend_on_the_grid_of_tests():
     one, other = (
         Prediction(np.full((1, 4), mean), np.ones((1, 4, 1)), np.eye(1))
         for mean in (0.0, 1.0)
@@ -129,7 +122,7 @@ def test_how_fine_the_tests_are_laid_out_does_not_decide_what_a_hundred_of_them_
     )  # in whatever unit
 
 
-def test_what_is_foretold_of_the_campaign_is_what_was_weighed_there():
+def test_prediction_of_the_campaign_is_the_fit():
     observed = observe(campaign([ChargePump(6.0)], seed=3), NOISE)
     rival, _ = smooth_discrepancies(
         explain(refit(Hypothesis(Transmission(BASE), (ChargePump(),)), observed))
@@ -141,7 +134,7 @@ def test_what_is_foretold_of_the_campaign_is_what_was_weighed_there():
         np.testing.assert_allclose(told.columns, model.columns, atol=1e-6)
 
 
-def test_a_slipping_clutch_is_no_leakage_and_loses_efficiency_with_the_speed():
+def test_slipping_clutch_is_no_leakage():
     quiet = campaign(seed=3, n=96)
     passed = 1.0 - 1e-4 * np.maximum(quiet.load_torque - 350.0, 0.0)
     found = hmcvt.diagnose(
