@@ -90,7 +90,7 @@ def model_evidence(
         mean = ((weights @ cross) @ covariance)[:, 0]
         fitted = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
         residual = np.maximum(total + (fitted @ mean[..., None])[..., 0], 1e-12)
-        # The part of the noise that the fitted coefficients absorb: trace of J^T J times covariance.
+        # The part of the noise that the coefficients absorb: trace of J^T J times covariance.
         absorbed = (flat_square @ covariance.reshape(-1, p * p, 1))[..., 0]
         previous = noise
         noise = (prior_dof + residual + absorbed) / (prior_dof + count)

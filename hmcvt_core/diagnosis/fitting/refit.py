@@ -130,7 +130,7 @@ class Fit:
     def signature(self, form: Effect) -> Array:
         """Return the change of prediction / deviation by one typical size of a further form.
 
-        Shape (channels, n). A refit leaves little of an effect, so the slope at a small size counts.
+        Shape (channels, n). A refit leaves little of an effect: the slope at a small size counts.
         """
         effects = (*self.hypothesis.effects, form)
         extended = replace(self.hypothesis, effects=effects)
@@ -216,6 +216,47 @@ def refit(
         noise: variance of each channel, shape (channels,); estimated from the residuals if None.
     """
     theta = _start(hypothesis, start)
+    descent = _descend(hypothesis, observed, theta, slopes, rough, noise)
+    variance = _noise(observed, descent.whitened, len(theta))
+    if descent.is_stuck and start is not None and noise is None:
+        better = restart_from_prior(hypothesis, observed, variance, rough)
+        if better is not None:
+            return better
+    return Fit(
+        hypothesis,
+        observed,
+        descent.theta,
+        descent.whitened,
+        descent.jacobian,
+        variance,
+    )
+
+
+class _Descent(NamedTuple):
+    """Where a descent ended.
+
+    Attributes:
+        theta: parameters, shape (p,).
+        whitened: residuals, shape (channels, n).
+        jacobian: as in `Fit`, shape (channels, n, p).
+        is_stuck: whether no step was made because steps lose an answer.
+    """
+
+    theta: Array
+    whitened: Array
+    jacobian: Array
+    is_stuck: bool
+
+
+def _descend(
+    hypothesis: Hypothesis,
+    observed: Observations,
+    theta: Array,
+    slopes: Array | None,
+    rough: bool,
+    noise: Array | None,
+) -> _Descent:
+    """Make Gauss-Newton steps from theta until none is better; arguments as of `refit`."""
     whitened = _whitened(hypothesis, observed, theta)
     jacobian = slopes
     if jacobian is None:
@@ -240,21 +281,13 @@ def refit(
             theta, whitened = search.accepted
             is_exact = False
             has_moved = True
-            continue
-        ends = is_exact or (rough and (negligible or has_moved))
-        if not ends:
+        elif is_exact or (rough and (negligible or has_moved)):
+            is_stuck = search.lost_answer and not has_moved
+            return _Descent(theta, whitened, jacobian, is_stuck)
+        else:
             jacobian = _jacobian(hypothesis, observed, theta, whitened)
             is_exact = True
-            continue
-        stuck = search.lost_answer and not has_moved
-        if stuck and start is not None and noise is None:
-            variance = _noise(observed, whitened, len(theta))
-            better = restart_from_prior(hypothesis, observed, variance, rough)
-            if better is not None:
-                return better
-        break
-    variance = _noise(observed, whitened, len(theta))
-    return Fit(hypothesis, observed, theta, whitened, jacobian, variance)
+    return _Descent(theta, whitened, jacobian, is_stuck=False)
 
 
 class _Trial(NamedTuple):

@@ -7,8 +7,8 @@ with one evidence:
 .. math:: p(k \mid y) \propto p(k)\, p(y \mid k)
 
 Evidence between misspecified models is overconfident: a repeat of the campaign may reverse it.
-Probabilities are therefore means over campaigns drawn from the samples (bagged posteriors; Huggins &
-Miller 2023, Bayesian Anal. 18, 79), in each of which a sample counts as often as it was drawn.
+Probabilities are therefore means over campaigns drawn from the samples (bagged posteriors; Huggins
+& Miller 2023, Bayesian Anal. 18, 79), in each of which a sample counts as often as it was drawn.
 """
 
 from __future__ import annotations
@@ -99,26 +99,28 @@ class Posterior:
                 continue
             for name in explanation.names:
                 totals[name] = totals.get(name, 0.0) + p
-        present = {name: min(1.0, totals[name]) for name in sorted(totals)}
-        ranked = sorted(present.items(), key=lambda item: -item[1])
-        return {name: p for name, p in ranked if p}
+        # Equally probable effects come in the order of their names.
+        ranked = sorted(totals.items(), key=lambda item: (-min(1.0, item[1]), item[0]))
+        return {name: min(1.0, total) for name, total in ranked if total}
 
     def best_with(self, name: str) -> Explanation:
         """Return the most probable set that contains an effect."""
-        return next(
-            explanation
-            for names, (explanation, _) in self.sets.items()
-            if name in names
-        )
+        for names, (explanation, _) in self.sets.items():
+            if name in names:
+                return explanation
+        raise KeyError(name)
 
     @property
     def relevant(self) -> Posterior:
         """The explanations that matter, their probabilities summing to 1 again."""
-        kept = [entry for entry in self.entries if entry[1] >= RELEVANT_PROBABILITY]
-        total = sum(p for _, p in kept)
-        return replace(
-            self, entries=tuple((explanation, p / total) for explanation, p in kept)
-        )
+        kept = []
+        total = 0.0
+        for explanation, p in self.entries:
+            if p >= RELEVANT_PROBABILITY:
+                kept.append((explanation, p))
+                total += p
+        scaled = tuple((explanation, p / total) for explanation, p in kept)
+        return replace(self, entries=scaled)
 
     def gap_at(self, points: Points | None = None) -> tuple[Array, Array]:
         """Return mean and standard deviation of the gap at operating points.
@@ -141,16 +143,18 @@ class Posterior:
             at_points = base.observations_at(points)
             reference = np.zeros(1)
         unit = at_points.deviation[0]
-        predictions = [
-            explanation.prediction_at(at_points) for explanation, _ in self.entries
-        ]
-        probabilities = np.array([[p] for _, p in self.entries])
-        means = unit * np.array([reference + each.mean[0] for each in predictions])
-        variances = unit**2 * np.array(
-            [each.reading_covariance[:, 0, 0] for each in predictions]
-        )
+        gaps = []
+        variances_in_deviations = []
+        probabilities = []
+        for explanation, p in self.entries:
+            prediction = explanation.prediction_at(at_points)
+            gaps.append(reference + prediction.mean[0])
+            variances_in_deviations.append(prediction.reading_covariance[:, 0, 0])
+            probabilities.append([p])
+        means = unit * np.array(gaps)
+        variances = unit**2 * np.array(variances_in_deviations)
         # An explanation without an answer at a point has no weight there.
-        weight = np.isfinite(means) * probabilities
+        weight = np.isfinite(means) * np.array(probabilities)
         with np.errstate(invalid="ignore"):
             weight /= weight.sum(axis=0)
         means = np.nan_to_num(means)
@@ -306,8 +310,8 @@ def _bagged(
     # Draws are assigned in the order of the readings, so the order of the rows does not matter.
     order = np.lexsort([*observed.measured, *observed.coordinates])
     extra_counts[:, order] = extra_counts.copy()
-    slopes = np.stack(
-        [explanation.model.likelihoods for explanation in explanations], axis=1
-    )
-    log_posterior = log_weights + extra_counts @ slopes
+    slopes = []
+    for explanation in explanations:
+        slopes.append(explanation.model.likelihoods)
+    log_posterior = log_weights + extra_counts @ np.stack(slopes, axis=1)
     return np.asarray(softmax(log_posterior, axis=1).mean(axis=0))

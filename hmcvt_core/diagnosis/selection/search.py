@@ -2,8 +2,9 @@
 """Search for sets of effects worth comparing: the linear screen proposes, refits decide.
 
 The search grows sets from single effects: each leading set is extended by one effect. An effect
-entered in the form, or in place of another effect, that was best while the rest was missing. In the
-leading sets each effect is therefore exchanged for its other forms, for other effects, and left out.
+entered in the form, or in place of another effect, that was best while the rest was missing. In
+the leading sets each effect is therefore exchanged for its other forms, for other effects, and left
+out.
 """
 
 from collections.abc import Iterable, Sequence
