@@ -30,7 +30,7 @@ def test_samples_are_kept_where_they_are_few():
     assert (parts[whole > 20] >= 4).all()
 
 
-def test_lone_slips_are_left_out_and_a_narrow_gap_is_not():
+def test_outliers_and_narrow_gaps():
     quiet = campaign(seed=5, n=3000)
     slipped = quiet.efficiency.copy()
     slipped[::100] -= 0.05

@@ -52,7 +52,7 @@ def test_repeated_points_are_left_out_together():
         assert not set(group[inside]) & set(group[~inside])
 
 
-def test_folds_follow_the_seed_and_are_dealt_anew_where_that_matters():
+def test_folds_follow_the_seed():
     observed = _observed(campaign(seed=1))
     same = [
         [part.tolist() for part in fold_assignments(observed, seed)[0]]
@@ -121,7 +121,7 @@ def test_without_a_gap_there_is_no_fraction(before, significant):
     assert found.interval is None
 
 
-def test_a_gap_is_at_least_what_all_channels_foretell():
+def test_expected_gap_bounds_the_gap():
     found = shrinkage(
         np.full(20, 0.004),
         np.full(20, 0.001),
@@ -165,7 +165,7 @@ def test_errors_are_those_of_a_fit_to_the_others():
         np.testing.assert_allclose(errors[part], expected, rtol=1e-5, atol=1e-9)
 
 
-def test_several_deals_are_averaged_in_squares_with_the_sign_of_the_mean():
+def test_fold_assignments_are_averaged():
     observed = _observed(campaign(n=30, seed=1))
     model = _linear(observed, *_problem(), np.ones(3))
     dealt = fold_assignments(observed, 0)
@@ -177,7 +177,7 @@ def test_several_deals_are_averaged_in_squares_with_the_sign_of_the_mean():
     np.testing.assert_array_equal(np.sign(errors), np.sign(each.mean(axis=0)))
 
 
-def test_a_size_that_goes_negative_is_held_at_zero():
+def test_negative_size_is_held_at_zero():
     observed = _observed(campaign(n=30, seed=1))
     rng = np.random.default_rng(5)
     columns = rng.standard_normal((1, 30, 2))
