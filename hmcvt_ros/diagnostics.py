@@ -3,7 +3,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -225,7 +225,7 @@ def gap_status(name: str, opening: Opening) -> DiagnosticStatus:
     level = DiagnosticStatus.WARN if opening.open else DiagnosticStatus.OK
     values = {
         key.replace("_", " "): _in_words(value)
-        for key, value in asdict(opening).items()
+        for key, value in opening.to_dict().items()
     }
     return _status(name, "gap", level, str(opening), values)
 

@@ -33,6 +33,7 @@ from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
+from .measured_unit import MeasuredUnit
 from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 from .part_checks import require_effects, require_parameters, require_stages
 
@@ -80,6 +81,7 @@ class EfficiencyModel:
         domain: box of the identification data, or None.
         provenance: where the parameters come from.
         other_stages: of the same transmission.
+        units: pump and motor that were tested by themselves, by kind.
 
     Raises:
         InputError: an argument is of another type, or the formulation does not hold for the stage.
@@ -94,6 +96,7 @@ class EfficiencyModel:
     domain: Domain | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     other_stages: tuple[Stage, ...] = ()
+    units: Mapping[str, MeasuredUnit] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_stages([self.stage, *self.other_stages])
@@ -592,6 +595,10 @@ class EfficiencyModel:
         if self.domain is not None:
             data["domain"] = self.domain.to_mapping()
         data["provenance"] = dict(self.provenance)
+        if self.units:
+            data["provenance"]["units"] = {
+                kind: unit.to_mapping() for kind, unit in self.units.items()
+            }
         data["transmission"] = stages_to_mapping((self.stage, *self.other_stages))
         return data
 

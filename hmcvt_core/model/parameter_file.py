@@ -24,6 +24,7 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage, stages_from_mapping
 from .checks import require_model
 from .domain import AXES, Domain
+from .measured_unit import measured_units
 from .model import SCHEMA, EfficiencyModel
 
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
@@ -135,7 +136,8 @@ def _holds(path: Path, model: EfficiencyModel) -> bool:
 
 
 def _undated(model: EfficiencyModel) -> dict[str, Any]:
-    return {**model.to_mapping(), "provenance": {**model.provenance, "date": ""}}
+    data = model.to_mapping()
+    return {**data, "provenance": {**data["provenance"], "date": ""}}
 
 
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
@@ -153,6 +155,10 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     if not isinstance(effects, list):
         raise InputError(f"effects = {effects!r} is not a list")
     stage, *others = stages_from_mapping(file.section("transmission").data)
+    provenance = {}
+    if "provenance" in data:
+        provenance = dict(file.section("provenance").data)
+    units = provenance.pop("units", None)
     return EfficiencyModel(
         stage=stage,
         other_stages=tuple(others),
@@ -166,7 +172,8 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         if "correlation" in data
         else None,
         domain=_domain(file.section("domain")) if "domain" in data else None,
-        provenance=file.section("provenance").data if "provenance" in data else {},
+        provenance=provenance,
+        units={} if units is None else measured_units(units),
     )
 
 

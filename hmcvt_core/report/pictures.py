@@ -80,13 +80,13 @@ def drawn(
     """Return a matplotlib figure that a notebook shows.
 
     Args:
-        draw: takes an empty figure first, or `axes=` besides.
-        shown: what it draws.
-        ax: axes to draw on; a new figure when left out.
+        draw: takes an empty figure, what is shown, and the axes as `ax` where there are some.
+        shown: what is shown.
+        ax: matplotlib Axes to draw into; None makes a figure.
         options: of `draw`.
     """
     if ax is not None:
-        draw(ax.figure, *shown, axes=ax, **options)
+        draw(ax.figure, *shown, ax=ax, **options)
         return ax.figure
     with styled(_SIZE) as figure:
         draw(figure, *shown, **options)
@@ -98,19 +98,20 @@ def draw_fit(
     figure: Any,
     found: Identification,
     held_back: BenchSamples | None = None,
-    axes: Any = None,
+    ax: Any = None,
 ) -> None:
     """Draw measured over predicted efficiency, both with their uncertainty.
 
     Args:
-        figure: of matplotlib, empty without `axes`.
+        figure: of matplotlib, empty without `ax`.
         found: the identification.
         held_back: samples that it did not see.
-        axes: to draw on; the whole figure when left out.
+        ax: to draw on; the whole figure when left out.
     """
-    if axes is None:
+    if ax is None:
         figure.set_size_inches(7.6, 8.2)
-        axes = figure.subplots()
+        ax = figure.subplots()
+    axes = ax
     sets = [("fitted", found.samples, "o", BLUE)]
     if held_back is not None:
         sets.append(("held back", held_back, "s", ORANGE))
@@ -171,7 +172,7 @@ def draw_surface(
     power: float,
     engine_speeds: tuple[float, float] = ENGINE_SPEED_LIMITS,
     samples: BenchSamples | None = None,
-    axes: Any = None,
+    ax: Any = None,
 ) -> None:
     """Draw the efficiency at a load power over engine speed and transmission ratio.
 
@@ -181,10 +182,11 @@ def draw_surface(
         power: output power [W].
         engine_speeds: lowest and highest [rad/s].
         samples: bench tests to mark, each with measured - predicted in points.
-        axes: to draw on; the whole figure when left out.
+        ax: to draw on; the whole figure when left out.
     """
-    if axes is None:
-        axes = figure.subplots()
+    if ax is None:
+        ax = figure.subplots()
+    axes = ax
     stroke, speed = np.meshgrid(
         np.linspace(-1.0, 1.0, _STROKES),
         np.linspace(*engine_speeds, _SPEEDS),
@@ -231,18 +233,19 @@ def draw_map(
     figure: Any,
     shown: EfficiencyMap,
     load_torque: float | None = None,
-    axes: Any = None,
+    ax: Any = None,
 ) -> None:
     """Draw a map of the efficiency over engine speed and displacement ratio.
 
     Args:
-        figure: of matplotlib, empty without `axes`.
+        figure: of matplotlib, empty without `ax`.
         shown: the map.
         load_torque: the nearest of its axis is drawn [N m]; the middle one when left out.
-        axes: to draw on; the whole figure when left out.
+        ax: to draw on; the whole figure when left out.
     """
-    if axes is None:
-        axes = figure.subplots()
+    if ax is None:
+        ax = figure.subplots()
+    axes = ax
     index = len(shown.load_torque) // 2
     if load_torque is not None:
         index = int(np.abs(shown.load_torque - load_torque).argmin())

@@ -22,7 +22,7 @@ def test_false_alarms_are_at_most_those_stated():
 
 
 @pytest.mark.parametrize("gap", ["charge_pump", "churning", "step"])
-def test_a_gap_that_opens_is_noticed_sized_and_dated(gap):
+def test_opening_is_noticed_sized_and_dated(gap):
     delays, held = [], 0
     for size in SIZES[1:]:
         found = [watched(MODEL, stream(MODEL, seed, gap, size)) for seed in range(5)]
@@ -42,20 +42,20 @@ def test_a_gap_that_opens_is_noticed_sized_and_dated(gap):
     assert held >= 13  # of 20
 
 
-def test_bad_samples_alone_open_nothing():
+def test_single_bad_samples_open_nothing():
     samples = stream(MODEL, 3)
     efficiency = samples.efficiency.copy()
     efficiency[[0, 60, 200]] -= 0.3
     assert not watched(MODEL, replace(samples, efficiency=efficiency)).open
 
 
-def test_a_model_that_states_no_errors_is_allowed_more():
+def test_model_without_errors_is_allowed_more():
     blank = replace(MODEL, standard_errors={}, correlation=None)
     low = replace(stream(MODEL, 0), efficiency=stream(MODEL, 0).efficiency - 0.01)
     assert watched(MODEL, low).open and not watched(blank, low).open
 
 
-def test_samples_count_in_the_order_of_their_stamps_and_may_come_in_parts():
+def test_order_of_stamps_and_parts():
     samples = replace(stream(MODEL, 1, "step", 0.02), stamp=10.0 + np.arange(300.0))
     found = hmcvt.watch(MODEL, samples, noise=NOISE)
     assert (
@@ -65,10 +65,10 @@ def test_samples_count_in_the_order_of_their_stamps_and_may_come_in_parts():
     parts = hmcvt.Watch(MODEL, NOISE)
     for i in range(0, 300, 7):
         parts.take(samples.select(np.arange(i, min(i + 7, 300))))
-    assert parts.found == found
+    assert parts.result == found
 
 
-def test_samples_without_an_answer_are_counted_and_left_out():
+def test_samples_without_an_answer():
     samples = stream(MODEL, 2, samples=30)
     load = samples.load_torque.copy()
     stroke, speed = samples.displacement_ratio.copy(), samples.engine_speed.copy()
@@ -91,4 +91,4 @@ def test_a_long_stream_takes_no_more_memory():
     for _ in range(3):
         running.take(part)
     assert len(pickle.dumps(running)) < 1.05 * size
-    assert running.found.samples == 6000
+    assert running.result.samples == 6000

@@ -39,12 +39,12 @@ WARM = with_column(SAMPLES, oil_temperature=np.linspace(40.0, 80.0, 16))
     ],
     ids=["the campaign itself", "no answer at any", "without oil temperature"],
 )
-def test_samples_that_cannot_be_held_out_are_refused(samples, held, message):
+def test_refused_holdouts(samples, held, message):
     with pytest.raises(hmcvt.InputError, match=message):
         hmcvt.diagnose(BASE, samples, held, noise=NOISE)
 
 
-def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
+def test_samples_left_out_of_a_holdout():
     held = joined(
         SAMPLES.select(np.arange(10)), campaign(seed=34, n=30).select(np.arange(3))
     )
@@ -52,9 +52,9 @@ def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
     found = hmcvt.diagnose(
         BASE, SAMPLES, with_column(held, load_torque=load), noise=NOISE
     )
-    assert any("10 of 13 samples held out are among" in note for note in found.notes)
+    assert any("10 of 13 held-out samples are among" in note for note in found.notes)
     assert any(
-        "2 of 3 samples held out ask" in note and "sample 11 (" in note
+        "2 of 3 held-out samples ask" in note and "sample 11 (" in note
         for note in found.notes
     )
     shrunk = found.shrinkage

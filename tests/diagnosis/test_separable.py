@@ -28,7 +28,7 @@ def _common(*found):
 @pytest.mark.parametrize(
     "speed_noise", [0.001, None], ids=["with speed", "efficiency alone"]
 )
-def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
+def test_mimic_lowers_visibility(speed_noise):
     found = _matrix(campaign(seed=1, speed_noise=speed_noise))
     k = len(found.effects)
     assert found.separation.shape == (k, k)
@@ -43,11 +43,11 @@ def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
     ):
         i, j = found.effects.index(one), found.effects.index(other)
         assert found.separation[i, j] < 0.02 * found.detectability[i]
-        assert other in found.twins(one)
-    assert "pressure_leakage" not in found.twins("charge_pump")
+        assert other in found.indistinguishable_from(one)
+    assert "pressure_leakage" not in found.indistinguishable_from("charge_pump")
 
 
-def test_more_samples_and_another_channel_never_lower_it():
+def test_more_data_never_lower_separation():
     samples = measure(random_points(3, 48), noise=0.0)
     found = [
         _matrix(with_column(samples.select(np.arange(12)), output_speed=None)),
@@ -59,32 +59,32 @@ def test_more_samples_and_another_channel_never_lower_it():
         assert after.sum() > before.sum()
 
 
-def test_oil_temperature_is_seen_only_where_it_is_swept():
+def test_oil_temperature_needs_a_sweep():
     swept = _matrix(campaign(seed=1, n=48, temperature=True))
     assert "oil_temperature" in swept.effects
     assert swept.detectability[swept.effects.index("oil_temperature")] > 9.0
     assert "oil_temperature" not in _matrix(campaign(seed=1, n=48)).effects
 
 
-def test_a_plan_of_one_point_and_an_effect_that_the_model_has():
+def test_plan_of_one_point():
     known = replace(BASE, effects=(ChargePump(6.0),))
     found = hmcvt.separable(known, campaign(seed=1, n=1), noise=NOISE)
     assert np.isfinite(found.separation).all()
     assert "charge_pump" not in found.effects
 
 
-def test_points_planned_twice_do_not_state_the_noise():
+def test_repeats_of_a_plan_state_no_noise():
     """Filled-in readings agree to the last digit; that is no noise of a bench."""
     points = random_points(1, 12)
     once = hmcvt.BenchSamples(*points[:3], BASE.solution_at(points).efficiency)
     thrice = once.select(np.repeat(np.arange(12), 3))
     single, triple = (hmcvt.separable(BASE, plan) for plan in (once, thrice))
-    assert triple.plan.usual_noise == pytest.approx(single.plan.usual_noise)
+    assert triple.plan.stated_noise == pytest.approx(single.plan.stated_noise)
     assert (triple.detectability >= single.detectability * (1.0 - 1e-9)).all()
     assert (triple.detectability <= 3.0 * single.detectability * (1.0 + 1e-9)).all()
 
 
-def test_what_cannot_be_told_apart_comes_with_what_would():
+def test_confused_effects_come_with_remedies():
     found = _matrix(campaign(seed=1, speed_noise=None))
     confused = {item["effect"]: item for item in found.to_dict()["confused"]}
     assert "torque_sensor" in confused["charge_pump"]["indistinguishable_from"]
@@ -99,19 +99,21 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
         assert item["told_by_output_speed"] == [
             other
             for other in item["indistinguishable_from"]
-            if other not in both.twins(name)
+            if other not in both.indistinguishable_from(name)
         ]
     visible = np.flatnonzero(found.detectability >= 9.0)
-    assert [found.effects[i] for i in visible if found.twins(found.effects[i])] == list(
-        confused
-    )
+    assert [
+        found.effects[i]
+        for i in visible
+        if found.indistinguishable_from(found.effects[i])
+    ] == list(confused)
     text = found.report()
-    assert "reading the output speed too tells it from" in text
+    assert "reading the output speed too distinguishes it from" in text
     assert max(map(len, text.splitlines())) <= 100
     assert not _matrix(campaign(seed=1)).report().count("reading the output speed")
 
 
-def test_pressure_tells_the_sides_of_the_motor_apart():
+def test_pressure_separates_sides_of_the_motor():
     """A friction of the motor moves the pressure; one of the engine side and a meter do not."""
     full = campaign(seed=1, pressure_noise=1.0)
     some, most = _matrix(with_column(full, pressure=None)), _matrix(full)
@@ -125,7 +127,7 @@ def test_pressure_tells_the_sides_of_the_motor_apart():
     assert without_speed.fuller.plan.channels[1].name == "output_speed"
 
 
-def test_a_base_so_lossy_that_light_loads_read_nothing_is_advised_all_the_same():
+def test_advice_for_a_very_lossy_base():
     lossy = replace(BASE, parameters=hmcvt.HydraulicParameters(2e-11, 2.0, 2.5))
     system = Transmission(lossy)
     base = np.array([np.log10(2e-11), 2.0, 2.5, 0.0])

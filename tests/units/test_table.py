@@ -36,7 +36,7 @@ def test_losses_are_those_of_the_table(tmp_path, kind):
     assert found.displacement == pytest.approx(CM3 * 1e-6 / TURN)
 
 
-def test_one_table_in_other_units_and_with_losses_is_the_same(tmp_path):
+def test_other_units_of_a_table(tmp_path):
     pair = efficiencies(SPEED, PRESSURE)
     first = read_unit(table(tmp_path / "a.csv", SPEED, PRESSURE, pair), kind="pump")
     percent = read_unit(
@@ -93,7 +93,7 @@ def test_rows_without_pressure_tell_no_torque(tmp_path):
     assert efficiencies(SPEED, at)[1][0] == 0.0 and found.torque_loss[0] == 0.0
     assert (
         diagnose_unit(found, deals=False)
-        .found.notes[0]
+        .diagnosis.notes[0]
         .startswith("1 samples below 100000 Pa")
     )
     with pytest.raises(InputError, match="0 of the highest pressure parts no samples"):
@@ -197,7 +197,7 @@ def test_swapped_efficiencies_are_named(tmp_path, kind):
         ("pump", {"kind": "motor"}, "kind is motor and pump"),
     ],
 )
-def test_a_kind_is_needed_and_a_noise_that_can_be(tmp_path, said, given, told):
+def test_kind_and_noise_are_checked(tmp_path, said, given, told):
     path = table(
         tmp_path / "t.csv",
         SPEED,

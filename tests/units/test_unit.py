@@ -17,7 +17,8 @@ from hmcvt_core.benches.unit import (
     observe_unit,
     put_into,
 )
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.files import data_path
 from hmcvt_core.files.units import read_unit
 from hmcvt_core.identification.prior import Prior
@@ -47,9 +48,9 @@ def pump(tmp_path, **hidden):
     )
 
 
-def test_the_terms_of_the_paper_are_found_again(tmp_path):
+def test_terms_of_the_paper(tmp_path):
     found = diagnose_unit(read_unit(pump(tmp_path), kind="pump"))
-    assert found.found.verdict == "no_gap"
+    assert found.diagnosis.verdict == "no_gap"
     assert found.model.parameters["leakage"] == pytest.approx(LEAKAGE, rel=0.1)
     assert found.model.parameters["damping"] == pytest.approx(DAMPING, rel=0.1)
     assert found.model.friction == pytest.approx(FRICTION, rel=0.1)
@@ -66,31 +67,33 @@ def test_the_terms_of_the_paper_are_found_again(tmp_path):
     ],
     ids=lambda each: "+".join(each) if isinstance(each, tuple) else str(each),
 )
-def test_a_hidden_effect_of_another_form_leads(names, seed):
+def test_hidden_effect_leads(names, seed):
     found = diagnose_unit(simulated(names, seed), deals=False)
-    assert found.found.sets[0].effects == names
-    assert found.found.verdict in ("cause_found", "ambiguous")
+    assert found.diagnosis.sets[0].effects == names
+    assert found.diagnosis.verdict in ("cause_found", "ambiguous")
     for row in found.rmse.values():
         assert row["with_effects"] < 1.05 * row["base"]
     if names == ("reference_displacement",):
-        assert found.found.component == "sensor"
-        assert "displacement stated is +" in found.found.warnings[0]
+        assert found.diagnosis.component == "sensor"
+        assert "displacement stated is +" in found.diagnosis.warnings[0]
 
 
-def test_too_good_a_mechanical_efficiency_puts_the_displacement_in_doubt(tmp_path):
+def test_displacement_in_doubt(tmp_path):
     # The torque is that of 2.5 % less displacement, the flow is not: no one displacement has both.
     ideal = CM3 * 1e-6 / TURN * PRESSURE * 1e5
     found = diagnose_unit(
         read_unit(pump(tmp_path, torque=4.0 - 0.025 * ideal), kind="pump")
     )
     assert (
-        "in doubt" in found.found.warnings[0]
+        "in doubt" in found.diagnosis.warnings[0]
         and "in doubt" in found.to_dict()["notes"][0]
     )
-    assert found.found.verdict == "unexplained" and found.found.component is None
+    assert (
+        found.diagnosis.verdict == "unexplained" and found.diagnosis.component is None
+    )
 
 
-def test_what_a_table_holds_out_is_predicted(tmp_path, hmcvt):
+def test_holdout_of_a_table(tmp_path, hmcvt):
     path = pump(tmp_path, flow=1.2e-12 * (PRESSURE * 1e5) * SPEED / 1500.0)
     data = hmcvt(
         "unit", path, "--kind", "pump", "--above", "pressure=0.7", "--json"
@@ -136,7 +139,7 @@ def test_bad_options_are_named(tmp_path, hmcvt, arguments, told):
     assert_refused(done, told)
 
 
-def test_a_leakage_that_falls_as_a_power_of_speed_is_found(tmp_path):
+def test_leakage_falling_with_speed(tmp_path):
     speed, pressure = grid()
     flow = 4e-12 * pressure * 1e5 * (100.0 / (speed * TURN / 60.0)) ** 1.5
     found = diagnose_unit(
@@ -150,7 +153,7 @@ def test_a_leakage_that_falls_as_a_power_of_speed_is_found(tmp_path):
             kind="pump",
         ),
         deals=False,
-    ).found
+    ).diagnosis
     assert (found.causes[0].effect, found.causes[0].form) == (
         "slow_leakage",
         "power of speed",
@@ -170,7 +173,7 @@ def tractor(tmp_path):
     return path
 
 
-def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor):
+def test_pair_loses_what_its_units_lost(tmp_path, tractor):
     """Stage H0 has nothing but the pair: its leakage and torque are those of pump and motor."""
     hidden = {
         "pump": {"flow": 1.2e-12 * (PRESSURE * 1e5) * SPEED / 1500.0, "torque": 6.0},
@@ -185,7 +188,7 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     save_model(model, tractor)
     model = load_model(tractor)
     assert {effect.part for effect in model.effects} == {"pump", "motor"}
-    assert set(model.provenance["units"]) == {"pump", "motor"}
+    assert set(model.units) == {"pump", "motor"}
     stage = model.stages["H0"]
     points = OperatingPoints(
         np.array([0.6, 1.0]), np.array([120.0, 180.0]), np.array([60.0, 150.0])
@@ -219,7 +222,7 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     )
 
 
-def test_what_acts_on_stroke_or_oil_keeps_its_size(tmp_path, tractor):
+def test_stroke_and_oil_effects_keep_their_size(tmp_path, tractor):
     _put_an_effect_of_the_users_own(tmp_path, tractor)
     gc.collect()  # its class must not reach other tests
 
@@ -255,7 +258,7 @@ def _put_an_effect_of_the_users_own(tmp_path, tractor):
             ] == [(name, pytest.approx(value)) for name, value in then]
 
 
-def test_the_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):
+def test_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):
     done = hmcvt("unit", pump(tmp_path), "--kind", "pump", "--into", tractor)
     assert f"pump written into {tractor}" in done.out
     model = load_model(tractor)
@@ -306,7 +309,7 @@ def test_the_result_is_the_prior_of_a_refit(tmp_path, hmcvt, tractor):
     assert list(tmp_path.glob("tractor.previous-*.yaml")), "the old file is kept"
 
 
-def test_the_stroke_is_an_axis_where_it_varies():
+def test_stroke_is_an_axis_where_it_varies():
     samples = next(
         one
         for seed in range(20)
@@ -329,7 +332,7 @@ def test_the_stroke_is_an_axis_where_it_varies():
     ).shape == (2, len(full))
 
 
-def test_what_is_found_in_a_large_unit_loads_again(tractor):
+def test_sizes_of_a_large_unit_load_again(tractor):
     torque = ConstantTorque(torque=90.0)  # of a unit of 200 cm3
     model = replace(load_model(tractor), effects=(replace(torque, part="motor"),))
     save_model(model, tractor)
@@ -338,7 +341,7 @@ def test_what_is_found_in_a_large_unit_loads_again(tractor):
         effect_from_mapping({**effect_to_mapping(torque), "part": ""}, "effect")
 
 
-def test_refits_along_a_curved_valley_end_in_one_place():
+def test_refits_end_at_one_optimum():
     # Leakage takes the place of leakage at low speed: steps are cut short there for long.
     samples = simulated(("compressibility", "slow_leakage"), 2)
     system = HydrostaticUnit(samples)
