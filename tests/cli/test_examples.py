@@ -154,7 +154,7 @@ def test_python_of_the_readme(workplace):
     names = {}
     for block in blocks:
         exec(block, names)
-    assert 0.0 < names["fit"].fit_error < 0.05 and names["found"].verdict
+    assert 0.0 < names["fit"].fit_error < 0.05 and names["diagnosis"].verdict
 
 
 def blocks(page):
