@@ -43,7 +43,12 @@ def bench_columns() -> str:
 
 def effects() -> str:
     """Return one section for each effect as Markdown."""
-    kinds = library(units=True)
+    # The library holds effects of other packages too, once they are imported.
+    kinds = [
+        kind
+        for kind in library(units=True)
+        if kind.__module__.startswith("hmcvt_core.")
+    ]
     sections = [
         _section(name, list(forms))
         for name, forms in groupby(kinds, key=lambda kind: kind.name)

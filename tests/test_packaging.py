@@ -3,7 +3,9 @@
 
 import ast
 import configparser
+import math
 import re
+import runpy
 import sys
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import version
@@ -13,6 +15,8 @@ import yaml
 from cli.running import ROOT
 
 import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis.ranking import PRIOR_MISFIT, PRIOR_OF_SIZE, PRIOR_UNLISTED
+from hmcvt_core.physics.effects import library
 
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()
 # What rosdep calls the packages that Python imports under another name.
@@ -204,12 +208,12 @@ def test_citation_is_of_this_version():
 
 
 def test_changelog_begins_with_this_version():
-    versions = re.findall(r"^## (\S+)", read("CHANGELOG.md"), flags=re.MULTILINE)
+    versions = re.findall(r"^## \[(\S+)\]", read("CHANGELOG.md"), flags=re.MULTILINE)
     released = [version for version in versions if version.lower() != "unreleased"]
     assert released[0] == hmcvt.__version__
     entry = (
         read("CHANGELOG.md")
-        .partition(f"## {hmcvt.__version__}")[2]
+        .partition(f"## [{hmcvt.__version__}]")[2]
         .partition("\n## ")[0]
     )
     assert "\n* " in entry
@@ -218,11 +222,80 @@ def test_changelog_begins_with_this_version():
 
 
 def test_web_site_has_every_page_once():
-    named = re.findall(r"^ +- ([\w-]+\.md)$", read("mkdocs.yml"), re.MULTILINE)
+    named = re.findall(r"^ +- .*?([\w-]+\.md)$", read("mkdocs.yml"), re.MULTILINE)
     assert sorted(named) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
     assert named[0] == "index.md"
 
 
+def test_web_site_loads_nothing_from_the_network():
+    theme = re.search(
+        r"^theme:\n(.*?)^\S", read("mkdocs.yml"), re.DOTALL | re.MULTILINE
+    )
+    assert re.search(r"^  font: false$", theme[1], re.MULTILINE)
+    # The theme would load this renderer from a server.
+    for path in (ROOT / "docs").glob("*.md"):
+        assert "```mermaid" not in path.read_text(encoding="utf-8"), path
+
+
+def test_changelog_has_the_sections_of_keep_a_changelog():
+    sections = re.findall(r"^### (.*)$", read("CHANGELOG.md"), re.MULTILINE)
+    allowed = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    assert set(sections) <= allowed | {"Breaking"}
+
+
+def test_tables_of_the_pages_agree_with_the_code():
+    tables = runpy.run_path(str(ROOT / "docs" / "code_tables.py"))
+    for name, text in tables["pages"]().items():
+        assert read(f"docs/{name}") == text, "run: python docs/code_tables.py"
+
+
+def test_priors_of_the_page_are_those_of_the_code():
+    page = read("docs/diagnosis.md")
+    names = {
+        kind.name for kind in library() if kind.__module__.startswith("hmcvt_core.")
+    }
+    listed = len(names - {"pressure_sensor"})  # it needs a column `pressure`
+    rows = [
+        ("one listed effect", PRIOR_OF_SIZE[1], listed),
+        ("two", PRIOR_OF_SIZE[2], math.comb(listed, 2)),
+        ("three", PRIOR_OF_SIZE[3], math.comb(listed, 3)),
+    ]
+    for words, prior, count in rows:
+        (row,) = re.findall(rf"^\| {words} \| (.*) \|$", page, re.MULTILINE)
+        first, rest = row.split(" | ")
+        assert float(first) == prior
+        number, share = re.fullmatch(r"of (\d+)\b.*: ([\d.]+)", rest).groups()
+        assert int(number) == count
+        assert float(share) == pytest.approx(prior / count, rel=0.05)
+    for words, prior in (
+        ("misfit of the base model alone", PRIOR_MISFIT),
+        ("unlisted loss alone", PRIOR_UNLISTED),
+    ):
+        (value,) = re.findall(rf"^\| {words} \| ([\d.]+) \|", page, re.MULTILINE)
+        assert float(value) == prior
+
+
+def test_summary_of_the_trials_quotes_their_pages():
+    rows = re.findall(
+        r"^\| .*\? \| (.*) \| (.*) \| \[.*\]\((.*)\) \|$",
+        read("docs/trials.md"),
+        re.MULTILINE,
+    )
+    assert len(rows) >= 10
+    for result, goal, page in rows:
+        text = read(f"docs/{page}")
+        number = result.removesuffix(" points worst excess")
+        assert number in text, (page, result)
+        for figure in re.findall(r"[\d.]+", goal):
+            assert figure in text, (page, goal)
+
+
 def test_every_public_name_stands_on_the_page_of_the_api():
-    named = re.findall(r"^::: hmcvt_core\.(\w+)$", read("docs/api.md"), re.MULTILINE)
+    named = [
+        name
+        for path in (ROOT / "docs").glob("api*.md")
+        for name in re.findall(
+            r"^::: hmcvt_core\.(\w+)$", path.read_text("utf-8"), re.MULTILINE
+        )
+    ]
     assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})

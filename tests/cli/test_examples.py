@@ -2,10 +2,11 @@
 """Every command shown to a reader works: in --help, in README.md and on every page of docs/.
 
 The tutorial and the worked example of the diagnosis also print what the pages show. A command
-line is run for real in a folder that holds the files it names. What is not run is named in
-`PARSED_ONLY`, with the reason; its arguments are still read by the command it names. A line with
-placeholders (`BENCH.csv`, `[--json]`), or that does no more than name an option, is a synopsis: the
-command has to exist and have its options.
+line is run in a folder that holds the files it names. Commands that are not run are listed in
+`PARSED_ONLY` with the reason; their arguments are parsed. A line with placeholders (`BENCH.csv`,
+`[--json]`), or that only names an option, is a synopsis: the command has to exist and have its
+options. Lines of other programs are checked as far as this project defines them; `EXTERNAL` lists
+the rest. The Python of the pages is run.
 """
 
 import copy
@@ -13,14 +14,17 @@ import functools
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 
 import click
+import numpy as np
 import pytest
 import yaml
 
 from hmcvt_core.cli import cli
 
-from .running import ROOT, write_raw_bench
+from .running import ROOT, script, write_raw_bench
 
 pytestmark = pytest.mark.slow
 
@@ -29,12 +33,24 @@ PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 NAMES = cli.list_commands(click.Context(cli))
 PARSED_ONLY = {
-    "diagnose": "seconds each; run by the tutorial, test_commands.py and README.md",
-    "fleet": "needs the logs of a fleet, or a Dask cluster; run by tests/fleet",
-    "import-bag": "needs bags; run by tests/bag",
-    "unit": "makers' tables are not copied here; run on simulated ones by tests/units",
+    "import-bag": "needs bags; run by tests/bag/test_command.py",
     "node": "needs ROS and does not end; run by tests/ros/test_node_process.py",
+    "--scheduler": "needs a Dask cluster; run by tests/fleet/test_cluster.py",
 }
+EXTERNAL = {
+    "colcon": "builds a ROS workspace: make colcon",
+    "cp": "part of the tutorial, which is run",
+    "dask": "starts a cluster: tests/fleet/test_cluster.py",
+    "docker": "needs a container runtime",
+    "eval": "a shell's completion",
+    "export": "a shell's variables",
+    "hmcvt-node": "does not end: tests/ros/test_node_process.py",
+    "ros2": "needs an installation of ROS 2",
+    "rosdep": "needs an installation of ROS 2",
+    "source": "needs an installation of ROS 2",
+    "sudo": "installs system packages",
+}
+FEWER_LOGS = 2
 SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 
 
@@ -84,6 +100,9 @@ def workplace(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
     write_raw_bench(tmp_path / "raw.csv")
+    _write_logs(tmp_path)
+    for name in ("pump", "pump_asw062", "motors_s4d_c7", "table"):
+        _write_unit(tmp_path / f"{name}.csv")
     rows = (ROOT / "data" / "simulated.csv").read_text().replace("\n", ",HM4\n")
     (tmp_path / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):
@@ -101,6 +120,41 @@ def workplace(tmp_path, monkeypatch):
     )
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def _write_logs(folder):
+    """Write two short logs where the pages have a fleet."""
+    lines = (ROOT / "data" / "simulated.csv").read_text().splitlines()
+    for logs in (folder / "logs", folder / "fleet" / "logs"):
+        logs.mkdir(parents=True)
+        for number in range(FEWER_LOGS):
+            part = lines[1 + 40 * number : 41 + 40 * number]
+            (logs / f"{number}.csv").write_text("\n".join([lines[0], *part, ""]))
+
+
+def _write_unit(path):
+    """Write the table of a simulated unit that leaks in proportion to speed as well."""
+    speed, pressure = map(
+        np.ravel, np.meshgrid(np.linspace(50.0, 270.0, 8), np.linspace(4e6, 4e7, 8))
+    )
+    volume = 11.3e-6
+    flow = 3e-12 * pressure + 2e-9 * volume * pressure * speed
+    torque = 0.05 * speed + 0.012 * volume * pressure
+    rng = np.random.default_rng(0)
+    columns = {
+        "displacement": np.full(speed.shape, volume),
+        "speed": speed,
+        "pressure": pressure,
+        "flow_loss": flow + 1e-6 * rng.standard_normal(speed.shape),
+        "torque_loss": torque + 0.1 * rng.standard_normal(speed.shape),
+    }
+    kind = "motor" if path.stem in ("motors_s4d_c7", "table") else "pump"
+    head = ",".join([*columns, "kind", "unit"])
+    rows = [
+        ",".join(f"{value:.6g}" for value in row) + f",{kind},S4D"
+        for row in zip(*columns.values(), strict=True)
+    ]
+    path.write_text("\n".join([head, *rows, ""]))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -125,15 +179,21 @@ def test_every_command_stands_in_cli_md_and_has_an_example():
 @pytest.mark.parametrize("case", CASES, ids=" ".join)
 def test_example(hmcvt, workplace, case):
     name, *arguments = case
-    if name in PARSED_ONLY:
+    if not PARSED_ONLY.keys().isdisjoint(case):
         _command(name).make_context(name, list(arguments))
         return
+    if ">" in case:  # a shell would write the output to a file
+        case = case[: case.index(">")]
     done = hmcvt(*case)
-    assert (done.code, done.err) == (0, "")
+    assert done.code == 0, done.err
+    assert done.err == "" or name == "fleet"  # it reports its progress there
     assert done.out or "--out" in case
     for option in ("--out", "--picture", "--report", "--save-model"):
         if option in case:
-            assert (workplace / case[case.index(option) + 1]).stat().st_size > 0
+            written = workplace / case[case.index(option) + 1]
+            if option == "--save-model" and "cause" not in done.out:
+                continue
+            assert written.stat().st_size > 0
     if "--json" in case:
         assert done.json
 
@@ -144,6 +204,78 @@ def test_synopsis(line):
     known = {option for parameter in _command(name).params for option in parameter.opts}
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", line))
     assert named - {"--ros-args"} <= known
+
+
+def _shell_lines():
+    """Lines in code blocks that run another program than hmcvt, each once."""
+    names = {"make", "pip", "python", *EXTERNAL}
+    lines = set()
+    for path in PAGES:
+        for line in path.read_text(encoding="utf-8").splitlines():
+            words = line.split()
+            if line.startswith("    ") and words and words[0] in names:
+                lines.add(line.partition("  #")[0].strip())
+        for line in re.findall(r"`(make [^`]+)`", path.read_text(encoding="utf-8")):
+            lines.add(line)
+    assignments = {line for line in lines if " = " in line}
+    return sorted(lines - assignments)
+
+
+@pytest.mark.parametrize("line", _shell_lines())
+def test_line_of_another_program(line):
+    program, *words = shlex.split(line)
+    if program == "make":
+        rules = (ROOT / "Makefile").read_text(encoding="utf-8")
+        for target in (word for word in words if "=" not in word):
+            assert re.search(rf"^{target}:", rules, re.MULTILINE), target
+    elif program == "pip":
+        project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+        for extra in re.findall(r"\[(\w+)\]", line):
+            assert re.search(rf"^{extra} = ", project, re.MULTILINE), extra
+    elif program == "python" and words[0] == "-m":
+        _check_study(words[1], words[2:])
+    elif program == "python":
+        assert (ROOT / words[0]).is_file(), words[0]
+        name = words[0].rpartition("/")[2].removesuffix(".py")
+        tests = [path.read_text("utf-8") for path in (ROOT / "tests").rglob("*.py")]
+        assert any(name in text for text in tests), f"no test runs {words[0]}"
+
+
+def _check_study(module, words):
+    """Check that the module exists and has the options."""
+    if not module.startswith("studies"):
+        return
+    done = subprocess.run(
+        [sys.executable, "-m", module, "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    for option in (word for word in words if word.startswith("--")):
+        assert option in done.stdout, option
+
+
+def _pages_with_python():
+    """Pages whose Python examples run from beginning to end."""
+    pages = []
+    for path in sorted(DOCS.glob("*.md")):
+        if "import hmcvt_core as hmcvt\n" in "".join(_python(path)):
+            pages.append(path)
+    return [*pages, DOCS / "api-effects.md"]
+
+
+def _python(path):
+    return re.findall(r"```python\n(.*?)```", path.read_text("utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("path", _pages_with_python(), ids=lambda path: path.name)
+def test_python_of_a_page(workplace, path):
+    program = workplace / "page.py"
+    program.write_text("\n".join(_python(path)), encoding="utf-8")
+    done = script(program, cwd=workplace)
+    assert done.returncode == 0, done.stderr
 
 
 def test_python_of_the_readme(workplace):
