@@ -95,7 +95,7 @@ def _parameter(item: EffectParameter) -> str:
     if item.is_size:
         return f"{name} {item.typical:g} ({item.low:g} to {item.high:g})"
     values = ", ".join(f"{value:g}" for value in item.grid)
-    return f"{name} {{{values}}}"
+    return f"{name} tried at {values}"
 
 
 if __name__ == "__main__":

@@ -295,7 +295,7 @@ def test_every_public_name_stands_on_the_page_of_the_api():
         name
         for path in (ROOT / "docs").glob("api*.md")
         for name in re.findall(
-            r"^::: hmcvt_core\.(\w+)$", path.read_text("utf-8"), re.MULTILINE
+            r"^::: hmcvt_core[\w.]*\.(\w+)$", path.read_text("utf-8"), re.MULTILINE
         )
     ]
     assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})
