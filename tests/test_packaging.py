@@ -6,7 +6,11 @@ import configparser
 import math
 import re
 import runpy
+import shutil
+import subprocess
 import sys
+import tarfile
+import textwrap
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import version
 
@@ -118,6 +122,30 @@ def test_everything_beside_the_modules_is_installed_for_ros():
                     f'(f"share/{{NAME}}/{folder}", ["hmcvt_ros/{folder}/{path.name}"])'
                     in setup
                 )
+
+
+def test_sdist_holds_what_the_tests_need(tmp_path):
+    ignored = shutil.ignore_patterns(
+        ".*", "__pycache__", "build", "dist", "site", "reproduction", "*.egg-info"
+    )
+    shutil.copytree(ROOT, tmp_path / "source", ignore=ignored)
+    build = "import setuptools.build_meta as b; b.build_sdist('../dist')"
+    done = subprocess.run(
+        [sys.executable, "-c", build],
+        cwd=tmp_path / "source",
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode == 0, done.stderr
+    (archive,) = (tmp_path / "dist").iterdir()
+    with tarfile.open(archive) as opened:
+        names = {name.partition("/")[2] for name in opened.getnames()}
+    for folder in ("data", "docs", "examples", "params", "studies", "tests"):
+        source = tmp_path / "source"
+        files = [path for path in (source / folder).rglob("*") if path.is_file()]
+        missing = {str(path.relative_to(source)) for path in files} - names
+        assert missing == set()
 
 
 HEADER = "# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0"
@@ -273,6 +301,25 @@ def test_priors_of_the_page_are_those_of_the_code():
     ):
         (value,) = re.findall(rf"^\| {words} \| ([\d.]+) \|", page, re.MULTILINE)
         assert float(value) == prior
+
+
+def test_the_form_of_the_first_change_is_an_effect():
+    page = read("docs/first-change.md")
+    block = re.search(
+        r"( +@dataclass\(frozen=True\)\n.*?)\n\n +A class", page, re.DOTALL
+    )
+    code = f"""
+from hmcvt_core.physics.effects import actuator, trial
+exec({textwrap.dedent(block[1])!r}, vars(actuator))
+trial.trial(actuator.DisplacementNonlinearity)
+stroke = actuator.DisplacementNonlinearity(error=0.02).true_displacement_ratio(0.5)
+print(round(float(stroke), 3))
+"""
+    # In a process of its own: a class stays in the library.
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.stdout == "0.52\n", done.stderr
 
 
 def test_summary_of_the_trials_quotes_their_pages():
