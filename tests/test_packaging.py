@@ -309,9 +309,8 @@ def test_the_form_of_the_first_change_is_an_effect():
         r"( +@dataclass\(frozen=True\)\n.*?)\n\n +A class", page, re.DOTALL
     )
     code = f"""
-from hmcvt_core.physics.effects import actuator, trial
+from hmcvt_core.physics.effects import actuator
 exec({textwrap.dedent(block[1])!r}, vars(actuator))
-trial.trial(actuator.DisplacementNonlinearity)
 stroke = actuator.DisplacementNonlinearity(error=0.02).true_displacement_ratio(0.5)
 print(round(float(stroke), 3))
 """
