@@ -17,14 +17,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hmcvt_core.diagnosis import diagnose_system
-from hmcvt_core.diagnosis.observations import Observations, noise_of
+from hmcvt_core.diagnosis.observations import Observations
 from hmcvt_core.diagnosis.system import Array, Axis, BaseParameters, Channel, Points
 from hmcvt_core.physics.effects.base import EffectParameter, size
 
 NOISE = 0.002
+STATED = 8.0  # samples that the statement of the noise is worth
 AXES = (
-    Axis("speed", "rad/s", "speed", "speed [rad/s]", 0, held=0.1),
-    Axis("flow", "m3/s", "flow", "flow [m3/s]", 2, held=0.01),
+    Axis("speed", "rad/s", "speed", "speed [rad/s]", 0, 0.1),
+    Axis("flow", "m3/s", "flow", "flow [m3/s]", 2, 0.01),
 )
 EFFICIENCY = Channel(
     name="efficiency",
@@ -168,19 +169,16 @@ def observations(tests: int = 60) -> Observations:
     }
     true = Fan().predict(np.array([2.0]), (BearingDrag(torque=0.15),), points)
     measured = true + NOISE * rng.standard_normal((1, tests))
-    deviation, trust, source = noise_of(
-        EFFICIENCY, measured[0], NOISE, None, AXES, points
-    )
     return Observations(
-        axes=AXES,
-        points=points,
-        channels=(EFFICIENCY,),
-        measured=measured,
-        deviation=deviation[None, :],
-        trust=np.array([trust]),
-        samples=Record(measured.T),
-        number=np.arange(tests),
-        noise_source=source,
+        AXES,
+        points,
+        (EFFICIENCY,),
+        measured,
+        np.full_like(measured, NOISE),
+        np.array([STATED]),
+        Record(measured.T),
+        np.arange(tests),
+        "stated",
     )
 
 
