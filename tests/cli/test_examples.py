@@ -188,14 +188,16 @@ def test_example(hmcvt, workplace, case):
     assert done.code == 0, done.err
     assert done.err == "" or name == "fleet"  # it reports its progress there
     assert done.out or "--out" in case
-    for option in ("--out", "--picture", "--report", "--save-model"):
-        if option in case:
-            written = workplace / case[case.index(option) + 1]
-            if option == "--save-model" and "cause" not in done.out:
-                continue
-            assert written.stat().st_size > 0
     if "--json" in case:
         assert done.json
+    for path in _written(case):
+        assert (workplace / path).stat().st_size > 0
+
+
+def _written(case):
+    """Return the files and folders that a command is to write."""
+    options = ("--out", "--picture", "--report", "--save-model")
+    return [case[case.index(option) + 1] for option in options if option in case]
 
 
 @pytest.mark.parametrize("line", SYNOPSES)
@@ -225,20 +227,35 @@ def _shell_lines():
 def test_line_of_another_program(line):
     program, *words = shlex.split(line)
     if program == "make":
-        rules = (ROOT / "Makefile").read_text(encoding="utf-8")
-        for target in (word for word in words if "=" not in word):
-            assert re.search(rf"^{target}:", rules, re.MULTILINE), target
+        _check_targets(words)
     elif program == "pip":
-        project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-        for extra in re.findall(r"\[(\w+)\]", line):
-            assert re.search(rf"^{extra} = ", project, re.MULTILINE), extra
+        _check_extras(line)
     elif program == "python" and words[0] == "-m":
         _check_study(words[1], words[2:])
     elif program == "python":
-        assert (ROOT / words[0]).is_file(), words[0]
-        name = words[0].rpartition("/")[2].removesuffix(".py")
-        tests = [path.read_text("utf-8") for path in (ROOT / "tests").rglob("*.py")]
-        assert any(name in text for text in tests), f"no test runs {words[0]}"
+        _check_script(words[0])
+
+
+def _check_targets(words):
+    """Check that the Makefile has the targets."""
+    rules = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in (word for word in words if "=" not in word):
+        assert re.search(rf"^{target}:", rules, re.MULTILINE), target
+
+
+def _check_extras(line):
+    """Check that the project has the extras."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    for extra in re.findall(r"\[(\w+)\]", line):
+        assert re.search(rf"^{extra} = ", project, re.MULTILINE), extra
+
+
+def _check_script(name):
+    """Check that the script exists and that a test names it."""
+    path = ROOT / name
+    assert path.is_file(), name
+    tests = [test.read_text("utf-8") for test in (ROOT / "tests").rglob("*.py")]
+    assert any(path.stem in text for text in tests), f"no test runs {name}"
 
 
 def _check_study(module, words):
