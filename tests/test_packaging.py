@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""One name and one version in every file that repeats them, what ships, what stands beside it."""
+"""Metadata, dependencies, shipped files and licence of the package."""
 
 import ast
 import configparser
@@ -56,7 +56,7 @@ def test_every_shipped_file_is_found(folder):
         assert found.read_bytes() == path.read_bytes()
 
 
-def test_file_that_does_not_ship_is_told():
+def test_unknown_file_is_refused():
     with pytest.raises(hmcvt.InputError, match=r"params/hm5\.yaml does not ship"):
         hmcvt.data_path("params/hm5.yaml")
 
@@ -94,21 +94,21 @@ def depends(kind):
     return {element.text for element in PACKAGE.iterfind(kind)}
 
 
-def test_rosdep_installs_what_is_imported_and_no_more():
+def test_rosdep_installs_the_imports():
     # ros2launch is the command that starts the launch file.
     assert depends("exec_depend") - {"ros2launch"} == (
         third_party("hmcvt_core", "hmcvt_ros") - optional()
     )
 
 
-def test_rosdep_installs_what_the_tests_import():
+def test_rosdep_installs_the_imports_of_the_tests():
     # rosdep has no key for cyclonedds.
     assert depends("test_depend") - {"python3-pytest-timeout"} == (
         third_party("tests") - depends("exec_depend") - optional() - {"cyclonedds"}
     )
 
 
-def test_everything_beside_the_modules_is_installed_for_ros():
+def test_ros_files_are_installed():
     setup = read("setup.py")
     for folder in ("config", "launch", "security"):
         for path in (ROOT / "hmcvt_ros" / folder).iterdir():
@@ -146,7 +146,7 @@ def test_sdist_holds_what_the_tests_need(tmp_path):
 HEADER = "# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0"
 
 
-def test_every_source_file_says_whose_it_is():
+def test_every_source_file_has_the_licence_header():
     missing = [
         str(path.relative_to(ROOT))
         for folder in (
@@ -163,7 +163,7 @@ def test_every_source_file_says_whose_it_is():
     assert missing == []
 
 
-def test_placeholders_are_marked_and_valid_in_form():
+def test_placeholders_are_marked_and_valid():
     text = read("package.xml")
     block = text.partition("<!-- PLACEHOLDERS")[2].partition(
         "<!-- End of the placeholders"
@@ -182,7 +182,7 @@ def test_placeholders_are_marked_and_valid_in_form():
     }
 
 
-def test_all_that_pip_installs_for_the_tests_is_locked():
+def test_dependencies_are_locked():
     pinned = re.findall(r"^([\w.-]+)==", read("constraints.txt"), re.MULTILINE)
     lines = read("pyproject.toml").partition("[tool.")[0].split("\n")
     lines = [line for line in lines if line.startswith("dependencies = ")] + lines[
@@ -193,7 +193,7 @@ def test_all_that_pip_installs_for_the_tests_is_locked():
     assert {name.lower() for name in asked} - set(pinned) == {"hmcvt_ros"}
 
 
-def test_what_ends_is_started_again():
+def test_launch_file_and_systemd_restart_the_node():
     launch = ast.parse(read("hmcvt_ros/launch/hmcvt.launch.py"))
     (node,) = (
         call
@@ -266,7 +266,7 @@ def test_changelog_has_the_sections_of_keep_a_changelog():
     assert set(sections) <= allowed | {"Breaking"}
 
 
-def test_every_public_name_stands_on_the_page_of_the_api():
+def test_api_pages_list_every_public_name():
     named = [
         name
         for path in (ROOT / "docs").glob("api*.md")

@@ -55,7 +55,7 @@ SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 
 
 def _lines(text):
-    """Command lines: those of code blocks, and those in the running text that have arguments."""
+    """Return the command lines in code blocks, and those with arguments in the text."""
     joined = re.sub(r"\\\n\s*", " ", text)
     block = [
         line.strip().removeprefix("$ ")
@@ -73,11 +73,11 @@ def _command(name):
 
 
 @functools.cache
-def _found():
-    """Arguments of the command lines, and synopses, each once."""
+def _cases_and_synopses():
+    """Return the arguments of the command lines, and the synopses, without duplicates."""
     texts = [path.read_text(encoding="utf-8") for path in PAGES]
     texts += [_command(name).epilog or "" for name in NAMES]
-    # An effect of one's own stays in the library for good: tests/cli/test_effects.py.
+    # A loaded effect stays in the library: tests/cli/test_effects.py runs these.
     lines = {
         line for text in texts for line in _lines(text) if "own_effect" not in line
     }
@@ -90,12 +90,12 @@ def _found():
     return sorted(cases), sorted(synopses)
 
 
-CASES, SYNOPSES = _found()
+CASES, SYNOPSES = _cases_and_synopses()
 
 
 @pytest.fixture
 def workplace(tmp_path, monkeypatch):
-    """A folder with what the examples name."""
+    """Return a folder with the files that the examples name."""
     shutil.copytree(ROOT / "data", tmp_path / "data")
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
@@ -169,7 +169,7 @@ def test_every_command_shows_examples(name):
     )
 
 
-def test_every_command_stands_in_cli_md_and_has_an_example():
+def test_cli_page_lists_every_command():
     table = (DOCS / "cli.md").read_text(encoding="utf-8")
     for name in NAMES:
         assert re.search(rf"^\| `hmcvt {name}\b", table, re.MULTILINE), name
@@ -307,16 +307,16 @@ def test_python_of_the_readme(workplace):
 
 
 def blocks(page):
-    """Indented blocks of a page, as lists of lines."""
+    """Return the indented blocks of a page, as lists of lines."""
     text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
-    found = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
+    texts = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
     return [
-        [line[4:] for line in block.splitlines() if line.strip()] for block in found
+        [line[4:] for line in block.splitlines() if line.strip()] for block in texts
     ]
 
 
 def same(shown, printed):
-    """Whether a line is printed as it is shown; numbers may differ in the last digits."""
+    """Return whether a line is printed as shown; numbers may differ in the last digits."""
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
         return False
     pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
@@ -327,7 +327,7 @@ def same(shown, printed):
 
 
 def follow(hmcvt, block, printed):
-    """Run the commands of a block, or find what the block shows in what was printed last."""
+    """Run the command of a block, or look for the lines of the block in the last output."""
     if block[0].startswith("pip install"):
         return printed  # what this test runs is installed, or is the checkout
     if block[0].startswith("cp "):
@@ -341,23 +341,25 @@ def follow(hmcvt, block, printed):
         return done.out.splitlines()
     at = 0
     for line in block:
-        found = [i for i in range(at, len(printed)) if same(line, printed[i])]
-        assert found, (line, printed)
-        at = found[0] + 1
+        matches = [i for i in range(at, len(printed)) if same(line, printed[i])]
+        assert matches, (line, printed)
+        at = matches[0] + 1
     return printed
 
 
 def followed(hmcvt, page, least):
-    """Follow all blocks of a page; return what was printed."""
-    printed, told, steps = [], [], blocks(page)
+    """Follow all blocks of a page; return everything that was printed."""
+    steps = blocks(page)
     assert len(steps) >= least
+    printed = []
+    output = []
     for block in steps:
         printed = follow(hmcvt, block, printed)
-        told += printed
-    return told
+        output += printed
+    return output
 
 
-def test_every_step(hmcvt, workplace):
+def test_tutorial(hmcvt, workplace):
     page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
     (workplace / "mine.yaml").unlink()
     followed(hmcvt, page, 12)
@@ -374,9 +376,9 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     (example,) = re.findall(
         r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE
     )
-    told = followed(hmcvt, example, 6)
+    output = followed(hmcvt, example, 6)
     assert (workplace / "better.yaml").is_file()
-    assert "model with charge_pump (34 %, not certain) written to better.yaml" in told
+    assert "model with charge_pump (34 %, not certain) written to better.yaml" in output
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
